@@ -231,7 +231,7 @@ def timed_twin(scene: str, data: str) -> tuple[dict[str, Any], Works]:
     server = TwinServer(
         TwinSetup(
             library=library,
-            make_twin=functools.partial(make_twin, budget=SearchBudget(seconds=SEARCH_SECONDS)),
+            make_twin=functools.partial(make_twin, budget=SearchBudget(seconds=SEARCH_SECONDS), plant="simulated"),
             first=Load(scene=library.own_name),
             playing=False,
         ),

@@ -245,7 +245,7 @@ def _put(plant: SimulatedPlant, pose: Array) -> None:
         frames = plant._frames(pose, state.arm.q)
         item.position = frames[HAND, :3, 3] + frames[HAND, :3, :3] @ state.gripper.position_in_hand
     state.referee = plant._referee.start(
-        plant._world(plant.time, state.base, state.arm, state.gripper, state.tcp, state.objects, state.agents)
+        plant._world(np.array([state.base.v, state.base.w]))
     )
 
 
