@@ -6,6 +6,7 @@ import signal
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from multiprocessing import resource_tracker
 from types import FrameType
 from typing import Any, ParamSpec, TypeVar
 
@@ -69,3 +70,14 @@ def deaf() -> Iterator[None]:
         yield
     finally:
         signal.signal(signal.SIGINT, before)
+
+
+@contextmanager
+def put_off() -> Iterator[None]:
+    """Ctrl-C waits until the end of the block; processes of `multiprocessing` started in it never hear it."""
+    resource_tracker.ensure_running()  # where it begins, it lets signals through
+    signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})

@@ -4,11 +4,13 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 from pathlib import Path
 
 import pytest
 
 from motm_twin.cli.serve import _Supervisor
+from motm_twin.interrupts import put_off
 from motm_twin.program import plain_console
 
 PIPE = subprocess.PIPE
@@ -94,3 +96,11 @@ def test_serve_goes_on_when_nobody_reads_it_or_the_disk_is_full():
         for _ in range(3):
             supervisor._tell("twin server", {"event": "state", "state": "paused", "text": "x" * 10_000})
         os.dup2(os.open(os.devnull, os.O_WRONLY), descriptor)  # what waits to be written goes there
+
+
+def test_ctrl_c_is_put_off_but_not_lost():
+    done = []
+    with pytest.raises(KeyboardInterrupt), put_off():
+        signal.pthread_kill(threading.get_ident(), signal.SIGINT)
+        done.append("the block")
+    assert done == ["the block"]

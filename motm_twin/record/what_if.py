@@ -28,7 +28,7 @@ from motm_twin.completion import Completion, all_placed
 from motm_twin.control.method import Method
 from motm_twin.control.tick import Tick
 from motm_twin.control.tuning import check, parameter
-from motm_twin.interrupts import deaf
+from motm_twin.interrupts import put_off
 from motm_twin.methods.registry import find_method
 from motm_twin.model.edits import Edit, InsertTask, ParameterValue, SetParameter
 from motm_twin.model.names import MethodError
@@ -289,11 +289,11 @@ def compare(session: Session, changes: Changes, start: int, method: str | None =
             process = context.Process(
                 target=_work, args=(data, values, start, name, method, write), daemon=True, name=name
             )
-            with deaf():
+            with put_off():
                 process.start()
+                processes.append(process)
             write.close()
             readers[read] = name
-            processes.append(process)
         yield from _lines(readers)
     finally:
         for process in processes:
