@@ -12,11 +12,12 @@ from motm_twin.model.geometry import Array
 from motm_twin.model.physics import Physics
 from motm_twin.model.profile import Gripper as GripperSpec
 from motm_twin.physics.contacts import FELT
-from motm_twin.physics.gripping import BEYOND, BUILD_UP, PRESSING
+from motm_twin.physics.gripping import STANDS, Fingers
 from motm_twin.physics.robot_model import FLOOR, SOLID, add_fingers, text
+from motm_twin.physics.state import Grasp
 from motm_twin.physics.world_model import TIMESTEP, add_object, add_options
 from motm_twin.sim.grasp import STRICT
-from motm_twin.sim.gripper import Gripper
+from motm_twin.sim.gripper import Gripper, GripperState
 from motm_twin.sim.objects import ObjectState, ObjectWorld
 from motm_twin.sim.solids import NOTHING
 
@@ -26,6 +27,7 @@ STOPS = 0.05  # [s] in which the hand comes to rest before it lifts
 HAND_MASS = 3.0  # [kg] that moves with the hand
 _GAIN = 5000.0  # [N s/m] of what moves it
 _DT = 0.01  # [s] between two commands
+_STARTS = 0.05  # [s] in which the fingers begin to move
 _DOWN = np.diag([1.0, -1.0, -1.0])  # the hand looks down, and closes along y
 
 
@@ -51,18 +53,19 @@ def physics_holds(cell: Cell) -> bool:
     data = mujoco.MjData(model)
     _place(model, data, cell)
     spec = GripperSpec(closing_time=cell.closing_time)
-    closing = (spec.max_width - SIDE) / max(cell.closing_time - BUILD_UP, _DT)
-    width, now, before, still = spec.max_width, 0.0, spec.max_width, 0
+    fingers = Fingers(spec, physics, [SIDE], _DT)
+    state, grasp = GripperState(width=spec.max_width, phase="closing"), Grasp(width=spec.max_width)
+    now = 0.0
     steps, until = round(_DT / TIMESTEP), cell.closing_time + STOPS + LIFT / LIFT_SPEED
     while now < until:
         lifting = now >= cell.closing_time + STOPS
         moves = 1.0 if now < cell.closing_time else 0.0
         data.ctrl[:3] = (moves * cell.along, moves * cell.across, LIFT_SPEED * lifting)
         here = float(data.qpos[3:5].sum())
-        still = still + 1 if abs(here - before) < 2e-4 and now > 0.05 else 0
-        before = here
-        width = max(width - closing * (1.0 if still < 2 else PRESSING) * _DT, here - BEYOND, 0.0)
-        data.ctrl[3] = width
+        grasp.still = grasp.still + 1 if abs(here - state.width) < STANDS and now > _STARTS else 0
+        state.width = here
+        fingers.reference(state, grasp, stuck=False)
+        data.ctrl[3] = grasp.width
         mujoco.mj_step(model, data, steps)
         now += _DT
     return float(data.qpos[7]) > 0.5 * SIDE + 0.5 * LIFT and _pressed(model, data)

@@ -9,7 +9,8 @@ import numpy as np
 
 from motm_twin.model.exact import transposed_times
 from motm_twin.model.geometry import Array
-from motm_twin.sim.objects import ObjectState
+from motm_twin.model.scene import Bin
+from motm_twin.sim.objects import ObjectState, over
 from motm_twin.sim.referee_geometry import set_upright
 
 FINGERS = ("panda_leftfinger", "panda_rightfinger")
@@ -94,16 +95,17 @@ class CubePairs:
         self._boxes: dict[float, coal.Box] = {}
 
     def meetings(
-        self, objects: Sequence[ObjectState], now: tuple[Pose, ...], shove: Shove, *, solid: bool = False
+        self, objects: Sequence[ObjectState], now: tuple[Pose, ...], shove: Shove, piled: Sequence[Bin] = ()
     ) -> Iterator[Meeting]:
         """Overlaps of each moved cube, at its place now, with every other at its place to check.
 
-        ``solid`` cubes press on each other: one that falls, or has fallen into a bin, may lie against another there.
+        ``piled``: bins in which cubes press on each other: one that has been let go there may lie against another.
         """
         for i, comes in enumerate(objects):
             if comes.name not in shove.moved or comes.state == "held":
                 continue
-            if solid and (comes.state == "falling" or comes.state.startswith("binned:")):
+            let_go = comes.state == "falling" or comes.state.startswith("binned:")
+            if let_go and any(over(box, comes) for box in piled):
                 continue
             for j, lies in enumerate(objects):
                 twice = lies.name in shove.moved and lies.name not in shove.pushed and j < i

@@ -7,6 +7,7 @@ import numpy as np
 
 from motm_twin.model.exact import dot, times, transposed_times
 from motm_twin.model.geometry import Array, from_frame, to_frame
+from motm_twin.model.scene import GRASP_RULES
 from motm_twin.sim.kernels import polygon_distance
 from motm_twin.sim.objects import SUPPORT_SLACK, ObjectState
 from motm_twin.sim.solids import Solids
@@ -19,7 +20,7 @@ TILT = math.radians(30.0)  # of the tool axis from straight down
 
 # The rule of ``motm-twin bench grasp_rule``, instead: what contact dynamics hold, with a margin. A cube must be between
 # the fingers when they begin; they turn it and push it to their middle. At the end its place along the pads counts.
-STRICT, SWEPT = "strict", "swept"
+STRICT, SWEPT = GRASP_RULES
 ALONG_AT_END = 0.028  # [m] along the pads when they are firm
 LESS_BY_PUSH = 0.2  # [m] of those for each metre that the hand has moved across the pads: one pad turns the cube away
 HIGH = 0.015  # [m] of the cube's centre over or under the tool centre point

@@ -222,7 +222,8 @@ class Referee:
             self._measure_itself(state, world, placed)
         if shove.moved:
             now = poses_of(world.objects)
-            for meeting in self._cube_pairs.meetings(world.objects, now, shove, solid=world.solid):
+            piled = world.solids.bins if world.solid else ()
+            for meeting in self._cube_pairs.meetings(world.objects, now, shove, piled):
                 self._verdicts.met(state, world.time, meeting, by_robot=meeting.comes not in disturbed)
         if state.episodes:
             state.contacts += take_ended(state.episodes, world.time)

@@ -18,22 +18,26 @@ class EventMarks:
     def __init__(self) -> None:
         self._lock = threading.Lock()
         self._events: deque[NumberedEvent] = deque(maxlen=KEPT)
-        self._known: set[tuple[float, int]] = set()
+        self._known: set[int] = set()  # numbers
         self._shares: dict[int, tuple[int, int]] = {}  # run: the one whose past it shares, and its own first period
-        self._run = -1
+        self._run, self._since = -1, -1.0
         self.count = 0  # of changes
 
     def add(self, events: Iterable[NumberedEvent]) -> None:
         """Take events; those that are known already are left out."""
         with self._lock:
             for event in events:
-                key = (event.numbered_since, event.seq)
-                if event.kind in TOLD and key not in self._known:
-                    self._known.add(key)
+                if event.numbered_since != self._since:  # another server: its runs have the same numbers
+                    self._since = event.numbered_since
+                    self._events.clear()
+                    self._known.clear()
+                    self.count += 1
+                if event.kind in TOLD and event.seq not in self._known:
+                    self._known.add(event.seq)
                     self._events.append(event)
                     self.count += 1
             if len(self._known) > 2 * KEPT:
-                self._known = {(event.numbered_since, event.seq) for event in self._events}
+                self._known = {event.seq for event in self._events}
 
     def follow(self, tick: TickMessage) -> None:
         """Follow the run of the newest period."""

@@ -253,7 +253,7 @@ class Visitor:
         deadline = time.monotonic() + SHOWN
         while note.count():
             with suppress(playwright.TimeoutError):  # it went by itself, as notes do: look again
-                note.first.click(timeout=5000)
+                note.first.click(timeout=1000)
             assert time.monotonic() < deadline, "a note can not be closed"
 
     # mouse in the scene

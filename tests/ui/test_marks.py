@@ -10,9 +10,10 @@ from motm_twin.ui.marks import EventMarks
 NUMBERS = iter(range(1, 1000))
 
 
-def event(run, index, kind="picked"):
+def event(run, index, kind="picked", since=0.0):
     return NumberedEvent(
-        version="motm.event/1", seq=next(NUMBERS), run=run, server_time=0.0, index=index, time=index * 0.05, kind=kind,
+        version="motm.event/1", seq=next(NUMBERS), run=run, server_time=0.0, index=index, time=index * 0.05,
+        kind=kind, numbered_since=since,
         text=f"{kind} {run}.{index}",
     )  # fmt: skip
 
@@ -57,3 +58,8 @@ def test_a_stop_that_soon_ends_is_no_mark(marks):
         [event(1, 60, "stop"), event(1, 62, "go"), event(1, 70, "stop"), event(1, 90, "go"), event(1, 95, "stop")]
     )
     assert told(marks)[2:] == ["stop 1.70", "stop 1.95"]
+
+
+def test_another_server_has_the_same_numbers_of_runs_and_other_events(marks):
+    marks.add([event(1, 0, "loaded", since=9.0), event(1, 20, since=9.0)])
+    assert told(marks) == ["picked 1.20"]

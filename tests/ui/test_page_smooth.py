@@ -33,7 +33,7 @@ def page(browser):
 
 
 def shown(page, script):
-    """What the page shows while a script runs: by name, values with their times."""
+    """Values that the page shows while a script runs, with their times, by name."""
     page.evaluate(f"(async () => {{ {script} }})()")
     found = {}
     for time, name, value in page.evaluate("shown"):

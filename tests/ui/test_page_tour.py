@@ -40,6 +40,6 @@ def test_the_tour_shows_a_place_and_its_costs_a_temi_in_the_way_and_why_it_plans
 
 
 def looks_down(visitor):
-    """Whether the camera is above the scene."""
+    """True while the camera is above the scene."""
     camera = visitor._camera()
     return camera is not None and camera[0][2, 1] > 0.95

@@ -238,8 +238,10 @@ def test_nothing_is_changed_while_looking_back(person):
 
 
 def test_a_branch_says_what_it_does_and_is_undone(person):
+    assert overlaid(person, "now")["aside"] is None  # nothing to undo
     newest = msgspec.structs.replace(person.ticks[19], run=5, first=19, past=4)
     person.shows(tick=newest, aside=1.5)
+    assert overlaid(person, "now")["aside"] == 1.5
     assert "goes on from 0.95 s" in person.page.notes[-1]
     person.shows(tick=newest)
     assert len(person.page.notes) == 1
@@ -277,7 +279,7 @@ def test_what_does_not_change_is_not_sent_again(person):
 
 
 def overlaid(person, mark):
-    """What the script over the scene reads."""
+    """Data for the script over the scene."""
     overlay, start = person.panel._blocks[-1], MARK.format(mark)
     contents = (getattr(overlay, f"_{name}").content for name in ("legend", "now", "events", "names"))
     return json.loads(next(content for content in contents if content.startswith(start)).removeprefix(start))

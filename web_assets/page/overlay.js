@@ -231,6 +231,7 @@
     controls.live.disabled ||= !past;
     controls.branch.disabled ||= !past;
     controls.undo.hidden = now.aside === null;
+    if (now.aside !== null) controls.undo.title = `Undo the branch: on from ${now.aside.toFixed(2)} s`;
     const words = now.t === null ? "" : `${now.t.toFixed(2)} s`;
     if (clock.textContent !== words) clock.textContent = words;
     clock.classList.toggle("past", past);
