@@ -24,6 +24,7 @@ LOOPBACK, LOOPBACK_6 = "127.0.0.1", "::1"
 FREE = (20_000, 32_768)  # ports from which a free one is taken: below those of outgoing connections (Linux: 32768)
 MAX_PORT = 65_535
 TRIES = 50  # ports that are tried
+PATIENCE = 3.0  # [s] a session of mode "client" tries this long to be let in
 ATTEMPT = 0.5  # [s] limit of one attempt to connect; a stop is noticed between attempts
 
 
@@ -109,9 +110,17 @@ def open_client(endpoint: str) -> zenoh.Session:
 
     Raises ConfigError for an invalid endpoint.
 
-    Behind a router the configuration file must say mode "client": a router does not forward between peers.
+    Behind a router the configuration file must say mode "client": a router does not forward between peers. In this
+    mode somebody must answer within `PATIENCE`, otherwise it raises ZError.
     """
-    return zenoh.open(session_config(listen=[], connect=[endpoint]))
+    until = time.monotonic() + PATIENCE
+    while True:
+        try:
+            return zenoh.open(session_config(listen=[], connect=[endpoint]))
+        except zenoh.ZError:  # Zenoh gives up at the first attempt, also when the router is only busy
+            if time.monotonic() > until:
+                raise
+        time.sleep(ATTEMPT)
 
 
 def open_member(endpoint: str, *, wait: float | None = None, stop: threading.Event | None = None) -> zenoh.Session:

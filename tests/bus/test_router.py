@@ -1,6 +1,8 @@
 """Behind a router, with the files of docs/scale.md."""
 
 import re
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -10,7 +12,7 @@ from waiting import until
 
 from motm_twin.bus.client import TwinClient
 from motm_twin.bus.commands import Step
-from motm_twin.bus.connection import free_port
+from motm_twin.bus.connection import free_port, open_client
 from motm_twin.bus.zenoh_config import SHIPPED, VARIABLE
 
 DOCS = Path(__file__).resolve().parents[2] / "docs" / "scale.md"
@@ -56,3 +58,28 @@ def test_twins_at_one_router_are_read_and_commanded_through_it_and_through_anoth
         monkeypatch.delenv(VARIABLE)
         with TwinClient(anna.endpoint, "anna") as near:
             until(near.tick, "its own port does not answer")
+
+
+LATE = """
+import sys, time, zenoh
+config = zenoh.Config()
+config.insert_json5("mode", "'router'")
+config.insert_json5("listen/endpoints", f"['{sys.argv[1]}']")
+config.insert_json5("scouting/multicast/enabled", "false")
+print("ready", flush=True)
+time.sleep(0.5)
+with zenoh.open(config):
+    sys.stdin.read()
+"""
+
+
+def test_a_client_waits_a_moment_for_a_router_that_is_just_starting(tmp_path, monkeypatch):
+    viewer, endpoint = tmp_path / "viewer.json5", f"tcp/127.0.0.1:{free_port()}"
+    viewer.write_text(SHIPPED.read_text(encoding="utf-8").replace('mode: "peer"', 'mode: "client"'))
+    monkeypatch.setenv(VARIABLE, str(viewer))
+    command = [sys.executable, "-c", LATE, endpoint]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as router:
+        assert router.stdout and router.stdout.readline() == "ready\n"
+        with open_client(endpoint) as session:
+            assert session.info.routers_zid()
+        router.communicate("")
