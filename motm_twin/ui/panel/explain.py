@@ -57,6 +57,7 @@ ROUNDED = 1e-3  # [m], [rad] places of a tick are rounded to less
 AHEAD, BEHIND = math.radians(40.0), math.radians(120.0)
 _HOLDS = (
     Kind.IN_STOPPING_WAY,
+    Kind.MEETS_MOVER,
     Kind.FLOOR_UNSEEN,
     Kind.NO_MOTION,
     Kind.LEAVES_REACH,
