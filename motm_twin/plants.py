@@ -8,6 +8,7 @@ import msgspec
 from motm_twin.model.physics import Physics
 from motm_twin.model.scene import Faults, Scene
 from motm_twin.model.scene_error import SceneError
+from motm_twin.sim.orca import require_pyrvo
 from motm_twin.sim.plant import SimulatedPlant
 
 MUJOCO = "mujoco"
@@ -16,6 +17,8 @@ PLANTS = ("simulated", MUJOCO)  # by name: kinematic, contact dynamics
 
 def make_plant(scene: Scene) -> SimulatedPlant:
     """The plant of a scene at its start. Raises SceneError when it can not be had."""
+    if any(agent.behaviour == "orca" for agent in scene.agents):
+        require_pyrvo()
     if scene.physics is None:
         return SimulatedPlant(scene)
     require_physics(scene)
