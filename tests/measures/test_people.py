@@ -3,6 +3,7 @@
 import math
 
 import pytest
+
 from .made_ticks import RADIUS, measured
 
 HALF = 0.35  # [m] of the base, from its centre to its front
