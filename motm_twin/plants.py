@@ -6,9 +6,9 @@ from importlib.util import find_spec
 import msgspec
 
 from motm_twin.model.physics import Physics
+from motm_twin.model.rvo import require_pyrvo
 from motm_twin.model.scene import Faults, Scene
 from motm_twin.model.scene_error import SceneError
-from motm_twin.sim.orca import require_pyrvo
 from motm_twin.sim.plant import SimulatedPlant
 
 MUJOCO = "mujoco"
@@ -36,7 +36,7 @@ def with_plant(scene: Scene, plant: str) -> Scene:
 def require_people(scene: Scene) -> None:
     """Raise SceneError for agents by ORCA without pyrvo."""
     if any(agent.behaviour == "orca" for agent in scene.agents):
-        require_pyrvo()
+        require_pyrvo(SceneError)
 
 
 def require_mujoco() -> None:

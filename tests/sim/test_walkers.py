@@ -125,7 +125,7 @@ def test_velocity_changes_no_faster_than_the_acceleration():
 
 
 def test_orca_without_pyrvo_says_what_to_install(monkeypatch):
-    monkeypatch.setattr("motm_twin.sim.orca.find_spec", lambda name: None)
+    monkeypatch.setattr("motm_twin.model.rvo.find_spec", lambda name: None)
     with pytest.raises(SceneError, match=r'pip install "motm_twin\[people\]"'):
         make_plant(scene(start=FAR, agents=circle("orca")))
     make_plant(scene(start=FAR, agents=circle("social_force")))
