@@ -16,7 +16,7 @@ from motm_twin.perf import anytime, bus, growth, page, period, scale, soak
 from motm_twin.perf.report import machine
 from motm_twin.plants import require_mujoco
 from motm_twin.program import BAD_INPUT, FAILED, INTERRUPTED, OK, plain_console, table_console
-from motm_twin.studies import barn, faults, mismatch, people, pool, screening, surprise, task
+from motm_twin.studies import barn, faults, mismatch, people, pool, screening, surprise, task, tracker
 from motm_twin.studies.catalogue import EXPERIMENTS, experiment
 from motm_twin.studies.groups import GROUPS, bench_group
 from motm_twin.studies.pool import BACKENDS
@@ -127,6 +127,7 @@ def _list_groups(console: Console) -> None:
         table.add_row(name, f"{whole[name][0]} min", whole[name][1])
     table.add_row(barn.NAME, "", f"{barn.TITLE}; then scene files, or --worlds N")
     table.add_row(people.NAME, "", f"{people.TITLE}; --situations, --methods, --trials N of each")
+    table.add_row(tracker.NAME, "", f"{tracker.TITLE}; --situations, --trials N of each")
     table.add_section()
     for name in ONLY_EXPERIMENTS:
         table.add_row(name, "", EXPERIMENTS[name].title)
@@ -186,7 +187,20 @@ def _bench_people(given: BenchSettings, console: Console) -> int:
     return OK if good else FAILED
 
 
-ALONE = {barn.NAME: _bench_barn, people.NAME: _bench_people}  # named first, with arguments of their own
+def _bench_tracker(given: BenchSettings, console: Console) -> int:
+    """Score the tracker of dynamic obstacles; the exit code, 2 for names that are none, 1 when a run was lost."""
+    try:
+        good = tracker.bench_tracker(given.situations, given.trials, given.workers, given.out, console)
+    except ValueError as error:
+        return _refused(error, console)
+    return OK if good else FAILED
+
+
+ALONE = {
+    barn.NAME: _bench_barn,
+    people.NAME: _bench_people,
+    tracker.NAME: _bench_tracker,
+}  # named first, with arguments of their own
 
 
 def _refused(error: ValueError, console: Console) -> int:
