@@ -13,6 +13,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
+from motm_twin.control.method import Method
 from motm_twin.control.tick import Tick
 from motm_twin.methods.registry import FAST, find_method
 from motm_twin.model.geometry import Array
@@ -20,6 +21,8 @@ from motm_twin.model.names import hint
 from motm_twin.model.scene import Scene
 from motm_twin.perf.report import grid, load_average, machine, number, write_report
 from motm_twin.plants import make_plant, require_people
+from motm_twin.studies.oracle import NAME as ORACLE
+from motm_twin.studies.oracle import oracle, require_known_future
 from motm_twin.studies.pool import Lost, local_pool, outcomes
 from motm_twin.studies.spec import Job, TrialSpec, jobs_of
 from motm_twin.studies.statistics import proportion
@@ -78,7 +81,8 @@ class Case(msgspec.Struct, frozen=True, kw_only=True):
     """One run."""
 
     situation: str
-    job: Job
+    job: Job  # for the oracle with another method
+    method: str
 
 
 def cases(situations: Sequence[str], methods: Sequence[str], trials: int) -> list[Case]:
@@ -89,21 +93,24 @@ def cases(situations: Sequence[str], methods: Sequence[str], trials: int) -> lis
     if trials < 1:
         raise ValueError(f"{trials} trials: at least 1 is needed")
     named = [(name, seed, method) for name in situations for seed in range(trials) for method in methods]
-    jobs = jobs_of(SITUATIONS[name].spec(seed, method) for name, seed, method in named)
-    for job in jobs:
+    known = ((name, seed, FAST.name if method == ORACLE else method) for name, seed, method in named)
+    jobs = jobs_of(SITUATIONS[name].spec(seed, method) for name, seed, method in known)
+    for job, (_, _, method) in zip(jobs, named, strict=True):
         require_people(job.scene)
-    return [Case(situation=name, job=job) for (name, _, _), job in zip(named, jobs, strict=True)]
+        if method == ORACLE:
+            require_known_future(job.scene)
+    return [Case(situation=name, job=job, method=method) for (name, _, method), job in zip(named, jobs, strict=True)]
 
 
 def meet(case: Case) -> Result:
     """Run one case: its measures, and what the robot imposes on the agents."""
     scene, track = case.job.scene, Positions()
-    report = run_scene(scene, on_tick=track.add, method=find_method(case.job.spec.method))
+    report = run_scene(scene, on_tick=track.add, method=method_of(case))
     measures, contacts = report["measures"], report["contacts"]
     people = measures["among_people"]
     return {
         "situation": case.situation,
-        "method": case.job.spec.method,
+        "method": case.method,
         "seed": scene.seed,
         "success": bool(report["success"] and not contacts),
         "time_s": report["time_s"],
@@ -121,6 +128,16 @@ def meet(case: Case) -> Result:
         "reason": report["reason"] or (f"contact with {contacts[0]['other']}" if contacts else ""),
         "state_hash": report["state_hash"],
     }
+
+
+def method_of(case: Case) -> Method:
+    """The method; the oracle is told the future of the agents."""
+    if case.method != ORACLE:
+        return find_method(case.method)
+    scene = case.job.scene
+    later = alone(scene, round(scene.time_limit / PERIOD))
+    start = np.array([agent.start[:2] for agent in scene.agents])
+    return oracle(scene, np.concatenate([start[None], np.stack(list(later.values()), axis=1)]))
 
 
 class Positions:
@@ -186,14 +203,14 @@ def bench_people(
     results: list[Result] = []
     for done, (index, outcome) in enumerate(outcomes(meet, runs, local_pool(workers)), 1):
         case = runs[index]
-        about = f"  {done}/{len(runs)} {case.situation} seed {case.job.scene.seed} {case.job.spec.method}"
+        about = f"  {done}/{len(runs)} {case.situation} seed {case.job.scene.seed} {case.method}"
         if isinstance(outcome, Lost):
             console.print(f"{about}: lost, {outcome.reason}", style="red", markup=False)
             continue
         results.append(outcome)
         verdict = f"{outcome['time_s']:.1f} s" if outcome["success"] else f"NO: {outcome['reason']}"
         console.print(f"{about}: {verdict}", markup=False)
-    order = {(case.situation, case.job.scene.seed, case.job.spec.method): i for i, case in enumerate(runs)}
+    order = {(case.situation, case.job.scene.seed, case.method): i for i, case in enumerate(runs)}
     results.sort(key=lambda one: order[one["situation"], one["seed"], one["method"]])
     rows = summaries(results)
     console.print(table(rows))
