@@ -6,6 +6,7 @@ from importlib.util import find_spec
 import msgspec
 
 from motm_twin.model.physics import Physics
+from motm_twin.model.rvo import require_pyrvo
 from motm_twin.model.scene import Faults, Scene
 from motm_twin.model.scene_error import SceneError
 from motm_twin.sim.plant import SimulatedPlant
@@ -16,6 +17,7 @@ PLANTS = ("simulated", MUJOCO)  # by name: kinematic, contact dynamics
 
 def make_plant(scene: Scene) -> SimulatedPlant:
     """The plant of a scene at its start. Raises SceneError when it can not be had."""
+    require_people(scene)
     if scene.physics is None:
         return SimulatedPlant(scene)
     require_physics(scene)
@@ -29,6 +31,12 @@ def with_plant(scene: Scene, plant: str) -> Scene:
     scene = msgspec.structs.replace(scene, physics=scene.physics or Physics())
     require_physics(scene)
     return scene
+
+
+def require_people(scene: Scene) -> None:
+    """Raise SceneError for agents by ORCA without pyrvo."""
+    if any(agent.behaviour == "orca" for agent in scene.agents):
+        require_pyrvo(SceneError)
 
 
 def require_mujoco() -> None:

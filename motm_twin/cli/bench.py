@@ -16,7 +16,7 @@ from motm_twin.perf import anytime, bus, growth, page, period, scale, soak
 from motm_twin.perf.report import machine
 from motm_twin.plants import require_mujoco
 from motm_twin.program import BAD_INPUT, FAILED, INTERRUPTED, OK, plain_console, table_console
-from motm_twin.studies import barn, faults, mismatch, pool, screening, surprise, task
+from motm_twin.studies import barn, faults, mismatch, people, pool, screening, surprise, task, tracker
 from motm_twin.studies.catalogue import EXPERIMENTS, experiment
 from motm_twin.studies.groups import GROUPS, bench_group
 from motm_twin.studies.pool import BACKENDS
@@ -103,8 +103,8 @@ def run_bench(given: BenchSettings) -> int:
         return BAD_INPUT
     console = table_console()
     console.width = max(console.width, TABLE_WIDTH)
-    if given.groups[0] == barn.NAME:
-        return _bench_barn(given, console)
+    if given.groups[0] in ALONE:
+        return ALONE[given.groups[0]](given, console)
     experiments = [name for name in given.groups if name in ONLY_EXPERIMENTS or given.experiment]
     code = bench_experiments(experiments, given, console) if experiments else OK
     groups = [name for name in given.groups if name not in experiments]
@@ -126,6 +126,8 @@ def _list_groups(console: Console) -> None:
     for name in (name for name in whole if name not in ALL):
         table.add_row(name, f"{whole[name][0]} min", whole[name][1])
     table.add_row(barn.NAME, "", f"{barn.TITLE}; then scene files, or --worlds N")
+    table.add_row(people.NAME, "", f"{people.TITLE}; --situations, --methods, --trials N of each")
+    table.add_row(tracker.NAME, "", f"{tracker.TITLE}; --situations, --trials N of each")
     table.add_section()
     for name in ONLY_EXPERIMENTS:
         table.add_row(name, "", EXPERIMENTS[name].title)
@@ -152,7 +154,7 @@ def _problem(given: BenchSettings) -> str:
 def _wrong_name(given: BenchSettings) -> str:
     """Refusal of the first unknown name, with the known ones; "" when all are known."""
     possible = tuple(EXPERIMENTS) if given.experiment else ("all", *RUNS, *ONLY_EXPERIMENTS)
-    named = given.groups if given.groups[0] != barn.NAME else []  # scene files follow it
+    named = given.groups if given.groups[0] not in ALONE else []  # scene files may follow it
     for what, names, known in (
         ("experiment" if given.experiment else "group", named, possible),
         ("fault", given.kinds, (faults.NONE, *faults.KINDS)),
@@ -174,6 +176,31 @@ def _bench_barn(given: BenchSettings, console: Console) -> int:
     except ValueError as error:
         return _refused(error, console)
     return OK if crossed else FAILED
+
+
+def _bench_people(given: BenchSettings, console: Console) -> int:
+    """Run situations among people; the exit code, 2 for names that are none, 1 when a trial was without success."""
+    try:
+        good = people.bench_people(given.situations, given.methods, given.trials, given.workers, given.out, console)
+    except ValueError as error:
+        return _refused(error, console)
+    return OK if good else FAILED
+
+
+def _bench_tracker(given: BenchSettings, console: Console) -> int:
+    """Score the tracker of dynamic obstacles; the exit code, 2 for names that are none, 1 when a run was lost."""
+    try:
+        good = tracker.bench_tracker(given.situations, given.trials, given.workers, given.out, console)
+    except ValueError as error:
+        return _refused(error, console)
+    return OK if good else FAILED
+
+
+ALONE = {
+    barn.NAME: _bench_barn,
+    people.NAME: _bench_people,
+    tracker.NAME: _bench_tracker,
+}  # named first, with arguments of their own
 
 
 def _refused(error: ValueError, console: Console) -> int:

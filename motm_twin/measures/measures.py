@@ -11,6 +11,7 @@ from motm_twin.control.tick import Tick
 from motm_twin.measures.agents import Encounters
 from motm_twin.measures.gripper import GripperObstacles
 from motm_twin.measures.interval import STANDS, Interval, Sampler
+from motm_twin.measures.people import AmongPeople
 from motm_twin.model.geometry import Array
 from motm_twin.model.scene import Scene
 
@@ -147,6 +148,7 @@ class Measures:
         self._sampler = Sampler(scene)
         self._split = TimeSplit(scene.robot.base.forward_speed)
         self._encounters = Encounters(scene.robot.footprint)
+        self._people = AmongPeople(scene)
         self._gripper = GripperObstacles(scene, avoidance)
         self._smoothness = Smoothness()
         self._legs: dict[int, dict[str, float]] = {}  # task: seconds of each part
@@ -159,6 +161,7 @@ class Measures:
         interval = self._sampler.interval(tick)
         if interval is not None:
             self._encounters.add(interval)
+            self._people.add(interval, waits_for_arm=waits_for_arm(interval))
             part = self._split.add(interval, evading=self._encounters.evading)
             self._gripper.add(interval)
             self._smoothness.add(interval)
@@ -182,6 +185,7 @@ class Measures:
         return {
             **self._split.report(),
             **self._encounters.report(),
+            "among_people": self._people.report(),
             **self._gripper.report(),
             **self._smoothness.report(),
             "retries": sum(max(0, task.attempts - 1) for task in tasks),

@@ -20,6 +20,7 @@ from motm_twin.planning.types import BaseProblem
 from motm_twin.rivals.holistic import HOLISTIC
 from motm_twin.rivals.motm2022 import MOTM2022
 from motm_twin.rivals.open_loop import OPEN_LOOP
+from motm_twin.rivals.orca import ORCA
 from motm_twin.rivals.stationary import STATIONARY
 
 MOTM = Method(
@@ -158,6 +159,7 @@ METHODS: dict[str, Method] = {
         HOLISTIC,
         *STATIONARY,
         OPEN_LOOP,
+        ORCA,
         FAST,
         FORESIGHT,
     )

@@ -1,7 +1,7 @@
 """The robot as the control loop sees it: a Plant with three verbs, its observations and its commands."""
 
 import math
-from typing import Protocol
+from typing import ClassVar, Protocol
 
 import msgspec
 import numpy as np
@@ -100,6 +100,7 @@ class BodyTruth(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 class Contact(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """One contact episode with one thing, as judged by the referee."""
 
+    later: ClassVar[tuple[str, ...]] = ("base_moved_towards",)
     time: float  # [s] when it began
     body: str  # that touched first: base, panda_link5, panda_hand, held:<cube>, ..., or a cube that the robot moved
     other: str  # an own link where the robot touched itself
@@ -109,6 +110,7 @@ class Contact(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     caused_by_robot: bool
     duration: float  # [s]
     bodies: tuple[str, ...] = ()  # all that touched it in this episode, in order
+    base_moved_towards: bool = False  # when it began, the motion of the base took the touching part towards the other
 
 
 class CutIn(msgspec.Struct, frozen=True, kw_only=True, eq=False):

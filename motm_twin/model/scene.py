@@ -3,7 +3,7 @@
 ``scene_file.py`` holds the YAML schema and makes these; everything else in the project reads only these.
 """
 
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 import msgspec
 
@@ -71,8 +71,19 @@ class Bin(msgspec.Struct, frozen=True, kw_only=True):
     floor_z: float = 0.62
 
 
+BEHAVIOURS = ("yield", "blind", "orca", "social_force")
+TEMI_ACCELERATION, PERSON_ACCELERATION = 0.5, 1.5  # [m/s^2]
+"""A person of 1.3 m/s who starts, stops or turns within the 0.5 s of Helbing and Molnar (1995) needs 2.6 m/s^2 at
+first; those who walk at ease stay below 1.5 m/s^2 (a choice of this project)."""
+
+
 class Agent(msgspec.Struct, frozen=True, kw_only=True):
-    """A moving obstacle: drives round its waypoints for ever (or stands, when it has none)."""
+    """A moving obstacle: drives round its waypoints for ever (or stands, when it has none); one waypoint: stays there.
+
+    The fields in `later` are hashed only when they are not as usual: runs without them keep their hash.
+    """
+
+    later: ClassVar[tuple[str, ...]] = ("sees_robot", "acceleration", "pause")
 
     name: str
     start: PlanarPose
@@ -80,8 +91,11 @@ class Agent(msgspec.Struct, frozen=True, kw_only=True):
     speed: float = 0.4
     radius: float = 0.25
     height: float = 1.0
-    behaviour: str = "yield"  # yield | blind
-    kind: str = "temi"  # how it is drawn
+    behaviour: str = "yield"  # one of `BEHAVIOURS`
+    kind: str = "temi"  # temi | person: how it is drawn
+    sees_robot: bool = True  # False: it reacts to everything else
+    acceleration: float = TEMI_ACCELERATION  # [m/s^2] in which it starts and stops, and turns when it walks
+    pause: float = 0.0  # [s] that it stands at every waypoint
 
 
 class Pick(msgspec.Struct, frozen=True, kw_only=True, tag="pick"):

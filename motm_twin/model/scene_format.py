@@ -123,8 +123,12 @@ class AgentFile(Part, frozen=True, kw_only=True):
     around: AroundFile | None = None
     speed_mps: Annotated[float, Meta(gt=0, le=3)] = 0.4
     radius: Annotated[float, Meta(ge=0.05, le=1, description="[m]")] = 0.25
-    height: Annotated[float, Meta(ge=0.05, le=2.5, description="[m]")] = 1.0
-    behaviour: Literal["yield", "blind"] = "yield"
+    height: Annotated[float, Meta(ge=0.05, le=2.5, description="[m]")] | None = None  # default: 1.0, a person 1.7
+    behaviour: Literal["yield", "blind", "orca", "social_force"] = "yield"  # orca: extra [people]
+    sees_robot: bool = True  # false: it reacts to everything but the robot
+    kind: Literal["temi", "person"] = "temi"  # how it is drawn, and its usual height and acceleration
+    acceleration_mps2: Annotated[float, Meta(gt=0, le=10)] | None = None  # default: 0.5 of a Temi, 1.5 of a person
+    pause: Annotated[float, Meta(ge=0, le=600, description="[s] at every waypoint")] = 0.0
 
 
 class DriveToFile(Part, frozen=True, kw_only=True):

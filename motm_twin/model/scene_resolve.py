@@ -12,6 +12,8 @@ from motm_twin.model.profile import RobotProfile
 from motm_twin.model.scene import (
     DETECTIONS,
     EARLIER_NOISE,
+    PERSON_ACCELERATION,
+    TEMI_ACCELERATION,
     USUAL_NOISE,
     Agent,
     Bin,
@@ -232,14 +234,19 @@ class Resolver:
             points = [*points[1:], points[0]] if len(points) > 1 else []
         else:
             raise node.error("where does it stand? Give 'start', 'waypoints' or 'around'")
+        person = agent.kind == "person"
         return Agent(
             name=name,
             start=start,
             waypoints=tuple(points),
             speed=agent.speed_mps,
             radius=agent.radius,
-            height=agent.height,
+            height=(1.7 if person else 1.0) if agent.height is None else agent.height,
             behaviour=agent.behaviour,
+            kind=agent.kind,
+            sees_robot=agent.sees_robot,
+            acceleration=agent.acceleration_mps2 or (PERSON_ACCELERATION if person else TEMI_ACCELERATION),
+            pause=agent.pause,
         )
 
     def _lane(self, around: fmt.AroundFile, node: Node) -> tuple[Point, ...]:

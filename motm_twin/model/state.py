@@ -81,8 +81,7 @@ def _feed(digest: Any, value: Any) -> None:
         _feed(digest, sorted(value, key=repr))
     elif isinstance(value, msgspec.Struct):
         digest.update(type(value).__name__.encode())
-        for name in value.__struct_fields__:
-            _feed(digest, getattr(value, name))
+        _feed_struct(digest, value)
     elif dataclasses.is_dataclass(value):
         digest.update(type(value).__name__.encode())
         for field in dataclasses.fields(value):
@@ -95,3 +94,16 @@ def _feed(digest: Any, value: Any) -> None:
         digest.update(f"int:{int(value)!r};".encode())
     else:
         raise TypeError(f"{type(value).__qualname__} is not plain state and cannot be hashed")
+
+
+def _feed_struct(digest: Any, value: msgspec.Struct) -> None:
+    """All fields; of those in `later` of its class the ones that are not as usual."""
+    later: tuple[str, ...] = getattr(type(value), "later", ())
+    for field in msgspec.structs.fields(value) if later else ():
+        item = getattr(value, field.name)
+        if field.name not in later:
+            _feed(digest, item)
+        elif item != field.default:
+            _feed(digest, (field.name, item))
+    for name in () if later else value.__struct_fields__:
+        _feed(digest, getattr(value, name))

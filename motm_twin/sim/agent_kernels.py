@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 from motm_twin.model.geometry import Array
 from motm_twin.sim.kernels import Index, clearance, polygon_distance, put_rectangle
 
-ACCELERATION = 0.5  # [m/s^2]
 YAW_RATE = 1.5  # [rad/s]
 YAW_ACCELERATION = 4.0  # [rad/s^2]
 HEADING_GAIN = 4.0  # [1/s]
@@ -34,9 +33,9 @@ def bearing_to(pose: Array, x: float, y: float) -> float:
 
 
 @njit(cache=True)
-def _stoppable(room: float) -> float:
+def _stoppable(room: float, acceleration: float) -> float:
     """Speed [m/s] from which an agent stops within the room [m], with a small reserve."""
-    return math.sqrt(2.0 * 0.8 * ACCELERATION * max(0.0, room))
+    return math.sqrt(2.0 * 0.8 * acceleration * max(0.0, room))
 
 
 @njit(cache=True)
@@ -51,6 +50,7 @@ def steer(
     gap: float,
     rounding: bool,
     dt: float,
+    acceleration: float,
 ) -> tuple[Array, float, float, float]:
     """One substep towards (x, y): pose, forward speed, yaw rate, and what is left of ``free`` [m].
 
@@ -58,11 +58,11 @@ def steer(
     """
     bearing = bearing_to(pose, x, y)
     free = max(0.0, free - v * dt)
-    wanted = min(speed * max(0.0, 1.0 - abs(bearing) / TURN_FIRST), _stoppable(free))
+    wanted = min(speed * max(0.0, 1.0 - abs(bearing) / TURN_FIRST), _stoppable(free, acceleration))
     if rounding or abs(bearing) > STRAIGHT:
-        wanted = min(wanted, max(CORNERING, _stoppable(gap)))
+        wanted = min(wanted, max(CORNERING, _stoppable(gap, acceleration)))
     turn = min(YAW_RATE, max(-YAW_RATE, HEADING_GAIN * bearing))
-    new_v = v + min(ACCELERATION * dt, max(-ACCELERATION * dt, wanted - v))
+    new_v = v + min(acceleration * dt, max(-acceleration * dt, wanted - v))
     new_w = w + min(YAW_ACCELERATION * dt, max(-YAW_ACCELERATION * dt, turn - w))
     way, turned = 0.5 * (v + new_v) * dt, 0.5 * (w + new_w) * dt
     chord = way * (1.0 if turned == 0.0 else math.sin(0.5 * turned) / (0.5 * turned))

@@ -1,30 +1,37 @@
-"""Temis, persons and other dynamic obstacles on endless rounds of waypoints, yielding or blind. Deterministic.
+"""Temis, persons and other dynamic obstacles on endless rounds of waypoints. Deterministic.
 
-Agents that a person adds stand still until they are sent to a point.
+Behaviours: `yield` and `blind` drive as a Temi does; those in `WALKS` go in any direction, all choosing at once. Agents
+that a person adds stand still until they are sent to a point.
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
 from motm_twin.model.geometry import Array
 from motm_twin.model.scene import Agent, Point
+from motm_twin.model.state import LATER
 from motm_twin.sim.agent_kernels import bearing_to, look_about, steer, way_round
+from motm_twin.sim.crowd import NO_ROBOT, Crowd, RobotShadow, preferred_velocity, walk
 from motm_twin.sim.kernels import clearance
+from motm_twin.sim.orca import orca
+from motm_twin.sim.social_force import social_force
 from motm_twin.sim.solids import Solids
+
+WALKS: dict[str, Callable[[Crowd], Array]] = {"orca": orca, "social_force": social_force}
 
 MARGIN = 0.10  # [m] kept from everything ahead
 ROBOT_KEEP = 0.2  # [m] kept from the robot in addition
 MARGIN_ROUND = 0.07  # [m] the same on a detour, which was searched with a larger margin
 MARGINS_SEARCHED = (0.16, 0.10)  # [m] a way round is searched with the first, else the second
+MARGINS_WALKED = (0.40, 0.10)  # [m] the same of one that walks: others and walls push it aside
 EXPECT = (0.0, 0.4, 0.8)  # [s] ahead at which other agents are predicted
 LOOK_AHEAD = 1.2  # [m]
 ARRIVED = 0.15  # [m] from a waypoint
 AT_REST = 0.03  # [m] from a point where an agent is to stand
-PATH_STEP = 0.15  # [m] within which a point of a way round is passed
+PATH_STEP, PATH_STEP_WALKED = 0.15, 0.4  # [m] within which a point of a way round is passed
 PATIENCE = 2.5  # [s] of waiting before the first detour; +0.7 s per agent, so that two do not mirror each other
 STAGGER = 0.7  # [s]
 GIVE_UP = 15.0  # [s] of waiting after which an agent gives up the point it was sent to
@@ -34,6 +41,7 @@ WINDOW = 3.0  # [m] about the agent that the search covers
 DECISION_STEPS = 5  # substeps between two looks at the world
 FACING = 0.5  # [rad] off its course within which an agent that stands is waiting, not turning
 CREEP = 0.03  # [m/s] below which an agent that wants to drive counts as waiting
+STUCK = 0.1  # share of its speed below which one that walks does
 _NO_DISCS = np.zeros((0, 4))
 
 
@@ -58,17 +66,35 @@ class AgentState:
     frozen: bool = False
     errand: Point | None = None  # where a person sent it
     mode: str = "standing"  # standing | driving | waiting | going round | held | frozen | sliding
+    wanted: Point | None = field(default=None, metadata=LATER)  # velocity [m/s] chosen by one who walks
+    pausing: float = field(default=0.0, metadata=LATER)  # [s] that it still stands at a waypoint
 
     @property
     def points(self) -> tuple[Point, ...]:
         """Points to drive to: its errand, else its waypoints."""
         return self.agent.waypoints if self.errand is None else (self.errand,)
 
+    @property
+    def walks(self) -> bool:
+        """It goes in any direction."""
+        return self.agent.behaviour in WALKS
+
+    @property
+    def stays(self) -> bool:
+        """It stays where it goes to."""
+        return len(self.points) == 1 or self.agent.pause > 0.0
+
+    def velocity(self, slides: Mapping[str, Point]) -> Point:
+        """Velocity [m/s]; that of a throw where there is one."""
+        heading = float(self.pose[2])
+        return slides.get(self.agent.name) or (self.v * math.cos(heading), self.v * math.sin(heading))
+
     def stop(self) -> None:
         """Stand still at once, and look about before driving on."""
         self.v = self.w = self.free = self.gap = self.waiting = 0.0
         self.next_attempt = PATIENCE + STAGGER * self.rank
         self.detour = np.zeros((0, 2))
+        self.wanted, self.pausing = None, 0.0
 
 
 def start_agent(agent: Agent, rank: int, *, added: bool) -> AgentState:
@@ -99,7 +125,7 @@ class Agents:
         self,
         states: list[AgentState],
         look: bool,
-        robot: "RobotShadow",
+        robot: RobotShadow,
         obstacles: Solids,
         slides: Mapping[str, Point],
     ) -> None:
@@ -109,16 +135,22 @@ class Agents:
         """
         discs = self.discs(states) if look else _NO_DISCS
         expected = self._expected(states, slides) if look else _NO_DISCS
+        for behaviour in {state.agent.behaviour for state in states if look and state.walks}:
+            self._choose(states, behaviour, robot, obstacles, slides)
         for i, state in enumerate(states):
             if state.held or state.frozen or state.agent.name in slides:
                 state.mode = "held" if state.held else "sliding" if state.agent.name in slides else "frozen"
                 state.v, state.w, state.waiting = 0.0, 0.0, 0.0
-            elif not state.points:
+            elif not state.points or state.pausing > 0.0:
+                state.pausing = max(0.0, state.pausing - self.dt)
                 self._stand(state)
             else:
-                if look and state.agent.behaviour == "yield":
-                    self._look(state, i, discs, expected, robot, obstacles)
-                self._drive(state)
+                seen = robot if state.agent.sees_robot else NO_ROBOT
+                if look and state.walks:
+                    self._wait(state, i, discs, seen, obstacles)
+                elif look and state.agent.behaviour == "yield":
+                    self._look(state, i, discs, expected, seen, obstacles)
+                (self._walk if state.walks else self._drive)(state)
 
     @staticmethod
     def _expected(states: Sequence[AgentState], slides: Mapping[str, Point]) -> Array:
@@ -138,8 +170,57 @@ class Agents:
         if state.v != 0.0 or state.w != 0.0:
             x, y = float(state.pose[0] + math.cos(state.pose[2])), float(state.pose[1] + math.sin(state.pose[2]))
             state.pose, state.v, state.w, _ = steer(
-                state.pose, state.v, state.w, x, y, state.agent.speed, 0.0, 0.0, False, self.dt
+                state.pose,
+                state.v,
+                state.w,
+                x,
+                y,
+                state.agent.speed,
+                0.0,
+                0.0,
+                False,
+                self.dt,
+                state.agent.acceleration,
             )
+
+    def _choose(
+        self,
+        states: Sequence[AgentState],
+        behaviour: str,
+        robot: RobotShadow,
+        obstacles: Solids,
+        slides: Mapping[str, Point],
+    ) -> None:
+        """Choose the velocities of all agents of a behaviour that walks."""
+        preferred = np.zeros((len(states), 2))
+        for i, state in enumerate(states):
+            if state.walks and state.points and not (state.held or state.frozen or state.pausing):
+                goal = self._goal(state)
+                stays = state.stays and not len(state.detour)
+                preferred[i] = preferred_velocity(state.pose[:2], goal, state.agent.speed, stays=stays)
+        crowd = Crowd(
+            positions=np.array([state.pose[:2] for state in states]),
+            velocities=np.array([state.velocity(slides) for state in states]),
+            radii=np.array([state.agent.radius for state in states]),
+            preferred=preferred,
+            speeds=np.array([state.agent.speed for state in states]),
+            sees_robot=np.array([state.agent.sees_robot for state in states]),
+            robot=robot,
+            obstacles=obstacles,
+        )
+        for state, velocity in zip(states, WALKS[behaviour](crowd).tolist(), strict=True):
+            if state.agent.behaviour == behaviour:
+                state.wanted = (velocity[0], velocity[1])
+
+    def _walk(self, state: AgentState) -> None:
+        """Go on with the chosen velocity."""
+        wanted = np.array(state.wanted or (0.0, 0.0))
+        state.pose, state.v = walk(state.pose, state.v, wanted, state.agent.acceleration, self.dt)
+        state.w = 0.0
+        if state.waiting > 0.0 and state.v <= STUCK * state.agent.speed:
+            state.mode = "waiting"
+        else:
+            state.mode = "going round" if len(state.detour) else "driving"
 
     def _look(
         self,
@@ -147,7 +228,7 @@ class Agents:
         own: int,
         agents: Array,
         expected: Array,
-        robot: "RobotShadow",
+        robot: RobotShadow,
         obstacles: Solids,
     ) -> None:
         """Look ahead and to the sides, and wait or search a detour; ``own``: index among the ``agents``."""
@@ -169,9 +250,18 @@ class Agents:
             robot.first,
             robot.discs,
         )
-        wants = abs(bearing_to(state.pose, *self._goal(state))) < FACING
-        if state.v > CREEP or not wants:
-            state.waiting = max(0.0, state.waiting - self.dt * DECISION_STEPS * (state.v > CREEP))
+        self._wait(state, own, agents, robot, obstacles)
+
+    def _wait(self, state: AgentState, own: int, agents: Array, robot: RobotShadow, obstacles: Solids) -> None:
+        """Count the time that it waits for its way to be free; after some, search a detour."""
+        x, y = self._goal(state)
+        if state.walks:
+            moves = state.v > STUCK * state.agent.speed
+            wants = math.hypot(x - state.pose[0], y - state.pose[1]) > ARRIVED
+        else:
+            moves, wants = state.v > CREEP, abs(bearing_to(state.pose, x, y)) < FACING
+        if moves or not wants:
+            state.waiting = max(0.0, state.waiting - self.dt * DECISION_STEPS * moves)
             if state.waiting == 0.0:
                 state.next_attempt = PATIENCE + STAGGER * state.rank
             return
@@ -186,15 +276,16 @@ class Agents:
         self._search(state, np.delete(agents[:, :3], own, axis=0), robot, obstacles)
 
     @staticmethod
-    def _search(state: AgentState, others: Array, robot: "RobotShadow", obstacles: Solids) -> None:
+    def _search(state: AgentState, others: Array, robot: RobotShadow, obstacles: Solids) -> None:
         """Take a detour to the next reachable waypoint, if there is one; try one well clear of the robot first.
 
         An errand is approached as closely as possible.
         """
         waypoints, sent = state.points, state.errand is not None
-        first = np.concatenate([obstacles.first, obstacles.first[-1] + np.array([4])])
-        for margin, grown, squeezing in zip(MARGINS_SEARCHED, (ROBOT_KEEP, 0.0), (False, True), strict=True):
-            corners = np.vstack([obstacles.corners, robot.base(grown)])
+        first = np.append(obstacles.first, obstacles.first[-1] + 4) if robot.seen else obstacles.first
+        margins = MARGINS_WALKED if state.walks else MARGINS_SEARCHED
+        for margin, grown, squeezing in zip(margins, (ROBOT_KEEP, 0.0), (False, True), strict=True):
+            corners = np.vstack([obstacles.corners, robot.base(grown)]) if robot.seen else obstacles.corners
             discs = np.vstack([obstacles.discs, robot.discs + np.array([0.0, 0.0, grown]), others])
             radius = state.agent.radius + margin
             for ahead in range(len(waypoints)):
@@ -214,7 +305,7 @@ class Agents:
         x, y, _ = state.pose.tolist()
         while len(state.detour) > 0:
             next_x, next_y = state.detour[0].tolist()
-            if math.hypot(next_x - x, next_y - y) > PATH_STEP:
+            if math.hypot(next_x - x, next_y - y) > (PATH_STEP_WALKED if state.walks else PATH_STEP):
                 return next_x, next_y
             state.detour = state.detour[1:]
         if state.errand is not None:
@@ -226,6 +317,7 @@ class Agents:
         goal = waypoints[state.waypoint]
         if math.hypot(goal[0] - x, goal[1] - y) < ARRIVED:
             state.waypoint = (state.waypoint + 1) % len(waypoints)
+            state.pausing = state.agent.pause
             goal = waypoints[state.waypoint]
         return goal
 
@@ -240,7 +332,7 @@ class Agents:
         if state.errand is not None and not agent.waypoints:  # slow enough to stop there
             free = min(free, math.hypot(state.errand[0] - state.pose[0], state.errand[1] - state.pose[1]))
         state.pose, state.v, state.w, left = steer(
-            state.pose, state.v, state.w, x, y, agent.speed, free, gap, rounding, self.dt
+            state.pose, state.v, state.w, x, y, agent.speed, free, gap, rounding, self.dt, agent.acceleration
         )
         if yielding:
             state.free = left
@@ -248,19 +340,3 @@ class Agents:
             state.mode = "waiting"
         else:
             state.mode = "going round" if rounding else "driving"
-
-
-@dataclass(frozen=True, kw_only=True)
-class RobotShadow:
-    """The robot in the plane as agents see it: its base now and predicted, and its arm."""
-
-    corners: Array  # rectangles [m], the base as it stands first, shape (4 k, 2)
-    first: NDArray[np.int64]  # shape (k + 1,)
-    discs: Array  # of the arm, shape (d, 3)
-
-    def base(self, grown: float) -> Array:
-        """Corners of the base as it stands, moved out by ``grown`` [m] along both axes, shape (4, 2)."""
-        corners = self.corners[:4]
-        along, across = corners[1] - corners[0], corners[3] - corners[0]
-        out = grown * along / math.hypot(*along), grown * across / math.hypot(*across)
-        return corners + np.array([-out[0] - out[1], out[0] - out[1], out[0] + out[1], out[1] - out[0]])

@@ -11,7 +11,7 @@ import numpy as np
 from motm_twin.model.edits import AddObstacle, MoveObject
 from motm_twin.model.geometry import Array, wrap_angle
 from motm_twin.model.profile import Footprint
-from motm_twin.model.scene import Agent
+from motm_twin.model.scene import PERSON_ACCELERATION, TEMI_ACCELERATION, Agent
 from motm_twin.sim.objects import ObjectState, ObjectWorld, keep_inside
 from motm_twin.sim.solids import Solids, obstacle_disc, rectangle
 
@@ -60,6 +60,7 @@ def added_agent(edit: AddObstacle) -> Agent | None:
         radius=radius,
         height=height,
         kind=edit.shape,
+        acceleration=PERSON_ACCELERATION if edit.shape == "person" else TEMI_ACCELERATION,
     )
 
 

@@ -12,7 +12,6 @@ import numpy as np
 
 from motm_twin.model.geometry import Array
 from motm_twin.model.plant import CutIn
-from motm_twin.sim.agent_kernels import ACCELERATION
 from motm_twin.sim.agents import AgentState
 from motm_twin.sim.referee_geometry import RobotShapes
 
@@ -42,9 +41,9 @@ class InWay(NamedTuple):
     depth: float  # [m] of the robot in that area then
 
 
-def stopping_way(speed: float) -> float:
-    """Way [m] of an agent from a speed [m/s] to rest: reaction and braking."""
-    return speed * REACTION + speed * speed / (2.0 * ACCELERATION)
+def stopping_way(speed: float, braking: float) -> float:
+    """Way [m] of an agent from a speed [m/s] to rest: reaction, and braking [m/s^2]."""
+    return speed * REACTION + speed * speed / (2.0 * braking)
 
 
 def cuts_in(ways: dict[str, InWay], agent: str, now: float) -> bool:
@@ -81,7 +80,7 @@ class StoppingAreas:
             if agent.v < AGENT_MOVES:
                 continue
             x, y, course = agent.pose.tolist()
-            area = Area(x, y, course, stopping_way(agent.v))
+            area = Area(x, y, course, stopping_way(agent.v, agent.agent.acceleration))
             depth = self._depth(agent, area, placed)
             if depth <= 0.0:
                 continue

@@ -20,7 +20,8 @@ from motm_twin.model.scene import PlanarPose, Point, Scene, Task
 from motm_twin.model.state import Stateful
 from motm_twin.sim.actuators import ArmState, BaseState, ControlErrors, drives
 from motm_twin.sim.agent_kernels import shadow_corners
-from motm_twin.sim.agents import DECISION_STEPS, Agents, AgentState, RobotShadow, start_agent
+from motm_twin.sim.agents import DECISION_STEPS, Agents, AgentState, start_agent
+from motm_twin.sim.crowd import NO_ROBOT, RobotShadow
 from motm_twin.sim.edit_effects import Effects, Rehearsal
 from motm_twin.sim.faults import FaultEffects, expire
 from motm_twin.sim.grasp_faults import CubeMover, gripper_with
@@ -267,7 +268,7 @@ class SimulatedPlant(Stateful[PlantState]):
         s = self._state
         if s.agents:
             look = s.substep % DECISION_STEPS == 0
-            shadow = self._shadow(frames) if look else _NO_SHADOW
+            shadow = self._shadow(frames) if look else NO_ROBOT
             self._agents.step(s.agents, look, shadow, self._scenery.in_the_way, slides)
 
     def _sense(self, frames: Array) -> None:
@@ -326,7 +327,8 @@ class SimulatedPlant(Stateful[PlantState]):
         base, foot = self._state.base, self.scene.robot.footprint
         corners = shadow_corners(base.pose, base.v, base.w, _SHADOW_TIMES, foot.length, foot.width, foot.offset_x)
         discs = np.column_stack([frames[_SHADOW_LINKS, :2, 3], _SHADOW_RADII])[: len(frames) * self.scene.robot.has_arm]
-        return RobotShadow(corners=corners, first=_SHADOW_FIRST, discs=discs)
+        velocity = (base.v * math.cos(base.pose[2]), base.v * math.sin(base.pose[2]))
+        return RobotShadow(corners=corners, first=_SHADOW_FIRST, discs=discs, velocity=velocity)
 
     def _show(self, scenery: Scenery, agents: Sequence[AgentState]) -> None:
         """Update what is derived from the state: a cache, not part of it."""
@@ -352,9 +354,6 @@ class SimulatedPlant(Stateful[PlantState]):
             agent_bodies=self._bodies,
             slides=NO_SLIDES,
         )
-
-
-_NO_SHADOW = RobotShadow(corners=np.zeros((0, 2)), first=np.zeros(1, dtype=np.int64), discs=np.zeros((0, 3)))
 
 
 def _square(item: ObjectState) -> Array:

@@ -8,6 +8,7 @@ import numpy as np
 
 from motm_twin.model.geometry import Array
 from motm_twin.model.plant import Contact, CutIn
+from motm_twin.model.state import LATER
 from motm_twin.sim.agents import AgentState
 from motm_twin.sim.cube_contacts import Pose
 from motm_twin.sim.cut_in import InWay
@@ -33,6 +34,7 @@ class Episode:
     gone_on: float = 0.0  # [m] that the robot went on into what was no longer a person's doing
     depth: float = 0.0
     caused: bool = False
+    base_towards: bool = field(default=False, metadata=LATER)  # when it began, the base moved towards the other
 
     def touched(self, body: str, now: float, depth: float) -> None:
         """A body touches the thing now [s], to a depth [m]."""
@@ -54,6 +56,7 @@ def contact_of(other: str, episode: Episode) -> Contact:
         caused_by_robot=episode.caused,
         duration=episode.last - episode.began,
         bodies=episode.bodies,
+        base_moved_towards=episode.base_towards,
     )
 
 

@@ -54,6 +54,7 @@ class Verdicts:
         self._robot, self._dt = robot, dt
         self._responsibility, self._counterfactual = Responsibility(dt), Counterfactual()
         self._unmoved, self._earlier = coal.Transform3s(), coal.Transform3s()
+        self._base = robot.bodies.index("base")
         self._hand = robot.bodies.index("panda_hand") if "panda_hand" in robot.bodies else -1
 
     def touched(self, state: RefereeState, world: World, placed: Array, met: Encounter) -> None:
@@ -68,6 +69,7 @@ class Verdicts:
         if episode is None:
             toward = -dot(met.other_velocity, met.normal)
             episode = Episode(world.time, world.time, (body,), closing, toward, person, person, world.time)
+            episode.base_towards = self._base_speed(state, placed, met) > MOVES
             state.episodes[met.other] = episode
         elif person and not episode.by_person:
             episode.by_person, episode.was_excused, episode.excused_from = True, True, world.time
@@ -109,6 +111,12 @@ class Verdicts:
             velocity=velocity,
             other_velocity=met.other_velocity,
         )
+
+    def _base_speed(self, state: RefereeState, placed: Array, met: Encounter) -> float:
+        """Speed [m/s] at which the motion of the base takes the touching point towards the other."""
+        now, before = placed[self._base], state.placed_before[self._base]
+        local = transposed_times(now[:3, :3], met.point - now[:3, 3])
+        return dot(met.point - (times(before[:3, :3], local) + before[:3, 3]), met.normal) / self._dt
 
     def _by_robot(
         self, state: RefereeState, world: World, placed: Array, met: Encounter, touch: Touch, *, begins: bool

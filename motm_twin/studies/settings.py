@@ -14,7 +14,7 @@ class BenchSettings:
 
     Args:
         groups: Names of groups of trials or experiments, or all; without one they are listed with their times. Or
-            barn, and after it scene files of worlds of that challenge.
+            barn, and after it scene files of worlds of that challenge; or people, or tracker, alone.
         methods: Names of methods, or all, or ablations; or FILE.py:NAME of your own.
         trials: Number of random arrangements, seeds from 0; without it the ten published ones.
         changes: Fields of the resolved scene, as noise.lidar_range_sd=0.05, detections=named or agents.*.speed=0.6.
@@ -29,6 +29,7 @@ class BenchSettings:
         share: Soak, period, task, faults, mismatch and screening only: part of the full counts.
         kinds: Faults only: these kinds of faults, or none for trials without one.
         scenes: Faults only: these of exp1, exp1a and exp2.
+        situations: People and tracker only: these of the situations among people, as circle or exp2_blind.
         numbers: Screening only: these numbers of docs/parameters.md, or groups, as arm.qp or planning.reach.r_min.
         quick: Growth, anytime, solvers and grasp_rule only: a few points, half a minute.
         plant: simulated: kinematic; mujoco: contact dynamics (docs/physics.md), of groups of trials and experiments.
@@ -51,6 +52,7 @@ class BenchSettings:
     share: float = 1.0
     kinds: tuple[str, ...] = ()
     scenes: tuple[str, ...] = ()
+    situations: tuple[str, ...] = ()
     numbers: tuple[str, ...] = ()
     quick: FlagCreatePairsOff[bool] = False
     worlds: int | None = None
