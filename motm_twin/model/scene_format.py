@@ -25,6 +25,7 @@ Name = Annotated[str, Meta(pattern="^[A-Za-z][A-Za-z0-9_-]{0,39}$")]
 Text = Annotated[str, Meta(min_length=1, max_length=200)]
 Colour = Annotated[str, Meta(pattern="^([a-z]{3,20}|#[0-9a-fA-F]{6})$")]
 Seed = Annotated[int, SEED.meta]
+GraspSpeed = Annotated[float, Meta(ge=0.001, le=1, description="[m/s]")]
 CubeSide = Annotated[float, Meta(ge=0.02, le=0.2, description="[m]")]
 TimeLimit = Annotated[float, Meta(gt=0, le=36000, description="[s] of simulated time")]
 Tolerance = Annotated[float, Meta(ge=0.02, le=2, description="[m]")]
@@ -184,6 +185,7 @@ class MismatchFile(Part, frozen=True, kw_only=True):
     command_delay: Annotated[float, Meta(ge=0, le=1, description="[s]")] | None = None
     base_lag: Annotated[float, Meta(ge=0, le=2, description="[s] more than in the profile")] | None = None
     base_scale: Annotated[float, Meta(ge=-0.5, le=0.5, description="share faster than told")] | None = None
+    arm_lag: Annotated[float, Meta(ge=0, le=2, description="[s] more than in the profile")] | None = None
     hand_eye: Annotated[float, Meta(ge=0, le=0.1, description="[m]")] | None = None
     map_offset: Annotated[float, Meta(ge=0, le=0.5, description="[m]")] | None = None
     table_height: Annotated[float, Meta(ge=-0.2, le=0.2, description="[m] higher than in the map")] | None = None

@@ -62,6 +62,7 @@ def _check_ranges(scene: Scene) -> None:
     _fits(scene.detections, Literal["anonymous", "named"], "scene.detections")
     _within(scene.faults, scene_format.FaultsFile, "scene.faults")
     _fits(scene.grasp_rule, Literal["strict", "swept"], "scene.grasp_rule")
+    _fits(scene.grasp_speed, scene_format.GraspSpeed, "scene.grasp_speed")
     if scene.physics is not None and (problem := bounds.problem(scene.physics)):
         raise SceneError(f"scene.physics: {problem}")
     for part, limits in _ROBOT.items():

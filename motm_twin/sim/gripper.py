@@ -59,9 +59,14 @@ class Gripper:
     A cube that slides too fast is held loosely and slips when lifted; a misaligned one is squeezed out.
     """
 
-    def __init__(self, spec: GripperSpec, objects: ObjectWorld, dt: float, rule: str = STRICT) -> None:
-        """Gripper of the profile; substeps of dt [s]; ``rule``: one of `model.scene.GRASP_RULES`."""
-        self._strict = rule == STRICT
+    def __init__(
+        self, spec: GripperSpec, objects: ObjectWorld, dt: float, rule: str = STRICT, slides: float = RELATIVE_SPEED
+    ) -> None:
+        """Gripper of the profile; substeps of dt [s].
+
+        ``rule``: one of `model.scene.GRASP_RULES`; ``slides`` [m/s]: speed beyond which the strict one loses a cube.
+        """
+        self._strict, self._slides_from = rule == STRICT, slides
         self.spec = spec
         self.objects = objects
         self.dt = dt
@@ -166,7 +171,7 @@ class Gripper:
         """The hand moves while the fingers close."""
         if not self._strict:
             state.pushed += abs(dot(rotation[:, 1], tcp_velocity)) * self.dt
-        elif norm(tcp_velocity) > RELATIVE_SPEED:
+        elif norm(tcp_velocity) > self._slides_from:
             state.slid = True
 
     @staticmethod
