@@ -71,6 +71,17 @@ class Bin(msgspec.Struct, frozen=True, kw_only=True):
     floor_z: float = 0.62
 
 
+class Bump(msgspec.Struct, frozen=True, kw_only=True):
+    """A low rounded ridge on the floor, as a cable cover: contact dynamics roll over it, kinematics ignore it."""
+
+    name: str
+    centre: Point
+    length: float  # [m] of the ridge
+    yaw: float = 0.0  # of the ridge
+    width: float = 0.1  # [m] across it
+    height: float = 0.01  # [m]
+
+
 class Agent(msgspec.Struct, frozen=True, kw_only=True):
     """A moving obstacle: drives round its waypoints for ever (or stands, when it has none)."""
 
@@ -212,6 +223,7 @@ class Scene(msgspec.Struct, frozen=True, kw_only=True):
     solids: tuple[Solid, ...]
     objects: tuple[SceneObject, ...]
     bins: tuple[Bin, ...]
+    bumps: tuple[Bump, ...] = ()
     agents: tuple[Agent, ...]
     tasks: tuple[Task, ...]
     noise: Noise

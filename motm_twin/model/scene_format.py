@@ -107,6 +107,16 @@ class BinFile(Part, frozen=True, kw_only=True):
     floor_z: Height = 0.62
 
 
+class BumpFile(Part, frozen=True, kw_only=True):
+    """A low rounded ridge on the floor, as a cable cover; felt under contact dynamics only."""
+
+    at: Point
+    length: Annotated[float, Meta(ge=0.02, le=50, description="[m] of the ridge")]
+    yaw_deg: Degrees = 0.0
+    width: Annotated[float, Meta(ge=0.04, le=1, description="[m] across the ridge")] = 0.1
+    height: Annotated[float, Meta(ge=0.001, le=0.02, description="[m]")] = 0.01
+
+
 class AroundFile(Part, frozen=True, kw_only=True):
     """A closed lane round a piece (or group) of furniture, at a constant distance from its edge."""
 
@@ -299,6 +309,7 @@ class Content(Part, frozen=True, kw_only=True):
     slots: Annotated[dict[Name, SlotFile | None], Meta(max_length=100)] = {}
     objects: Annotated[dict[Name, ObjectFile | None], Meta(max_length=100)] = {}
     bins: Annotated[dict[Name, BinFile | None], Meta(max_length=20)] = {}
+    bumps: Annotated[dict[Name, BumpFile | None], Meta(max_length=100)] = {}
     agents: Annotated[dict[Name, AgentFile | None], Meta(max_length=100)] = {}
     deliver: DeliverFile | None = None
     tasks: Annotated[tuple[TaskFile, ...], Meta(min_length=1, max_length=200)] | None = None

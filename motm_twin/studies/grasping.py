@@ -28,7 +28,7 @@ SIMULATED = PLANTS[0]
 ALONE, TOGETHER = 0.99, 0.95  # share of the cubes that must be placed with one error, and with all of them
 HEAD = (
     "setting", "plant", "method", "trials", "placed", "share", "grasps", "at once", "contacts", "caused", "mean time s",
-    "base m/s closing", "shift mm", "reflexes",
+    "base m/s closing", "shift mm", "over 10, 20 Nm", "peak Nm",
 )  # fmt: skip
 _TEXTS = ("setting", "plant", "method")
 
@@ -97,7 +97,22 @@ SENSITIVITY = Study(
     ),
     minutes=15,
 )
-STUDIES = {study.name: study for study in (ROBUSTNESS, QUICK_GRIPPER, SENSITIVITY)}
+BUMPS = (  # of 10 mm, where the way to the table, to its other side and along it crosses them
+    {"name": "on_the_way", "centre": (1.6, 1.5), "length": 2.5, "yaw": 0.5 * math.pi},
+    {"name": "in_front", "centre": (3.4, 0.7), "length": 1.2, "yaw": 0.5 * math.pi},
+    {"name": "behind", "centre": (4.2, 2.8), "length": 1.0, "yaw": 0.5 * math.pi},
+)
+FLOOR = Study(
+    name="floor_bumps",
+    title="Experiment 1 under contact dynamics on a level floor, and over three bumps of 5 and 10 mm",
+    settings=(
+        Setting("level floor", {}, least=ALONE),
+        *(Setting(f"bumps of {1e3 * h:g} mm", {"bumps": [{**one, "height": h} for one in BUMPS]}, least=ALONE)
+          for h in (0.005, 0.01)),
+    ),
+    minutes=15,
+)  # fmt: skip
+STUDIES = {study.name: study for study in (ROBUSTNESS, QUICK_GRIPPER, SENSITIVITY, FLOOR)}
 
 
 def bench_study(study: Study, out: Path, share: float, workers: int, console: Console) -> bool:
@@ -171,7 +186,9 @@ def row_of(one: Setting, methods: Sequence[str], these: Sequence[Result]) -> dic
         "time": statistics.mean(result["time_s"] for result in these if completed(result)),
         "closing": float(np.mean([speed for speed in closing if speed is not None])) if any(closing) else math.nan,
         "shift": [grasp["shift"] for one in felt for grasp in one["grasps"]],
-        "reflexes": sum(bool(one["reflexes"]) for one in felt),
+        "phantoms": [sum(one["phantoms"][k] for one in felt) for k in (0, 1)],
+        "torque": max((max(one["torque_peaks"]) for one in felt), default=math.nan),
+        "wrist": max((one["wrist_peaks"][0] for one in felt), default=math.nan),
     }
 
 
@@ -188,7 +205,7 @@ def cells(row: Mapping[str, Any]) -> tuple[str, ...]:
         row["setting"], row["plant"], row["method"], str(row["trials"]), f"{row['placed']}/{row['places']}",
         _percent(row["share"]), str(row["grasps"]), _percent(row["at_once"]), str(row["contacts"]), str(row["caused"]),
         row["time"].text(), number(row["closing"], 3), f"{np.median(shift):.1f}, {max(shift):.1f}" if shift else "-",
-        f"{row['reflexes']}/{row['trials']}" if felt else "-",
+        "{}, {}".format(*row["phantoms"]) if felt else "-", number(row["torque"], 1),
     )  # fmt: skip
 
 
