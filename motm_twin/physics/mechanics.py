@@ -16,11 +16,12 @@ from motm_twin.model.exact import norm
 from motm_twin.model.geometry import Array, wrap_angle
 from motm_twin.model.joint_limits import Q_MAX, Q_MIN
 from motm_twin.model.kinematics import LINKS
+from motm_twin.model.physics import REFLEXES
 from motm_twin.model.plant import Contact, PhysicsTruth
 from motm_twin.model.scene import Scene
 from motm_twin.physics.contacts import Contacts, disagreements, force_of
 from motm_twin.physics.gripping import Fingers
-from motm_twin.physics.reflex import THRESHOLDS, ArmAlone, note_reflexes
+from motm_twin.physics.reflex import ArmAlone, note_reflexes
 from motm_twin.physics.robot_model import DAMPING, STIFFNESS, WHEEL_GAIN, WHEEL_RADIUS, base_inertia, track
 from motm_twin.physics.state import Grasp, PhysicsState
 from motm_twin.physics.world_model import TIMESTEP, Kind, Standing, compile_model, kind_of, standing
@@ -179,7 +180,7 @@ class Dynamics:
             external_torque=tuple(p.torque.tolist()),
             torque_peaks=tuple(p.torque_peaks.tolist()),
             reflexes=tuple(p.reflexes.values()),
-            phantoms=tuple(p.trips.get(name, 0) for name in THRESHOLDS),
+            phantoms=tuple(p.trips.get(name, 0) for name in REFLEXES),
             wrist=p.wrist,
             wrist_peaks=p.wrist_peaks,
         )
