@@ -300,6 +300,7 @@ class StatusMessage(msgspec.Struct, frozen=True, kw_only=True):
     method: str = UNNAMED_METHOD  # that drives: the name of one of `methods`
     methods: list[MethodChoice] = []  # that can be loaded
     pages: int = -1  # that show it, as `audience` tells it; -1: it need not know
+    held: bool = False  # waits at its start until a page shows it, or somebody drives
 
 
 class GridInfo(msgspec.Struct, frozen=True, kw_only=True):

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import msgspec
 import numpy as np
 from rich.console import Console
 from rich.table import Table
@@ -132,7 +133,7 @@ def bench_study(study: Study, out: Path, share: float, workers: int, console: Co
             what = f"{result['variant']}, {result['method']}, {result['changes'] or 'none'}: {result['reason']}"
             console.print(f"  {what}", style="yellow", markup=False)
     reached = all(map(good, rows))
-    write_report(out, study.name, study.title, reached=reached, rows=plain(rows))
+    write_report(out, study.name, study.title, reached=reached, rows=plain(msgspec.to_builtins(rows)))
     (out / f"{study.name}.md").write_text(markdown(HEAD, map(cells, rows)) + "\n", encoding="utf-8")
     console.print(f"{machine()}, {workers} processes; written to {out / f'{study.name}.json'} and {study.name}.md")
     return reached
