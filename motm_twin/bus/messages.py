@@ -367,7 +367,7 @@ class NumberedEvent(msgspec.Struct, frozen=True, kw_only=True):
     run: int  # as in the ticks
     server_time: float  # [s] when it was sent
     index: int  # period
-    time: float  # [s] simulated
+    time: float  # [s] simulated; never falls within a run: a contact that is told late keeps its own in the score
     kind: (
         str  # picked placed missed lost arrived failed contact stop go edit refused loaded reset branch done error ...
     )
