@@ -28,7 +28,7 @@ METHODS = (FAST.name, MOTM.name)
 SIMULATED = PLANTS[0]
 ALONE, TOGETHER = 0.99, 0.95  # share of the cubes that must be placed with one error, and with all of them
 HEAD = (
-    "setting", "plant", "method", "trials", "placed", "share", "grasps", "at once", "contacts", "caused", "mean time s",
+    "setting", "plant", "method", "trials", "placed", "placed %", "grasps", "at once %", "contacts", "caused", "mean time s",
     "base m/s closing", "shift mm", "over 10, 20 Nm", "peak Nm",
 )  # fmt: skip
 _TEXTS = ("setting", "plant", "method")
@@ -211,7 +211,7 @@ def cells(row: Mapping[str, Any]) -> tuple[str, ...]:
 
 
 def _percent(share: statistics.Estimate | None) -> str:
-    return "-" if share is None else f"{100 * share.value:.1f} [{100 * share.low:.1f}, {100 * share.high:.1f}] %"
+    return "-" if share is None else f"{100 * share.value:.1f} [{100 * share.low:.1f}, {100 * share.high:.1f}]"
 
 
 def table_of(rows: Sequence[Mapping[str, Any]]) -> Table:
