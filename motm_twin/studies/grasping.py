@@ -28,8 +28,8 @@ METHODS = (FAST.name, MOTM.name)
 SIMULATED = PLANTS[0]
 ALONE, TOGETHER = 0.99, 0.95  # share of the cubes that must be placed with one error, and with all of them
 HEAD = (
-    "setting", "plant", "method", "trials", "placed", "placed %", "grasps", "at once %", "contacts", "caused", "mean time s",
-    "base m/s closing", "shift mm", "over 10, 20 Nm", "peak Nm",
+    "setting", "plant", "method", "trials", "placed", "placed %", "grasps", "at once %", "contacts", "caused",
+    "mean time s", "base m/s closing", "shift mm", "over 10, 20 Nm", "peak Nm",
 )  # fmt: skip
 _TEXTS = ("setting", "plant", "method")
 
