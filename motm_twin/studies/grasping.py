@@ -28,7 +28,7 @@ METHODS = (FAST.name, MOTM.name)
 SIMULATED = PLANTS[0]
 ALONE, TOGETHER = 0.99, 0.95  # share of the cubes that must be placed with one error, and with all of them
 HEAD = (
-    "setting", "plant", "method", "trials", "placed", "placed %", "grasps", "at once %", "contacts", "caused",
+    "setting", "plant", "method", "trials", "placed", "placed %", "grasps", "held %", "contacts", "caused",
     "mean time s", "base m/s closing", "shift mm", "over 10, 20 Nm", "peak Nm",
 )  # fmt: skip
 _TEXTS = ("setting", "plant", "method")
@@ -167,8 +167,7 @@ def rows_of(study: Study, pairs: Sequence[tuple[TrialSpec, Result]]) -> list[dic
 def row_of(one: Setting, methods: Sequence[str], these: Sequence[Result]) -> dict[str, Any]:
     """A row: cubes placed, grasps tried for them, times of completed trials, and what was felt."""
     placed, places = (sum(result[key] for result in these) for key in ("places_done", "places_total"))
-    picks, grasps = (sum(result[key] for result in these) for key in ("picks_total", "picks_attempted"))
-    at_once = max(picks - max(0, grasps - picks), 0)
+    picks, grasps = (sum(result[key] for result in these) for key in ("picks_done", "picks_attempted"))
     closing = [result["mean_closing_base_speed_mps"] for result in these]
     felt = [result["physics"] for result in these if result.get("physics")]
     return {
@@ -181,7 +180,7 @@ def row_of(one: Setting, methods: Sequence[str], these: Sequence[Result]) -> dic
         "share": statistics.proportion(placed, places) if places else None,
         "least": one.least,
         "grasps": grasps,
-        "at_once": statistics.proportion(at_once, picks) if picks else None,
+        "held": statistics.proportion(min(picks, grasps), grasps) if grasps else None,
         "contacts": sum(len(result["contacts"]) for result in these),
         "caused": sum(result["contacts_caused_by_robot"] for result in these),
         "time": statistics.mean(result["time_s"] for result in these if completed(result)),
@@ -204,7 +203,7 @@ def cells(row: Mapping[str, Any]) -> tuple[str, ...]:
     felt = row["plant"] == MUJOCO
     return (
         row["setting"], row["plant"], row["method"], str(row["trials"]), f"{row['placed']}/{row['places']}",
-        _percent(row["share"]), str(row["grasps"]), _percent(row["at_once"]), str(row["contacts"]), str(row["caused"]),
+        _percent(row["share"]), str(row["grasps"]), _percent(row["held"]), str(row["contacts"]), str(row["caused"]),
         row["time"].text(), number(row["closing"], 3), f"{np.median(shift):.1f}, {max(shift):.1f}" if shift else "-",
         "{}, {}".format(*row["phantoms"]) if felt else "-", number(row["torque"], 1),
     )  # fmt: skip

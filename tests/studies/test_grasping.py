@@ -39,7 +39,7 @@ def test_a_row_counts_grasps_and_misses_its_share_when_two_of_120_are_lost():
         "wrist_peaks": [12.0, 1.0],
     }  # fmt: skip
     lost = row_of(one, ("fast",), [result(), result(grasps=8, physics=felt), *[result()] * 17, result(placed=4)])
-    assert (lost["placed"], lost["grasps"], lost["at_once"].value) == (118, 122, pytest.approx(118 / 120))
+    assert (lost["placed"], lost["grasps"], lost["held"].value) == (118, 122, pytest.approx(118 / 122))
     assert lost["time"].n == 19  # what was not completed has no time
     assert not good(lost)
     assert good(row_of(one, ("fast",), [result()] * 19 + [result(placed=5)]))
