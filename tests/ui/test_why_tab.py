@@ -9,7 +9,7 @@ from fake_twin import FakeTwin, fake_scene
 from person import status, with_arm
 
 from motm_twin.bus.encode import tick_message
-from motm_twin.bus.messages import ContactMessage, EventMessage, ScoreMessage, TaskMessage
+from motm_twin.bus.messages import ContactMessage, EventMessage, ForcesMessage, GraspMessage, ScoreMessage, TaskMessage
 from motm_twin.control.task_list import kind_of, name_of
 from motm_twin.measures.published import published
 from motm_twin.model.arm_kernels import manipulability
@@ -18,6 +18,7 @@ from motm_twin.model.profile import BaseLimits
 from motm_twin.model.scene_file import load_scene
 from motm_twin.ui.history import Part, Sample, sample
 from motm_twin.ui.panel.drive_tab import in_hand as in_hand_of
+from motm_twin.ui.panel.forces import forces_card
 from motm_twin.ui.panel.panel import status_card
 from motm_twin.ui.panel.plots import Curve, number, path_of, plots_html
 from motm_twin.ui.panel.score import result_card, score_card, timing_card
@@ -237,3 +238,31 @@ def test_a_candidate_tells_its_costs_or_why_it_is_out(tick):
     out = next(index for index, reason in enumerate(placement.rejected) if reason)
     assert "rejected: collision with object table" in candidate_card(placement, out)
     assert "linear-gradient" in candidate_card(placement, None)
+
+
+FORCES = ForcesMessage(
+    fingers=[38.0, 40.0], external_torque=[0.0, -12.3, 0.0, 0.0, 0.0, 0.0, 0.0], torque_peaks=[25.0] * 7,
+    phantoms=[3, 1], wrist=[9.0, 0.4], wrist_peaks=[14.0, 0.9],
+    grasp=GraspMessage(
+        object=EVIL, time=3.0, firm=0.78, shift=0.0011, speed=0.021, slip=0.0004, lost=False
+    ),
+)  # fmt: skip
+
+
+def test_forces_stand_beside_the_thresholds_of_the_reflex(driving):
+    assert forces_card(driving) == ""
+    card = forces_card(replace(driving, forces=FORCES))
+    for said in ("38 N, 40 N", "joint 2: 12.3 Nm", "3 over 10 Nm, 1 over 20 Nm", "1.1 mm; slipped 0.4 mm", "0.78 s"):
+        assert said in card
+    assert EVIL not in card
+    assert "lost" in forces_card(replace(driving, forces=replace(FORCES, grasp=replace(FORCES.grasp, lost=True))))
+
+
+def test_forces_are_plotted_where_there_are_some():
+    felt = rows(40, left=40.0, right=39.0, torque=12.0, wrist=8.0)
+    page = plots_html(felt, BaseLimits(), {})
+    assert page.count("<svg") == 9
+    assert "40, 39" in page and "12.0" in page and "nan" not in page
+    payload = msgspec.json.encode(replace(tick_message(FakeTwin(fake_scene()).advance(), 1, 0.0), forces=FORCES))
+    taken = sample(msgspec.json.decode(payload, type=Part))
+    assert (taken.left, taken.right, taken.torque, taken.wrist) == (38.0, 40.0, 12.3, 9.0)

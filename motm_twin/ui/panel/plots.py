@@ -7,7 +7,7 @@ few kilobytes.
 import math
 import threading
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import viser
@@ -17,6 +17,7 @@ from motm_twin.bus.messages import TickMessage
 from motm_twin.control.arm.parameters import AvoidanceParameters
 from motm_twin.model.edits import ParameterValue
 from motm_twin.model.joint_limits import DQ_MAX
+from motm_twin.model.physics import REFLEXES
 from motm_twin.model.profile import BaseLimits
 from motm_twin.ui.history import Sample
 from motm_twin.ui.hub import Hub, Shown, Visitor
@@ -88,6 +89,7 @@ def plots_html(samples: NDArray[np.float64], base: BaseLimits, parameters: Mappi
         joint_plot(samples),
         slack_plot(samples),
         period_plot(samples),
+        *(force_plots(samples) if np.isfinite(_column(samples, "torque")).any() else ()),
     ]
     time = samples[:, 0]
     return STYLE + _key() + "".join(draw(plot, time) for plot in drawn) + _time_axis(float(time[-1]))
@@ -188,6 +190,32 @@ def period_plot(samples: NDArray[np.float64]) -> Plot:
         limits=((BUDGET, _LIMIT),),
         labels=((0.0, "0"), (BUDGET, f"{BUDGET:.0f}"), (high, f"{high:g}")),
     )
+
+
+def force_plots(samples: NDArray[np.float64]) -> tuple[Plot, Plot, Plot]:
+    """Under contact dynamics: forces of the fingers, external torque with the Panda's reflexes, force at the wrist."""
+    left, right, torque, wrist = (_column(samples, name) for name in ("left", "right", "torque", "wrist"))
+    colours = ("#2563eb", "#d97706")
+    fingers = tuple(Curve(values=each, colour=colour) for each, colour in zip((left, right), colours, strict=True))
+    now = ", ".join(filter(None, (number(left[-1], ".0f"), number(right[-1], ".0f"))))
+    title = f'Fingers <span style="color:{colours[0]}">left</span>, <span style="color:{colours[1]}">right</span>'
+    feels = _upwards("External torque, largest joint", "Nm", (Curve(values=torque, colour="#7c3aed"),), (10.0, 30.0))
+    reflexes = tuple(REFLEXES.values())
+    return (
+        replace(_upwards(title, "N", fingers, (20.0, 40.0)), now=now),
+        replace(feels, limits=tuple((limit, _LIMIT) for limit in reflexes)),
+        _upwards("Force at the wrist", "N", (Curve(values=wrist, colour="#0d9488"),), (10.0, 20.0)),
+    )
+
+
+def _upwards(title: str, unit: str, curves: tuple[Curve, ...], marks: tuple[float, float]) -> Plot:
+    """A plot from 0 to the upper mark, or as far as the curves go."""
+    most = max((float(np.nanmax(one.values)) for one in curves if np.isfinite(one.values).any()), default=0.0)
+    high = max(marks[1], _round_up(most))
+    return Plot(
+        title=title, unit=unit, now=number(curves[0].values[-1], ".1f"), low=0.0, high=high, curves=curves,
+        labels=((0.0, "0"), (high, f"{high:g}"), (marks[0], f"{marks[0]:g}")),
+    )  # fmt: skip
 
 
 def number(value: float, form: str, *, none: str = "") -> str:

@@ -14,6 +14,7 @@ from motm_twin.ui import colours
 from motm_twin.ui.hub import Hub, Shown, Visitor
 from motm_twin.ui.panel import explain
 from motm_twin.ui.panel.explain import avoided, limited_by, strange
+from motm_twin.ui.panel.forces import forces_card
 from motm_twin.ui.panel.plots import PlotsPanel, bands
 from motm_twin.ui.panel.score import WINDOW, score_card, timing_card
 from motm_twin.ui.panel.widgets import (
@@ -66,7 +67,7 @@ class WhyTab(Block):
         self._count = 0
         self._now = gui.add_html("")
         self._plots = PlotsPanel(gui, hub)
-        self._task, self._candidate, self._arm, self._events = (gui.add_html("") for _ in range(4))
+        self._task, self._candidate, self._arm, self._forces, self._events = (gui.add_html("") for _ in range(5))
         with gui.add_folder("Timing"):
             self._timing = gui.add_html("")
         with gui.add_folder("Score"):
@@ -86,6 +87,7 @@ class WhyTab(Block):
             weight = float(parameters.get(NEXT_WEIGHT, 1.05))
             self._candidate.content = candidate_card(tick.placement, picked, weight)
             self._arm.content = arm_card(tick, parameters, shown.scene)
+            self._forces.content = forces_card(tick)
         if history is None:
             return
         index = None if shown.live else tick.index
