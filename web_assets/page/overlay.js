@@ -140,7 +140,22 @@
     clock, controls.live, controls.branch, controls.undo, make("span", { class: "gap" }), controls.save, controls.page,
     controls.picture, controls.film));
   const cover = make("div", { class: "cover", role: "status" }, make("b", {}, "motm-twin"), make("span", {}, "connecting"));
-  const root = make("div", { id: "motm" }, chips, bar, tip);
+  // a drive that was proposed by a click, and one that can be undone
+
+  const choice = (words, ...acts) => make("div", { class: "ask", role: "status" }, make("span", {}, words),
+    ...acts.map(([name, does]) => make("button", { type: "button", onclick: does }, name)));
+  const going = choice("Drive here?", ["Drive", () => say("go")], ["Cancel", () => say("stay")]);
+  const sent = choice("", ["Undo", () => say("stay")]);
+  const propose = () => {
+    const [x, y] = data.now?.going ?? [];
+    const spot = x === undefined || !data.now.mine ? null : motm.pixel?.([x, y, 0.75]);
+    going.hidden = !spot;
+    if (spot) [going.style.left, going.style.top] = [`${spot[0]}px`, `${spot[1]}px`];
+    sent.hidden = !data.now?.sent_to || !data.now.mine;
+    const words = data.now?.sent_to ?? "";
+    if (sent.firstChild.textContent !== words) sent.firstChild.textContent = words;
+  };
+  const root = make("div", { id: "motm" }, sent, chips, bar, tip);
 
   const legend = () => {
     chips.replaceChildren(...(data.legend ?? []).map((layer) => {
@@ -308,9 +323,15 @@
     const before = detail.onBeforeRender;
     detail.onBeforeRender = (...given) => {
       if (given[2]?.isPerspectiveCamera) camera = given[2];
+      propose();
       before.apply(detail, given);
     };
   });
+  motm.pixel = ([x, y, z]) => { // of a point of the world on the page; null behind the camera
+    if (!camera) return null;
+    const spot = new camera.position.constructor(-y, z, -x).project(camera), box = renderer.domElement.getBoundingClientRect();
+    return spot.z > 1 ? null : [box.left + (box.width * (1 + spot.x)) / 2, box.top + (box.height * (1 - spot.y)) / 2];
+  };
   const things = () => [
     ...(data.names?.bins ?? []).map(([name, ...place]) => [name, place]),
     ...[...known.keys()].filter((name) => /^\/bodies\/(object|body)\/[^/]+$/.test(name)).map((name) => {
@@ -321,12 +342,11 @@
   document.addEventListener("pointermove", (event) => {
     if (!(event.target instanceof HTMLCanvasElement) || event.target === track) return;
     if (event.buttons || !camera) return tell("");
-    const box = event.target.getBoundingClientRect(), Vector = camera.position.constructor;
     let best = REACH, found = "";
-    for (const [name, [x, y, z]] of things()) {
-      const spot = new Vector(-y, z, -x).project(camera);
-      if (spot.z > 1) continue;
-      const off = Math.hypot(box.left + (box.width * (1 + spot.x)) / 2 - event.clientX, box.top + (box.height * (1 - spot.y)) / 2 - event.clientY);
+    for (const [name, place] of things()) {
+      const spot = motm.pixel(place);
+      if (!spot) continue;
+      const off = Math.hypot(spot[0] - event.clientX, spot[1] - event.clientY);
       if (off < best) [best, found] = [off, name];
     }
     tell(found, event.clientX + 12, event.clientY - 8);
@@ -371,7 +391,7 @@
       legend();
     }
     if (mark === "now" || mark === "events") bring();
-    if (mark === "now") motm.changed?.();
+    if (mark === "now") propose(), motm.changed?.();
     if (mark === "now" && link.size && !cover.isConnected) follow();
     if (typeof value.says === "string" && says.textContent !== value.says) says.textContent = value.says;
   };
@@ -409,7 +429,7 @@
   let folded = false;
   addEventListener("DOMContentLoaded", () => {
     document.body.append(root, cover);
-    document.body.append(says);
+    document.body.append(says, going);
     for (const part of [root, says]) part.classList.toggle("recorded", Boolean(motm.answer));
     new ResizeObserver(place).observe(document.body);
     setInterval(place, 500); // panels come, go and are dragged

@@ -14,6 +14,7 @@ import viser
 from motm_twin.bus.commands import NAME_MAX, HandOver, Reset, Step, TakeWheel
 from motm_twin.bus.messages import StatusMessage
 from motm_twin.ui import colours
+from motm_twin.ui.documentation import link
 from motm_twin.ui.hub import Hub, Shown, Visitor, clean_name
 from motm_twin.ui.panel.disturb_tab import DisturbTab
 from motm_twin.ui.panel.drive_tab import DriveTab
@@ -22,7 +23,7 @@ from motm_twin.ui.panel.plots import PLOTS, PLOTS_KEY
 from motm_twin.ui.panel.replay_tab import ReplayTab
 from motm_twin.ui.panel.tune_tab import TuneTab
 from motm_twin.ui.panel.why_tab import WhyTab, headline, held_up
-from motm_twin.ui.panel.widgets import AMBER, BLUE, GREEN, MUTED, RED, STYLE, Block, card, chip, text
+from motm_twin.ui.panel.widgets import AMBER, BLUE, GREEN, MUTED, RED, STYLE, Block, card, chip, note, text
 from motm_twin.ui.scene.cameras import PRESETS
 from motm_twin.ui.scene.scene_view import SceneView
 
@@ -54,7 +55,7 @@ def add_commands(
         ("Add a cylinder", "C", lambda: disturb.add("cylinder"), True),
         ("Freeze / go on", "F", disturb.freeze, True),
         ("Delete the selected", "delete", disturb.delete, True),
-        ("Place or send nothing", "escape", disturb.cancel, True),
+        ("Cancel placing, sending, driving", "escape", disturb.cancel, True),
         ("Clear all disturbances", None, disturb.clear, True),
         ("Back by one period", "J", lambda: replay.step(-1), True),
         ("On by one period", "K", lambda: replay.step(1), True),
@@ -92,6 +93,9 @@ class HelpCard:
         with gui.add_modal("How to drive") as self._window:
             gui.add_html(SHORT)
             gui.add_html(_table(self.keys))
+            if address := link("page"):
+                words = "Documentation: the page, the method, your own scene or robot"
+                gui.add_html(note(f'<a href="{address}" target="_blank" rel="noopener">{words}</a>'))
             gui.add_button("Close", hint="H or Esc").on_click(self._hub.watching(lambda *_: self._hide_keys()))
 
     def _hide_keys(self) -> bool:
@@ -268,8 +272,8 @@ def _speed(state: str, status: StatusMessage) -> str:
     wanted = f"{status.speed:g}&times;"
     if state != "playing" or status.actual_speed <= 0.0:  # not known yet
         return wanted
-    capped = f' <b style="color:{AMBER}">CAPPED</b>' if status.capped else ""
-    return f"{wanted}, actual {status.actual_speed:.2f}&times;{capped}"
+    capped = f' <b style="color:{AMBER}">(all it can)</b>' if status.capped else ""
+    return f"{wanted}, really {status.actual_speed:.2f}&times;{capped}"
 
 
 class Wheel(Block):

@@ -11,6 +11,7 @@ from typing import Any
 import viser
 
 from motm_twin.bus.commands import Command
+from motm_twin.ui.documentation import link
 from motm_twin.ui.hub import Hub, Shown, Visitor
 
 HOLD = 1.2  # [s] a widget that a person has just moved is not set from outside
@@ -142,9 +143,12 @@ def note(content: str, colour: str = MUTED) -> str:
     return f'<div class="mn" style="color:{colour}">{content}</div>'
 
 
-def explained(name: str, words: str) -> str:
-    """A name, HTML, with an explanation on hover."""
-    return f'<span class="ex" title="{text(words)}">{name}</span>'
+def explained(name: str, words: str, term: str = "") -> str:
+    """A name, HTML, with an explanation on hover, and a link to what the documentation says about a term."""
+    address = link(term) if term else ""
+    if not address:
+        return f'<span class="ex" title="{text(words)}">{name}</span>'
+    return f'<a class="ex" target="_blank" rel="noopener" href="{address}" title="{text(words)}">{name}</a>'
 
 
 def chip(value: str, colour: str) -> str:
@@ -190,11 +194,6 @@ def metres(value: float | None) -> str:
     return "none near" if value is None else f"{value:.2f} m"
 
 
-def signed(value: float, decimals: int) -> str:
-    """A number with its sign; one that rounds to zero has no minus."""
-    return f"{round(value, decimals) + 0.0:+.{decimals}f}"
-
-
 # Viser puts a column for labels before every row: rows of buttons without a label take its place, tasks have a wide
 # one, sliders stand below their label (which no hint covers) with their marks within the panel, folders have a whole
 # row that says what a click does, and five tabs have room side by side, left of the bar that scrolls the panel.
@@ -213,7 +212,8 @@ STYLE = """<style>
 .mm .bar>i{position:absolute;top:0;bottom:0}
 .mm table{width:100%;border-collapse:collapse}
 .mm td{padding:1px 0;vertical-align:top}.mm td+td{text-align:right;padding-left:8px;white-space:nowrap}
-.mm .ex{border-bottom:1px dotted #9ca3af;cursor:help}
+.mm .ex{border-bottom:1px dotted #9ca3af;cursor:help;color:inherit;text-decoration:none}
+.mm a.ex{cursor:pointer}.mm a.ex:hover{border-bottom-style:solid}
 .mm .big{margin-top:5px}.mm .two{height:43px;overflow:hidden}
 .mm .alert{height:19px;margin-top:3px;white-space:nowrap;overflow:hidden;text-overflow:ellipsis;cursor:help}
 .mn{font-size:12px;line-height:1.45;color:#6b7280;padding:0 12px 6px 12px;font-variant-numeric:tabular-nums}

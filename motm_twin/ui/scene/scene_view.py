@@ -38,7 +38,7 @@ class SceneView:
         self._bodies, self._map = BodyView(server, self._drag), MapView(server)
         self._plan, self._marks, self._others = PlanView(server), MarksView(server), ComparisonView(server)
         self._selection = SelectionView(server, hub, self._drag)
-        self._clicks = Clicks(server, hub)
+        self.clicks = Clicks(server, hub)
         self.cameras = Cameras(server)
         self._scene: Scene | None = None
         self._surroundings: Surroundings | None = None
@@ -63,7 +63,7 @@ class SceneView:
         if tick is None or surroundings is None:
             return
         surroundings.update(tick)
-        self._clicks.surroundings, self._clicks.tick = surroundings, tick
+        self.clicks.surroundings, self.clicks.tick = surroundings, tick
         fresh = tick is not self._drawn
         live = self._hub.what_if.watched is None  # else two other runs are watched, and their Temis
         if live != self._live:
@@ -75,6 +75,7 @@ class SceneView:
                 self._robot.update(tick)
             self._bodies.update(tick)
             self._furniture.update(tick)
+            self._ghosts.propose(shown.view.going if shown.live else None, tick)
             self._selection.update(shown.view.selected, tick, surroundings, live=shown.live)
             if fresh or slow:
                 self._draw_plan(shown, tick, surroundings)
@@ -105,6 +106,7 @@ class SceneView:
         self._ghosts.configure(scene.robot)
         self._others.configure(scene.robot)
         self._hub.view.picked, self._hub.view.selected = None, ""
+        self._hub.view.aim_at_nothing()
 
 
 class LidarView:
