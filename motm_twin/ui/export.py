@@ -40,7 +40,7 @@ RATE = 10.0  # [Hz] frames of the recording: the page glides between them
 TIMEOUT = 180.0  # [s] for the whole export
 NICENESS = 10  # more than the viewer's: it is not interactive
 FINEST, LARGE = 2.0**-13, 16384  # [m] or of a quaternion; [bytes] arrays that are meshes and stay as they are
-PLAYED = ("smooth.js", "overlay.js", "player.js")  # scripts of a page without a server, in this order
+PLAYED = ("smooth.js", "view.js", "overlay.js", "player.js")  # scripts of a page without a server, in this order
 _PROGRESS = "progress "
 
 

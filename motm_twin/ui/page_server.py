@@ -36,7 +36,7 @@ from motm_twin.model.data_dirs import web_assets_dir
 from motm_twin.program import give_back
 from motm_twin.ui import documentation
 
-SCRIPTS = ("keys.js", "reconnect.js", "smooth.js", "tour.js", "overlay.js")  # in this order
+SCRIPTS = ("keys.js", "reconnect.js", "smooth.js", "view.js", "tour.js", "overlay.js")  # in this order
 STYLES = ("overlay.css",)
 
 

@@ -10,7 +10,7 @@
   const CLOCK = "/clock";
   const GLIDES = /^\/(robot\/(link|shadow)|bodies\/(object|body))\//;
   const FIELDS = { SetPositionMessage: "position", SetOrientationMessage: "wxyz" };
-  const CAMERA = { SetCameraPositionMessage: "position", SetCameraLookAtMessage: "look_at" };
+  const CAMERA = { SetCameraPositionMessage: "position", SetCameraLookAtMessage: "look_at", SetCameraFovMessage: "fov" };
   const FAR = 0.6; // [m] a body that goes so far between two pictures was put there
   const LEAP = 0.5; // [s] between two pictures that do not follow each other
   const SHORTEST = 15, LONGEST = 150, USUAL = 50; // [ms] from picture to picture
@@ -32,6 +32,7 @@
     glides: 0,
     slow: () => pace > SLOW - 1,
     place: (name) => shown.get(`SetPositionMessage ${name}`)?.position,
+    turn: (name) => shown.get(`SetOrientationMessage ${name}`)?.wxyz,
     show: (messages) => (held ? waiting.push(messages) : deliver(messages)),
     send: (message) => worker?.postMessage({ type: "send", message }),
   });
@@ -114,7 +115,8 @@
     const found = {};
     for (const [type, message] of Object.entries(camera.to)) {
       const field = CAMERA[type], from = camera.from[type]?.[field];
-      found[type] = { ...message, [field]: from ? between(Array.from(from), Array.from(message[field]), share) : message[field] };
+      const to = message[field], mixed = from === undefined ? to : between([from].flat(), [to].flat(), share);
+      found[type] = { ...message, [field]: field === "fov" ? [mixed].flat()[0] : mixed };
     }
     return found;
   };

@@ -11,7 +11,7 @@ from motm_twin.model.scene import Scene
 from motm_twin.ui.hub import Hub, Shown, Visitor
 from motm_twin.ui.panel import disturb
 from motm_twin.ui.panel.disturb import Thing
-from motm_twin.ui.panel.widgets import BLUE, Block, card, follow, heading, note, text
+from motm_twin.ui.panel.widgets import AMBER, BLUE, Block, card, follow, heading, note, text, wash
 from motm_twin.ui.scene.cameras import Visibility
 from motm_twin.ui.scene.picking import Surroundings
 
@@ -219,5 +219,6 @@ def faults(texts: list[str]) -> str:
         return ""
     lines = "<br>".join(map(text, texts))
     return note(
-        f'<div style="border-left:3px solid #b45309;background:#b4530914;padding:3px 8px">{lines}</div>', "#92400e"
+        f'<div style="border-left:3px solid var(--motm-amber);background:{wash(AMBER)};padding:3px 8px">{lines}</div>',
+        "var(--motm-amber)",
     )

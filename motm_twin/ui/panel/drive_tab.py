@@ -22,7 +22,7 @@ from motm_twin.ui.scene.scene_view import SceneView
 SPEEDS = {"1/8": 0.125, "1/4": 0.25, "1/2": 0.5, "1x": 1.0, "2x": 2.0, "4x": 4.0, "8x": 8.0}
 UP, DOWN, DELETE = "▲", "▼", "✕"
 _SIGNS = {"done": ("✓", GREEN), "active": ("▶", BLUE), "failed": ("✗", RED)}
-_WAITING = ("○", "#9ca3af")
+_WAITING = ("○", "var(--motm-edge)")
 _HOW = "Click a cube, then a bin. Double-click the floor to send the robot there."
 
 

@@ -196,9 +196,10 @@ def _constraint(name: str, step: ArmMessage, q: Sequence[float]) -> tuple[str, s
     joint = _JOINT.match(name)
     if joint is not None:
         return name, _joint_bound(int(joint[1]) - 1, step, q)
-    return {"base speed": ("base", "speeds up or brakes as fast as it may"), "base yaw rate": ("base", "starts or ends a turn as fast as it may")}.get(
-        name, (name, "at its limit")
-    )
+    return {
+        "base speed": ("base", "speeds up or brakes as fast as it may"),
+        "base yaw rate": ("base", "starts or ends a turn as fast as it may"),
+    }.get(name, (name, "at its limit"))
 
 
 def _joint_bound(k: int, step: ArmMessage, q: Sequence[float]) -> str:

@@ -34,7 +34,7 @@ class Overlay(Block):
     ) -> None:
         gui = visitor.client.gui
         super().__init__(gui, hub, visitor)
-        self._drive, self._replay = drive, replay
+        self._drive, self._replay, self._cameras = drive, replay, scene.cameras
         self._legend, self._now, self._events, self._names = (gui.add_html("", visible=False) for _ in range(4))
         self._legend.content = _packed("legend", LAYERS)
         self._scene: object = None
@@ -82,6 +82,7 @@ class Overlay(Block):
             "says": "" if shown.tick is None else says(shown.tick, shown.scene),
             "mine": hub.drives(self.visitor),
             "picked": shown.view.picked,
+            "camera": self._cameras.mode(self.visitor.client),
             "going": shown.view.going if shown.live else None,
             "sent_to": sent_to(shown.newest, shown.view.sent_to),
             "aside": None if status is None else status.aside,

@@ -111,7 +111,7 @@ class WhyTab(Block):
 
 def headline(tick: TickMessage, scene: Scene | None = None) -> str:
     """One big sentence: the robot's activity, and with the scene the body that it avoids."""
-    colour = GREEN if tick.done and tick.success else "#111827"
+    colour = GREEN if tick.done and tick.success else "var(--motm-ink)"
     return f'<div class="big two" style="color:{colour}">{text(says(tick, scene))}</div>'
 
 
@@ -224,7 +224,7 @@ def _distance(steps: Sequence[ArmMessage], parameters: Mapping[str, ParameterVal
     step = steps[-1]
     d_s, d_i, _ = bands(parameters)
     distance = step.obstacle_distance
-    pieces = [piece(0.0, d_s / RULER, "#fca5a5"), piece(d_s / RULER, d_i / RULER, "#fed7aa")]
+    pieces = [piece(0.0, d_s / RULER, "var(--motm-near)"), piece(d_s / RULER, d_i / RULER, "var(--motm-slow)")]
     if distance is not None:
         pieces.append(mark(distance / RULER))
     rows = [(explained("gripper to obstacle", "by the lidar", "arm"), f"<b>{metres(distance)}</b>")]

@@ -81,7 +81,9 @@ class SceneView:
                 self._draw_plan(shown, tick, surroundings)
             self._clock.position = (tick.time, tick.run, 0.0)  # the last: what has come before it is one picture
         self._drawn = tick
-        self.cameras.update(np.array(tick.robot.true_pose), self._robot.hand, dt, ride=fresh)
+        spot = target_spot(tick, surroundings)
+        target = None if spot is None else np.array([spot.x, spot.y, spot.z + 0.5 * spot.height])
+        self.cameras.update(np.array(tick.robot.true_pose), self._robot.hand, dt, ride=fresh, target=target)
 
     def _draw_plan(self, shown: Shown, tick: TickMessage, surroundings: Surroundings) -> None:
         if self._hub.shows(STAA) != self._plan.staa_on:
