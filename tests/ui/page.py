@@ -15,7 +15,7 @@ from PIL import Image
 from motm_twin.bus.commands import Load, Pause, Play, Speed
 from motm_twin.methods import DEFAULT_METHOD
 from motm_twin.perf.processes import act, now, served
-from motm_twin.ui.scene.cameras import FIELD_OF_VIEW, overview
+from motm_twin.ui.scene.cameras import FIELD_OF_VIEW, FROM_FAR, overview
 
 VIEW = {"width": 800, "height": 560}  # small, because software draws it
 FLAGS = ["--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--disable-gpu-rasterization", "--no-sandbox"]
@@ -285,9 +285,8 @@ class Visitor:
         found = None
         for matrices in self.page.evaluate("sceneCameras()"):
             view, projection = (np.array(matrix).reshape(4, 4).T for matrix in matrices)
-            if projection[3, 2] == -1.0 and math.isclose(
-                projection[1, 1] * math.tan(FIELD_OF_VIEW / 2), 1.0, rel_tol=1e-3
-            ):
+            own = (projection[1, 1] * math.tan(fov / 2) for fov in (FIELD_OF_VIEW, FROM_FAR))
+            if projection[3, 2] == -1.0 and any(math.isclose(value, 1.0, rel_tol=1e-3) for value in own):
                 found = view, projection
         return found
 
