@@ -24,6 +24,7 @@ from motm_twin.ui.scene.plan_view import MarksView, PlanView, target_spot
 from motm_twin.ui.scene.robot_view import ComparisonView, RobotView
 
 CLOCK = "/clock"  # node whose position is the time [s] and run of a picture, for the page's script
+MAP = "/map"  # node of the ground
 MAP_HEIGHT = 0.002  # [m] above the floor
 
 
@@ -163,4 +164,4 @@ class MapView:
         self._key = key
         width, height = info.width * info.resolution, info.height * info.resolution
         middle = (info.origin[0] + width / 2, info.origin[1] + height / 2, MAP_HEIGHT)
-        self._handle = self._scene.add_image("/map", picture, width, height, format="png", position=middle, **NO_SHADOW)
+        self._handle = self._scene.add_image(MAP, picture, width, height, format="png", position=middle, **NO_SHADOW)
