@@ -21,7 +21,7 @@
   let held = null; // the picture that comes next
   let waiting = []; // batches after it
   let moves = []; // {message, field, from, to}
-  let began = 0, span = USUAL, arrived = 0; // [ms]
+  let began = 0, usual = USUAL, scatter = 0, span = USUAL, arrived = 0; // [ms]
   let time = NaN, run = NaN;
   let asked = false, pace = 16, frame = 0, tried = 0; // [ms]
   const shown = new Map(); // pose by type and node, as it is on the screen
@@ -91,7 +91,9 @@
       const on = new Set(moves.map((move) => move.message));
       settle((message) => on.has(message) && gliding.has(`${message.type} ${message.name}`));
       const gap = Math.min(LONGEST, Math.max(SHORTEST, now - arrived));
-      span = 0.7 * span + 0.3 * gap;
+      scatter = 0.8 * scatter + 0.2 * Math.abs(gap - usual);
+      usual = 0.7 * usual + 0.3 * gap;
+      span = usual + scatter; // so that the next picture is there before the motion ends
       [held, moves, began] = [messages, next, now];
       ask();
     }

@@ -13,7 +13,7 @@
   let camera = null, searched = 0, drawn = 0, inside = false, eye = null;
   const cut = { value: null }, sieve = { value: 0 }, radius = { value: 1 };
   const seen = new WeakSet();
-  motm.frames = []; // called before a picture is drawn
+  motm.frames = []; // called with the scene before a picture of it is drawn
   motm.wrist = document.createElement("canvas");
   Object.assign(motm.wrist, { className: "wrist", width: WIDTH, height: HEIGHT, hidden: true, title: "View of the wrist camera" });
 
@@ -91,7 +91,7 @@
         camera = seenBy;
         prepare(scene);
         fromWrist(renderer, scene);
-        for (const act of motm.frames) act();
+        for (const act of motm.frames) act(scene);
       }
       before.apply(detail, given);
     };
