@@ -323,6 +323,28 @@ class Visitor:
         self.page.mouse.up()
 
 
+class Hand:
+    """Fingers on the screen, as Chromium sees them."""
+
+    def __init__(self, page):
+        self._page, self._devtools = page, page.context.new_cdp_session(page)
+        self._devtools.send("Emulation.setTouchEmulationEnabled", {"enabled": True, "maxTouchPoints": 5})
+
+    def drags(self, ways):
+        """Each finger down at the first of its pixels, over all others, hold still, up; one pixel is a tap."""
+        fingers = list(zip(*ways, strict=True))
+        self._touch("touchStart", fingers[0])
+        for moved in fingers[1:]:
+            self._page.wait_for_timeout(80)
+            self._touch("touchMove", moved)
+        self._page.wait_for_timeout(600 if len(fingers) > 1 else 80)
+        self._touch("touchEnd", [])
+
+    def _touch(self, kind, pixels):
+        points = [{"x": float(x), "y": float(y), "id": number} for number, (x, y) in enumerate(pixels)]
+        self._devtools.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": points})
+
+
 def changed(before, after, by=24.0):
     """Share of the pixels of two pictures that differ clearly."""
     return float((np.abs(before - after).max(axis=2) > by).mean())
