@@ -148,10 +148,11 @@ def now_card(tick: TickMessage, scene: Scene | None = None, status: StatusMessag
 
 def moving(speed: float, turn: float) -> str:
     """Forward speed [m/s] and yaw rate [rad/s] of the base in words, as HTML."""
-    straight, round_ = f"{abs(speed):.2f}", f"{abs(math.degrees(turn)):.0f}"
-    parts = [] if float(straight) == 0.0 else [f"{'drives' if speed > 0.0 else 'backs up'} at {straight} m/s"]
-    if round_ != "0":
-        parts.append(f"turns {'left' if turn > 0.0 else 'right'} at {round_}&deg;/s")
+    parts = []
+    if abs(speed) >= explain.STANDS[0]:
+        parts.append(f"{'drives' if speed > 0.0 else 'backs up'} at {abs(speed):.2f} m/s")
+    if abs(turn) >= explain.STANDS[1]:
+        parts.append(f"turns {'left' if turn > 0.0 else 'right'} at {abs(math.degrees(turn)):.0f}&deg;/s")
     return "base " + (", ".join(parts) or "stands")
 
 
