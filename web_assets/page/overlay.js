@@ -164,8 +164,13 @@
     chips.replaceChildren(...(data.legend ?? []).map((layer) => {
       const swatch = make("i", { class: layer.shape });
       swatch.style.setProperty("--look", layer.swatch);
-      return make("button", { type: "button", title: layer.hint, "aria-label": layer.title, "aria-pressed": String(!hidden.has(layer.key)),
-        onclick: () => toggle(layer), onmouseenter: () => blink(layer), onmouseleave: () => blink(null) }, swatch,
+      const point = ({ currentTarget }) => {
+        const { left, top } = currentTarget.getBoundingClientRect();
+        tell(layer.hint, left, top - 4);
+        blink(layer);
+      };
+      return make("button", { type: "button", "aria-description": layer.hint, "aria-label": layer.title, "aria-pressed": String(!hidden.has(layer.key)),
+        onclick: () => toggle(layer), onmouseenter: point, onmouseleave: () => (tell(""), blink(null)) }, swatch,
         make("span", {}, layer.title));
     }));
   };

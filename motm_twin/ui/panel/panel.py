@@ -259,7 +259,7 @@ def status_card(
         now = status.time if looked_at is None else looked_at
         clock = f'<span style="font-size:17px;font-weight:600{past}">{now:.2f} s</span>'
         where = text(f"{status.scene}{f' / {status.variant}' if status.variant else ''}, seed {status.seed}")
-        rows = [f'<div class="mu" style="{line};margin-top:3px">{where} &middot; {_speed(state, status)}</div>']
+        rows = [f'<div class="mu one" style="{line};margin-top:3px">{where} &middot; {_speed(state, status)}</div>']
     rows.append(says or '<div class="big two"></div>')
     alarm = _STATES[state][1] if state in {"error", "lost", "done"} else AMBER
     rows.append(f'<div class="alert" title="{text(note)}" style="color:{alarm}">{text(note)}</div>')

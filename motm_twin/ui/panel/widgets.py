@@ -222,6 +222,7 @@ STYLE = """<style>
 .mm .ex{border-bottom:1px dotted var(--motm-edge);cursor:help;color:inherit;text-decoration:none}
 .mm a.ex{cursor:pointer}.mm a.ex:hover{border-bottom-style:solid}
 .mm .big{margin-top:5px}.mm .two{height:43px;overflow:hidden}
+.mm .alert,.mm .one{width:0;min-width:100%} /* takes no room of its own: the panel stays as wide as it is */
 .mm .alert{height:19px;margin-top:3px;white-space:nowrap;overflow:hidden;text-overflow:ellipsis;cursor:help}
 .mn{font-size:12px;line-height:1.45;color:var(--motm-mute);padding:0 12px 6px 12px;font-variant-numeric:tabular-nums}
 .mn .docs{color:var(--motm-brand)}
