@@ -35,20 +35,21 @@ LETTERS = 11.0  # units that the name of a region needs
 _FAR = 1.5  # [m] top of the plot of distances
 _MOST_SLACK = 500.0  # [mm/s, deg/s] and of slack, which may be large while driving
 _MOST_TIME = 100.0  # [ms] and of the period
-_LIMIT, _ZERO = "#dc2626", "#d1d5db"
-JOINTS = ("#2563eb", "#0891b2", "#0d9488", "#65a30d", "#d97706", "#db2777", "#7c3aed")
+_LIMIT, _ZERO = "var(--motm-red)", "var(--motm-line)"
+JOINTS = ("var(--motm-blue)", "#0891b2", "#0d9488", "#65a30d", "#d97706", "#db2777", "#7c3aed")
 
 STYLE = """<style>
-.mp{font-size:11px;line-height:1.3;padding:1px 12px 4px 10px;font-variant-numeric:tabular-nums;color:#6b7280}
-.mp b{color:#111827;font-weight:600;font-size:12px}
+.mp{font-size:11px;line-height:1.3;padding:1px 12px 4px 10px;font-variant-numeric:tabular-nums;color:var(--motm-mute)}
+.mp b{color:var(--motm-ink);font-weight:600;font-size:12px}
 .mp .t{display:flex;justify-content:space-between;align-items:baseline;white-space:nowrap}
-.mp .n{color:#111827}
-.mp .f{position:relative;height:74px;margin:4px 0 2px 32px;border:solid #9ca3af;border-width:0 0 1px 1px}
+.mp .n{color:var(--motm-ink)}
+.mp .f{position:relative;height:74px;margin:4px 0 2px 32px;border:solid var(--motm-edge);border-width:0 0 1px 1px}
 .mp svg{position:absolute;inset:0;width:100%;height:100%}
 .mp path{fill:none;vector-effect:non-scaling-stroke;stroke-linejoin:round}
 .mp .y{position:absolute;right:calc(100% + 4px);transform:translateY(-50%);font-size:10px}
-.mp .r{position:absolute;left:4px;transform:translateY(-50%);font-size:10px;line-height:1;color:#9a3412}
-.mp .c{position:absolute;left:3px;font-size:10px;line-height:1;color:#374151;background:#fff;padding:1px 2px}
+.mp .r{position:absolute;left:4px;transform:translateY(-50%);font-size:10px;line-height:1;color:var(--motm-amber)}
+.mp .c{position:absolute;left:3px;font-size:10px;line-height:1;color:var(--motm-ink);padding:1px 2px;
+ background:var(--motm-paper)}
 .mp .x{position:relative;height:13px;margin-left:32px;font-size:10px}
 .mp .x span{position:absolute;transform:translateX(-50%);white-space:nowrap}
 .mp .k{display:inline-block;width:14px;border-top:1.5px solid;vertical-align:middle;margin-right:3px}
@@ -116,10 +117,10 @@ def distance_plot(samples: NDArray[np.float64], parameters: Mapping[str, Paramet
         now=number(distance[-1], ".2f", none="none seen near"),
         low=0.0,
         high=_FAR,
-        curves=(Curve(values=distance, colour="#111827"),),
+        curves=(Curve(values=distance, colour="var(--motm-ink)"),),
         regions=(
-            (0.0, d_s, "#fecaca", "&lt; d<sub>s</sub> too near"),
-            (d_s, d_i, "#ffedd5", "&lt; d<sub>i</sub> slows down"),
+            (0.0, d_s, "var(--motm-near)", "&lt; d<sub>s</sub> too near"),
+            (d_s, d_i, "var(--motm-slow)", "&lt; d<sub>i</sub> slows down"),
         ),
         labels=((d_s, f"{d_s:g}"), (d_i, f"{d_i:g}"), (_FAR, f"{_FAR:g}"), (1.0, "1"), (0.0, "0")),
     )
@@ -128,7 +129,7 @@ def distance_plot(samples: NDArray[np.float64], parameters: Mapping[str, Paramet
 def base_plots(samples: NDArray[np.float64], base: BaseLimits) -> tuple[Plot, Plot]:
     """Forward speed and yaw rate of the base with their limits."""
     speed, turn = _column(samples, "speed"), np.degrees(_column(samples, "yaw_rate"))
-    moves, turns = (Curve(values=values, colour="#2563eb", extremes=False) for values in (speed, turn))
+    moves, turns = (Curve(values=values, colour="var(--motm-blue)", extremes=False) for values in (speed, turn))
     spin, now = math.degrees(base.yaw_rate), number(speed[-1], "+.2f")
     return (
         _limited("Base speed", "m/s", now, (moves,), (-base.reverse_speed, base.forward_speed), "g"),
@@ -166,12 +167,12 @@ def slack_plot(samples: NDArray[np.float64]) -> Plot:
     high = min(_round_up(np.nanmax(np.concatenate([linear, angular, [20.0]]))), _MOST_SLACK)
     parts = (number(linear[-1], ".0f"), number(angular[-1], ".0f"))
     return Plot(
-        title='Slack <span style="color:#2563eb">linear</span>, <span style="color:#d97706">angular</span>',
+        title='Slack <span style="color:var(--motm-blue)">linear</span>, <span style="color:#d97706">angular</span>',
         unit="mm/s, &deg;/s",
         now=", ".join(filter(None, parts)),
         low=0.0,
         high=high,
-        curves=(Curve(values=angular, colour="#d97706"), Curve(values=linear, colour="#2563eb")),
+        curves=(Curve(values=angular, colour="#d97706"), Curve(values=linear, colour="var(--motm-blue)")),
         labels=((0.0, "0"), (high, f"{high:g}"), (high / 2, f"{high / 2:g}")),
     )
 
@@ -242,7 +243,9 @@ def draw(plot: Plot, time: NDArray[np.float64]) -> str:
         for low, high, colour, _ in plot.regions
     ]
     parts += [
-        f'<path d="M{_x(ago):.0f} 0v{HEIGHT}" stroke="#e5e7eb" stroke-width="1"/>' for ago in TICKS if 0 < ago < WINDOW
+        f'<path d="M{_x(ago):.0f} 0v{HEIGHT}" stroke="var(--motm-line)" stroke-width="1"/>'
+        for ago in TICKS
+        if 0 < ago < WINDOW
     ]
     parts += [
         f'<path d="M0 {_y(plot, value):.0f}h{WIDTH}" stroke="{colour}" stroke-width="1" stroke-dasharray="4 3"/>'
