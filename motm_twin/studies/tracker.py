@@ -1,4 +1,4 @@
-"""`motm-twin bench tracker`: the dynamic obstacles of the map against the simulator's truth, by the field's metrics.
+"""`motm-twin bench tracker`: tracks (`perception/tracks.py`) against the simulator's truth, by the field's metrics.
 
 CLEAR MOT (Bernardin and Stiefelhagen, 2008) by `motmetrics` (extra "people"): MOTA counts misses, false positives and
 changes of identity, MOTP [m] is the mean distance of what was matched within 0.5 m.
@@ -26,10 +26,10 @@ from motm_twin.measures.agents import AGENT_MOVES
 from motm_twin.measures.interval import Interval, Sample, Sampler
 from motm_twin.methods.registry import FAST, find_method
 from motm_twin.model.geometry import Array, from_frame
-from motm_twin.model.plant import Scan
+from motm_twin.model.plant import Observation, Scan
 from motm_twin.model.scene import Scene
 from motm_twin.perception.mapper import MapSettings
-from motm_twin.perception.movers import MoverTracker
+from motm_twin.perception.tracks import IDENTITY, VX, VY, DynamicTracker
 from motm_twin.perception.world_map import WorldMap
 from motm_twin.perf.report import grid, load_average, machine, number, spread, write_report
 from motm_twin.studies.people import Case, cases
@@ -37,10 +37,10 @@ from motm_twin.studies.pool import Lost, local_pool, outcomes
 from motm_twin.twin import Twin
 
 NAME = "tracker"
-TITLE = "Dynamic obstacles of the map against the truth: MOTA, MOTP, changes of identity, time per scan"
+TITLE = "Tracks of dynamic obstacles against the truth: MOTA, MOTP, changes of identity, time per scan"
 SITUATIONS = ("exp2", "circle", "circle_invisible", "square", "corridor", "crossing")  # unless said
 TRIALS = 2
-GATE = 0.5  # [m] within which an obstacle of the map is matched with an agent
+GATE = 0.5  # [m] within which a track is matched with an agent
 LEAST_BEAMS = 5  # that end on an agent which can be tracked: 0.25 m of radius at 8 m have seven
 ON_BODY = 0.06  # [m] of the end of a beam from the outline: 3 sd of a range, and what an agent moves in half a scan
 COUNTS = ("num_objects", "num_misses", "num_false_positives", "num_switches", "num_fragmentations")
@@ -73,29 +73,6 @@ def can_be_tracked(scene: Scene, interval: Interval, name: str) -> bool:
     return inside and near and moves and scan is not None and beams_on(scan, start.pose, body) >= LEAST_BEAMS
 
 
-class Identities:
-    """Numbers for obstacles of a map that has none: each goes on as the nearest within 0.5 m of where it was."""
-
-    def __init__(self) -> None:
-        """Nothing is known yet."""
-        self._known: dict[int, Array] = {}
-        self._next = 0
-
-    def of(self, world: WorldMap) -> NDArray[np.int64]:
-        """The number of each mover of a map, shape (k,)."""
-        given = getattr(world, "mover_ids", None)
-        if given is not None:
-            return given
-        movers, numbers = world.movers, np.full(len(world.movers), -1, dtype=np.int64)
-        known = list(self._known)
-        rows, columns = matched(np.array([self._known[one] for one in known]).reshape(-1, 2), movers[:, :2])
-        numbers[columns] = np.array(known, dtype=np.int64)[rows]
-        for index in np.flatnonzero(numbers < 0):
-            numbers[index], self._next = self._next, self._next + 1
-        self._known = {int(one): mover[:2] for one, mover in zip(numbers, movers, strict=True)}
-        return numbers
-
-
 def matched(these: Array, those: Array) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Pairs within the gate, by index, of points (n, 2) and (m, 2): most pairs, then least distance."""
     distances = np.hypot(*(these[:, None] - those[None]).transpose(2, 0, 1))
@@ -105,13 +82,13 @@ def matched(these: Array, those: Array) -> tuple[NDArray[np.int64], NDArray[np.i
 
 
 class Score:
-    """Compares the movers of every scan with the truth."""
+    """Compares the tracks of every scan with the truth."""
 
     def __init__(self, scene: Scene) -> None:
         """The scene with the agents. Raises ValueError without motmetrics."""
         require_motmetrics()
         self._metrics: Any = import_module("motmetrics")
-        self._scene, self._sampler, self._identities = scene, Sampler(scene), Identities()
+        self._scene, self._sampler = scene, Sampler(scene)
         self._known = self._metrics.MOTAccumulator(auto_id=True)
         self._numbers = {agent.name: number for number, agent in enumerate(scene.agents)}
         self.speed_errors: list[float] = []  # [m/s] of velocities of what was matched
@@ -125,24 +102,24 @@ class Score:
     def _judge(self, interval: Interval) -> None:
         start, world = interval.start, interval.tick.map
         names = [name for name in start.agents if can_be_tracked(self._scene, interval, name)]
-        numbers, movers = self._identities.of(world), world.movers
-        kept = self._without_ignored(start, names, movers)
+        tracks = world.tracks
+        kept = self._without_ignored(start, names, tracks)
         places = np.array([start.agents[name][:2] for name in names]).reshape(-1, 2)
-        distances = np.hypot(*(places[:, None] - movers[None, kept, :2]).transpose(2, 0, 1))
+        distances = np.hypot(*(places[:, None] - tracks[None, kept, :2]).transpose(2, 0, 1))
         distances[distances > GATE] = np.nan
-        self._known.update([self._numbers[name] for name in names], numbers[kept].tolist(), distances)
-        for row, column in zip(*matched(places, movers[kept, :2]), strict=True):
-            off = movers[kept][column, 2:4] - interval.velocity(names[row])
+        self._known.update([self._numbers[name] for name in names], tracks[kept, IDENTITY].tolist(), distances)
+        for row, column in zip(*matched(places, tracks[kept, :2]), strict=True):
+            off = tracks[kept][column, VX : VY + 1] - interval.velocity(names[row])
             self.speed_errors.append(float(np.hypot(*off)))
 
     @staticmethod
-    def _without_ignored(start: Sample, names: Sequence[str], movers: Array) -> NDArray[np.int64]:
-        """Movers that are not those of agents outside the truth, by index."""
+    def _without_ignored(start: Sample, names: Sequence[str], tracks: Array) -> NDArray[np.int64]:
+        """Tracks that are not those of agents outside the truth, by index."""
         everybody = list(start.agents)
         places = np.array([start.agents[name][:2] for name in everybody]).reshape(-1, 2)
-        rows, columns = matched(places, movers[:, :2])
+        rows, columns = matched(places, tracks[:, :2])
         ignored = [column for row, column in zip(rows, columns, strict=True) if everybody[row] not in names]
-        return np.setdiff1d(np.arange(len(movers)), ignored)
+        return np.setdiff1d(np.arange(len(tracks)), ignored)
 
     def report(self) -> Result:
         """MOTA, MOTP [m], IDF1 and counts of the scans so far."""
@@ -154,14 +131,14 @@ class Score:
 class TimedTracker:
     """A tracker of which every call is timed, by processor time."""
 
-    def __init__(self, tracker: MoverTracker) -> None:
+    def __init__(self, tracker: DynamicTracker) -> None:
         """The tracker of a loop, which it takes the place of."""
         self._tracker, self.ms = tracker, []
 
-    def sort(self, world: WorldMap, viewpoint: Array) -> WorldMap:
-        """The map with its movers."""
+    def update(self, observation: Observation, world: WorldMap) -> WorldMap:
+        """The map with its tracks."""
         began = time.thread_time()
-        found = self._tracker.sort(world, viewpoint)
+        found = self._tracker.update(observation, world)
         self.ms.append(1e3 * (time.thread_time() - began))
         return found
 
@@ -173,8 +150,8 @@ def follow(case: Case) -> Result:
     """Run one case and score its tracker."""
     scene = case.job.scene
     twin, score = Twin(scene, method=find_method(case.job.spec.method)), Score(scene)
-    timed: Any = TimedTracker(twin.loop.movers)
-    twin.loop.movers = timed
+    timed: Any = TimedTracker(twin.loop.tracks)
+    twin.loop.tracks = timed
     while True:
         tick = twin.advance()
         score.add(tick)
