@@ -91,7 +91,8 @@ class Gripper:
             self._begin(state, "closing", now)
             if state.held:
                 return
-            state.slid, state.outcome, state.candidate, state.moment = False, "nothing", "", 0.0
+            state.slid, state.outcome, state.candidate = False, "nothing", ""
+            state.moment = state.along = 0.0
             if state.under:
                 state.outcome = "no room"
                 return
