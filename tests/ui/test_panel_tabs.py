@@ -330,7 +330,7 @@ def test_a_drive_is_proposed_confirmed_or_cancelled_and_the_last_one_undone(pers
     view, tick = person.hub.view, person.ticks[-1]
     view.going = (1.0, 2.0)
     person.shows()
-    assert overlaid(person, "now")["going"] == [1.0, 2.0]
+    assert (overlaid(person, "now")["going"], overlaid(person, "now")["free"]) == ([1.0, 2.0], True)
     person.asks("go")
     assert person.drives == [1]
     person.asks("stay")
