@@ -101,8 +101,10 @@ class Person:
         self.visitor = self.hub.enter(self.page)
         self.sent = []
         self.hub.send = self._send
-        self.cameras = []
-        scene_view = SimpleNamespace(cameras=SimpleNamespace(choose=lambda client, preset: self.cameras.append(preset)))
+        self.cameras, self.drives = [], []
+        choose = lambda _, preset: self.cameras.append(preset)  # noqa: E731
+        cameras = SimpleNamespace(choose=choose, mode=lambda _: [*self.cameras, "Overview"][-1])
+        scene_view = SimpleNamespace(cameras=cameras, clicks=SimpleNamespace(drive=lambda _: self.drives.append(1)))
         self.panel = Panel(self.hub, self.visitor, scene_view)
         self.widgets = server.gui._gui_input_handle_from_uuid
         self.status = status(driver=self.visitor.sender, driver_name="Ann", scenes=[

@@ -326,6 +326,25 @@ def test_the_timeline_plays_steps_and_looks_back(person):
     assert person.hub.view.at is None
 
 
+def test_a_drive_is_proposed_confirmed_or_cancelled_and_the_last_one_undone(person):
+    view, tick = person.hub.view, person.ticks[-1]
+    view.going = (1.0, 2.0)
+    person.shows()
+    assert (overlaid(person, "now")["going"], overlaid(person, "now")["free"]) == ([1.0, 2.0], True)
+    person.asks("go")
+    assert person.drives == [1]
+    person.asks("stay")
+    assert view.going is None and person.sent == []
+    view.sent_to = "(1.00, 2.00)"
+    task = msgspec.structs.replace(tick.tasks[0], kind="drive_to", target=view.sent_to, status="active")
+    person.shows(tick=msgspec.structs.replace(tick, tasks=[task, *tick.tasks], task_index=0))
+    assert overlaid(person, "now")["sent_to"] == "Drive to (1.00, 2.00) has begun"
+    person.asks("stay")
+    assert person.last == RemoveTask(index=0)
+    person.shows()
+    assert overlaid(person, "now")["sent_to"] == "", "it has ended"
+
+
 def test_a_link_chooses_the_camera(person):
     person.asks("camera", "Follow")
     assert person.cameras == ["Follow"]

@@ -151,6 +151,8 @@
   const propose = () => {
     const [x, y] = data.now?.going ?? [];
     const spot = x === undefined || !data.now.mine ? null : motm.pixel?.([x, y, 0.75]);
+    const asked = data.now?.free === false ? "It is not free here. Drive?" : "Drive here?";
+    if (going.firstChild.textContent !== asked) going.firstChild.textContent = asked;
     going.hidden = !spot;
     if (spot) [going.style.left, going.style.top] = [`${spot[0]}px`, `${spot[1]}px`];
     sent.hidden = !data.now?.sent_to || !data.now.mine;

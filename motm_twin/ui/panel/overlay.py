@@ -14,6 +14,7 @@ from motm_twin.bus.commands import RemoveTask, Reset, Speed, Step
 from motm_twin.bus.messages import TickMessage
 from motm_twin.ui.hub import Hub, Shown, Visitor
 from motm_twin.ui.legend import LAYERS, names_of
+from motm_twin.ui.panel.disturb import is_free
 from motm_twin.ui.panel.disturb_tab import DisturbTab
 from motm_twin.ui.panel.drive_tab import SPEEDS, DriveTab
 from motm_twin.ui.panel.replay_tab import ReplayTab
@@ -84,6 +85,7 @@ class Overlay(Block):
             "picked": shown.view.picked,
             "camera": self._cameras.mode(self.visitor.client),
             "going": shown.view.going if shown.live else None,
+            "free": shown.view.going is None or is_free(shown.grid, shown.view.going),
             "sent_to": sent_to(shown.newest, shown.view.sent_to),
             "aside": None if status is None else status.aside,
         }
