@@ -56,9 +56,7 @@ class TrackParameters(msgspec.Struct, frozen=True, kw_only=True):
     unseen: Annotated[float, Number("s", OWN, "the same where nothing hides it")] = 0.3
     moves: Annotated[float, Number("m/s", OWN, "from which a track moves")] = 0.10
     leaves: Annotated[float, Number("m", OWN, "from its place, beyond which it does")] = 0.15
-    rests: Annotated[float, Number("s", OWN, "slower than that after which it rests, and where it is is its place")] = (
-        2.0
-    )
+    rests: Annotated[float, Number("s", OWN, "slower than that after which it is furniture, and no track")] = 12.0
 
 
 @dataclass
