@@ -4,7 +4,7 @@
     python examples/robot_skeleton.py tcp/127.0.0.1:7447
 
 Replace `Drives` by your robot. Its joints follow at once, its base slips never, its lidar sees a round
-wall 10 m away.
+wall 10 m away. With --shared its time is the twin's.
 """
 
 import argparse
@@ -27,10 +27,14 @@ import zenoh
 parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
 parser.add_argument("endpoint", nargs="?", default="tcp/127.0.0.1:7447")
 parser.add_argument("twin", nargs="?", default="frankie")
+parser.add_argument("--shared", action="store_true", help="time passes when the twin grants it")
 options = parser.parse_args()
 ENDPOINT = options.endpoint
 VERSION, LIFE, STEP = "motm.plant/1", uuid.uuid4().hex, 0.01
-KEY = f"motm/{options.twin}/plant/"
+KEY, BASE = f"motm/{options.twin}/plant/", {"version": VERSION, "life": LIFE}
+BORN = time.monotonic()  # [s] when stamps are 0
+ARRIVED: queue.SimpleQueue[tuple[float, dict]] = queue.SimpleQueue()  # commands and grants, in order
+STOP = threading.Event()  # an exception could come anywhere, and be lost there
 
 
 class Drives:
@@ -47,6 +51,12 @@ class Drives:
         self.width = 0.08 if gripper == "open" else 0.0
 
 
+def on_message(sample: zenoh.Sample) -> None:
+    """Take a command or a grant; what was sent to a wildcard is not the twin's."""
+    if str(sample.key_expr) in (KEY + "command", KEY + "grant"):
+        ARRIVED.put((time.monotonic() - BORN, json.loads(sample.payload.to_bytes())))
+
+
 def main() -> None:
     """Be a robot until Ctrl-C."""
     # `motm-twin serve` leaves this file, with the password, for other programs of the same user.
@@ -55,43 +65,43 @@ def main() -> None:
     config.insert_json5("mode", '"client"')
     config.insert_json5("connect/endpoints", json.dumps([ENDPOINT]))
     config.insert_json5("scouting/multicast/enabled", "false")
-    born = time.monotonic()
-    base = {"version": VERSION, "life": LIFE}
-    info = {**base, "name": "skeleton", "clock": "real", "step": STEP, "can": []}
-    arrived: queue.SimpleQueue[tuple[float, dict]] = queue.SimpleQueue()
-
-    stop = threading.Event()  # an exception could come anywhere, and be lost there
+    info = BASE | {"name": "skeleton", "clock": "shared" if options.shared else "real", "step": STEP, "can": []}
     for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: stop.set())
-
-    def on_command(sample: zenoh.Sample) -> None:
-        if str(sample.key_expr) == KEY + "command":  # what was sent to a wildcard is not the twin's
-            arrived.put((time.monotonic() - born, json.loads(sample.payload.to_bytes())))
-
+        signal.signal(number, lambda *_: (STOP.set(), ARRIVED.put((0.0, {"until": math.inf}))))
+    # One subscriber for both keys: each has a thread of its own, and a grant could overtake the command before it.
     # What is declared has to be undeclared, or its threads keep the program from ending: `with` does it.
     with (
         zenoh.open(config) as session,
-        session.declare_subscriber(KEY + "command", on_command),
+        session.declare_subscriber(KEY + "*", on_message, allowed_origin=zenoh.Locality.REMOTE),
         session.declare_queryable(KEY + "info", lambda query: query.reply(KEY + "info", json.dumps(info))),
         session.liveliness().declare_token(KEY + "alive"),
     ):
-        drive(session, base, arrived, born, stop)
+        drive(session)
 
 
-def drive(
-    session: zenoh.Session,
-    base: dict,
-    arrived: queue.SimpleQueue[tuple[float, dict]],
-    born: float,
-    stop: threading.Event,
-) -> None:
-    """Obey the commands that arrive, and say what became of it. ``born``: monotonic time [s] at which stamps are 0."""
-    drives, waiting = Drives(), []
+def drive(session: zenoh.Session) -> None:
+    """Obey the commands that arrive, and say what became of it."""
+    drives, waiting, until, last = Drives(), [], 0.0, {}
     acting: dict = {"act_at": -math.inf, "seq": -1, "gripper": "open", "lifetime": 0.0}
-    for seq in itertools.takewhile(lambda _: not stop.is_set(), itertools.count()):
-        now = seq * STEP
-        time.sleep(max(0.0, born + now - time.monotonic()))
-        new = [arrived.get() for _ in range(arrived.qsize())]
+
+    def say(**messages: dict) -> None:
+        last.update(messages)
+        for name, message in messages.items():
+            session.put(KEY + name, json.dumps(BASE | message))
+
+    for seq in itertools.takewhile(lambda _: not STOP.is_set(), itertools.count()):
+        now, new = seq * STEP, []
+        while options.shared and until < now - 0.5 * STEP:
+            _, message = ARRIVED.get()
+            if "until" not in message:
+                new.append((now - STEP, message))
+            elif message["until"] < now - 0.5 * STEP:
+                say(**last)  # asked again: the answer was lost, or not heard yet
+            else:
+                until = message["until"]
+        if not options.shared:
+            time.sleep(max(0.0, BORN + now - time.monotonic()))
+            new = [(at, message) for at, message in (ARRIVED.get() for _ in range(ARRIVED.qsize())) if "seq" in message]
         waiting += [command for _, command in new if command["life"] == LIFE and command["version"] == VERSION]
         due = [command for command in waiting if command["act_at"] <= now and command["seq"] > acting["seq"]]
         acting = max([acting, *due], key=lambda command: command["seq"])
@@ -100,14 +110,14 @@ def drive(
         twist, rates = (acting["twist"], acting["joint_velocity"]) if fresh else ([0.0, 0.0], [0.0] * 7)
         drives.move(twist, rates, acting["gripper"], STEP)
         heard = [(command["seq"], at) for at, command in new]
-        state = {"seq": seq, "stamp": now, "pose": drives.pose, "odometry": drives.pose, "twist": twist, "q": drives.q,
-                 "dq": rates, "gripper_width": drives.width, "gripper_moving": False, "heard": heard}  # fmt: skip
-        session.put(KEY + "state", json.dumps(base | state))
         if seq % 5 == 0:
             wall = [random.gauss(10.0, 0.01) for _ in range(721)]  # a lidar that says nothing, or never changes, fails
             scan = {"stamp": now, "pose": drives.pose, "origin": [0.0, 0.0], "angle_min": -math.pi, "range_min": 0.05,
                     "angle_step": 2 * math.pi / 720, "range_max": 15.0, "ranges": wall}  # fmt: skip
-            session.put(KEY + "scan", json.dumps(base | scan))
+            say(scan=scan)
+        state = {"seq": seq, "stamp": now, "pose": drives.pose, "odometry": drives.pose, "twist": twist, "q": drives.q,
+                 "dq": rates, "gripper_width": drives.width, "gripper_moving": False, "heard": heard}  # fmt: skip
+        say(state=state, **({"clock": {"stamp": now}} if options.shared else {}))
 
 
 if __name__ == "__main__":

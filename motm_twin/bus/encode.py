@@ -1,7 +1,7 @@
 """From Ticks and observations to messages on the bus; reports of an external robot, from which a run is repeated."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import msgspec
@@ -19,6 +19,8 @@ from motm_twin.bus.messages import (
     ContactMessage,
     CutInMessage,
     EventMessage,
+    ForcesMessage,
+    GraspMessage,
     GridInfo,
     PlacementMessage,
     PlanMessage,
@@ -170,6 +172,26 @@ def _score(truth: Truth) -> ScoreMessage:
     )
 
 
+def _forces(truth: Truth | None) -> ForcesMessage | None:
+    felt = None if truth is None else truth.physics
+    if felt is None:
+        return None
+    newest = felt.grasps[-1] if felt.grasps else None
+    return ForcesMessage(
+        fingers=_rounded(felt.finger_forces),
+        external_torque=_rounded(felt.external_torque),
+        torque_peaks=_rounded(felt.torque_peaks),
+        phantoms=list(felt.phantoms),
+        wrist=_rounded(felt.wrist),
+        wrist_peaks=_rounded(felt.wrist_peaks),
+        grasp=None if newest is None else msgspec.convert(newest, GraspMessage, from_attributes=True),
+    )
+
+
+def _rounded(values: Sequence[float]) -> list[float]:
+    return [round(value, 3) for value in values]
+
+
 def path_message(points: Array) -> list[list[float]]:
     """A polyline, shape (n, 2)."""
     return numbers(points)
@@ -240,6 +262,7 @@ def tick_message(
         events=[EventMessage(time=seconds(event.time), kind=event.kind, text=event.text) for event in tick.events],
         stage_ms={name: round(float(value), 3) for name, value in tick.stage_ms.items()},
         score=None if truth is None else _score(truth),
+        forces=_forces(truth),
         done=bool(tick.done),
         success=bool(tick.success),
         preview=False,

@@ -1,5 +1,6 @@
 """Numbered events, found by comparing each period and status with the one before."""
 
+import math
 import re
 import threading
 from collections import deque
@@ -99,6 +100,8 @@ class EventWatch:
         self._contacts: set[tuple[float, str, str]] = set()
         self._cut_ins: set[tuple[float, str]] = set()
         self._dragged: dict[str, float] = {}  # body, "" for the robot: [s] of the last move while held
+        self._found: list[tuple[float, str, str, dict[str, object]]] = []  # of the period that is looked at
+        self._last = -math.inf  # [s] time of the newest event of the run
 
     def scene(self, name: str) -> None:
         """A scene is about to run."""
@@ -108,7 +111,8 @@ class EventWatch:
         """The run ended, or broke."""
         before, self._state = self._state, status.state
         if status.state != before and status.state in ("done", "error"):
-            self._log.add(run=status.run, index=self._index, time=status.time, kind=status.state, text=status.text)
+            self._last = max(self._last, status.time) if status.run == self._run else status.time
+            self._log.add(run=status.run, index=self._index, time=self._last, kind=status.state, text=status.text)
 
     def tick(self, message: TickMessage) -> None:
         """A period; previews of a paused twin make no events."""
@@ -117,6 +121,7 @@ class EventWatch:
         if message.run != self._run:
             self._new_run(message)
         self._run, self._index, self._began = message.run, message.index, message.began
+        self._tell(message)
         for edit in message.edits:
             self._edit(message, edit)
         for event in message.events:
@@ -126,9 +131,17 @@ class EventWatch:
         for cut_in in () if message.score is None else message.score.cut_ins:
             self._cut_in(message, cut_in)
         self._stop(message)
+        self._tell(message)
+
+    def _tell(self, message: TickMessage) -> None:
+        """Number what was found, in the order of its times; what was told late has the time of the event before."""
+        for time, kind, text, about in sorted(self._found, key=lambda one: one[0]):
+            self._last = max(self._last, time)
+            self._log.add(run=message.run, index=message.index, time=self._last, kind=kind, text=text, **about)
+        self._found = []
 
     def _new_run(self, message: TickMessage) -> None:
-        scene = self._loaded
+        scene, self._last = self._loaded, -math.inf
         if scene is not None:
             self._add(message, "loaded", f"loaded {scene}")
         elif message.began == self._began:
@@ -187,7 +200,7 @@ class EventWatch:
 
     def _add(self, message: TickMessage, kind: str, text: str, *, time: float | None = None, **about: object) -> None:
         at = message.time if time is None else time
-        self._log.add(run=message.run, index=message.index, time=round(at, 6), kind=kind, text=text, **about)
+        self._found.append((round(at, 6), kind, text, about))
 
 
 def _key(contact: ContactMessage) -> tuple[float, str, str]:

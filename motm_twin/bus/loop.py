@@ -48,7 +48,7 @@ from motm_twin.sessions.session import LoggedEdit
 
 IDLE_WAIT = 0.1  # [s] between looks at the clock while paused
 STANDING_INTERVAL = 0.05  # [s] minimum between two previews of a paused twin
-AT_START = "the run starts when the first page shows it; play starts it now"
+AT_START = "the run starts when the first page shows it, or somebody drives; play starts it now"
 AGAIN = 8.0  # [s] from the end of a run that nobody drives to the next
 REQUESTS_PER_TURN = 32  # a limit, so that time goes on however many wait
 
@@ -127,6 +127,7 @@ class TwinLoop:
             reference_tour=self._tour,
             recording="" if self._data is None else self._data.recording,
             pages=self._pages if self._hold or self._again else -1,
+            held=self._held,
         )
 
     def run(self) -> None:
@@ -254,6 +255,8 @@ class TwinLoop:
         self._require_twin()
         self._live.post(edit)
         self._wheel.note(edit, time.monotonic())
+        if self._held and isinstance(edit, InsertTask | Drive):  # somebody is there, though not by a page
+            self._set_state("playing", "")
         if self._state == "done" and isinstance(edit, InsertTask | Drive):
             self._settling = SETTLE_PERIODS
             self._set_state("playing" if self._play_on else "paused", "")

@@ -188,6 +188,30 @@ class ScoreMessage(msgspec.Struct, frozen=True, kw_only=True):
     dropped: list[str] = []  # objects that the robot dropped and has not picked up and placed since
 
 
+class GraspMessage(msgspec.Struct, frozen=True, kw_only=True):
+    """A grasp under contact dynamics."""
+
+    object: str
+    time: float  # [s] of the command to close
+    firm: float  # [s] after it, when both pads held the object firmly
+    shift: float  # [m] that the fingers shifted the object by while they closed
+    speed: float  # [m/s] largest of the tool centre point while they closed
+    slip: float  # [m] largest in the hand since then
+    lost: bool  # it slipped out of closed fingers
+
+
+class ForcesMessage(msgspec.Struct, frozen=True, kw_only=True):
+    """Forces of a plant with contact dynamics, at the end of the period."""
+
+    fingers: Vector  # [N] of left and right pad on the object between them
+    external_torque: Vector  # [Nm] of the joints, as an arm estimates it that thinks its base at rest
+    torque_peaks: Vector  # [Nm] largest magnitudes so far
+    phantoms: list[int]  # times that the Panda's thresholds of 10 and 20 Nm were passed while the robot touched nothing
+    wrist: Vector  # [N], [Nm] at the hand's mount, weight included
+    wrist_peaks: Vector  # largest so far
+    grasp: GraspMessage | None  # the newest
+
+
 class TickMessage(msgspec.Struct, frozen=True, kw_only=True):
     """One control period without its map, which is sent apart."""
 
@@ -224,6 +248,7 @@ class TickMessage(msgspec.Struct, frozen=True, kw_only=True):
     preview: bool  # True: paused; bodies stand where posted edits will put them in the next period
     edits: list[Edit] = []  # applied at the start of this period
     why: Reason | None = None  # `stop_reason`, typed
+    forces: ForcesMessage | None = None  # null for a kinematic plant, and for a real robot
 
 
 class SceneChoice(msgspec.Struct, frozen=True, kw_only=True):
@@ -275,6 +300,7 @@ class StatusMessage(msgspec.Struct, frozen=True, kw_only=True):
     method: str = UNNAMED_METHOD  # that drives: the name of one of `methods`
     methods: list[MethodChoice] = []  # that can be loaded
     pages: int = -1  # that show it, as `audience` tells it; -1: it need not know
+    held: bool = False  # waits at its start until a page shows it, or somebody drives
 
 
 class GridInfo(msgspec.Struct, frozen=True, kw_only=True):
@@ -341,7 +367,7 @@ class NumberedEvent(msgspec.Struct, frozen=True, kw_only=True):
     run: int  # as in the ticks
     server_time: float  # [s] when it was sent
     index: int  # period
-    time: float  # [s] simulated
+    time: float  # [s] simulated; never falls within a run: a contact that is told late keeps its own in the score
     kind: (
         str  # picked placed missed lost arrived failed contact stop go edit refused loaded reset branch done error ...
     )

@@ -99,11 +99,12 @@ class RobotCommand(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
 
 
 class ClockGrant(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Shared clock: time may pass until then."""
+    """Shared clock: time may pass until then, when the command of number ``after`` has come."""
 
     version: str
     life: str
     until: float
+    after: int = -1  # number of the newest command; a grant that overtook it waits for it; -1: there is none
 
 
 class ClockReached(msgspec.Struct, frozen=True, kw_only=True):

@@ -166,6 +166,8 @@ def breaking_changes(old: Schema, new: Schema, place: str = "") -> list[str]:
     problems += _options(old, new, place) + _enum(old, new, place) + _items(old, new, place)
     for word in sorted((old.keys() | new.keys()) - _WORDS - _COMPARED):
         before, after = old.get(word), new.get(word)
+        if word == "default" and isinstance(before, dict) and isinstance(after, dict):
+            after = {name: value for name, value in after.items() if name in before}  # the others are of added fields
         if isinstance(before, dict) and isinstance(after, dict):
             problems += breaking_changes(before, after, f"{place}/{word}")
         elif before != after:

@@ -16,7 +16,7 @@ from motm_twin.perf import anytime, bus, growth, page, period, scale, soak
 from motm_twin.perf.report import machine
 from motm_twin.plants import require_mujoco
 from motm_twin.program import BAD_INPUT, FAILED, INTERRUPTED, OK, plain_console, table_console
-from motm_twin.studies import barn, faults, mismatch, people, pool, screening, surprise, task, tracker
+from motm_twin.studies import barn, faults, grasping, mismatch, people, pool, screening, surprise, task, tracker
 from motm_twin.studies.catalogue import EXPERIMENTS, experiment
 from motm_twin.studies.groups import GROUPS, bench_group
 from motm_twin.studies.pool import BACKENDS
@@ -53,6 +53,14 @@ def _grasp_rule(given: BenchSettings, console: Console) -> bool:
     return not any(count for name, count in found.items() if name.endswith("holds what physics loses"))
 
 
+def _grasping(study: grasping.Study) -> Run:
+    def run_study(given: BenchSettings, console: Console) -> bool:
+        require_mujoco()
+        return grasping.bench_study(study, given.out, given.share, given.workers, console)
+
+    return run_study
+
+
 RUNS: dict[str, Run] = {
     **{name: _group(name) for name in GROUPS},
     "period": _period,
@@ -73,6 +81,7 @@ RUNS: dict[str, Run] = {
         given.out, given.share, given.workers, console, given.numbers
     ),
     GRASP_RULE: _grasp_rule,
+    **{name: _grasping(study) for name, study in grasping.STUDIES.items()},
     surprise.NAME: lambda given, console: surprise.bench_surprise(given.out, given.workers, console),
 }
 OF_EXTRA = "physics"  # group that needs an extra
@@ -81,6 +90,7 @@ TRIAL = 0.12  # [min] of one trial on one of two processes
 MINUTES = {  # of the others, on two cores
     "period": 5, "page": 10, "bus": 6, "soak": 45, "scale": 12, "efficiency": 6, "growth": 5, "anytime": 7,
     "solvers": 1, "task": 40, "faults": 120, "mismatch": 20, "surprise": 12, "screening": 900, "grasp_rule": 6,
+    **{name: study.minutes for name, study in grasping.STUDIES.items()},
 }  # fmt: skip
 ONLY_EXPERIMENTS = tuple(name for name in EXPERIMENTS if name not in RUNS)
 
@@ -119,6 +129,7 @@ def _list_groups(console: Console) -> None:
         module.NAME: module.TITLE
         for module in (page, bus, soak, scale, pool, growth, anytime, task, faults, mismatch, surprise, screening)
     }
+    titles |= {name: study.title for name, study in grasping.STUDIES.items()}
     whole |= {name: (minutes, titles[name]) for name, minutes in MINUTES.items()}
     for name in ALL:
         table.add_row(name, f"{whole[name][0]} min", whole[name][1])

@@ -33,6 +33,7 @@ from motm_twin.model.state import HasState, Stateful
 from motm_twin.perception.mapper import Mapper
 from motm_twin.perception.movers import MoverTracker
 from motm_twin.perception.objects import ObjectTracker
+from motm_twin.perception.tracks import DynamicTracker
 from motm_twin.perception.world_map import WorldMap
 from motm_twin.planning.planner import BasePlanner
 from motm_twin.planning.rejections import Rejection
@@ -80,6 +81,7 @@ class ControlLoop(Stateful[LoopState]):
         p = self.settings.parameters
         self.mapper = Mapper(known, p.map)
         self.movers = MoverTracker(p.movers, known.robot)
+        self.tracks = DynamicTracker(known, p.tracks)
         self.tracker = ObjectTracker(known, p.objects)
         self.self_check = SelfCheck(known, self.tracker, p.self_check, slow_age=p.monitor.slow_age)
         self.response = Response(profile or known.robot, p.response)
@@ -100,6 +102,7 @@ class ControlLoop(Stateful[LoopState]):
             "loop": self,
             "mapper": self.mapper,
             "movers": self.movers,
+            "tracks": self.tracks,
             "tracker": self.tracker,
             "self_check": self.self_check,
             "response": self.response,
@@ -126,7 +129,7 @@ class ControlLoop(Stateful[LoopState]):
             self.self_check.begin_from(observation.twist)
         with stages.measure("map"):
             world = self.mapper.update(observation, self._whereabouts(observation) if self.mapper.large else ())
-            world = self.movers.sort(world, observation.pose)
+            world = self.tracks.update(observation, self.movers.sort(world, observation.pose))
             self.tracker.update(observation, self.sequence.held)
         with stages.measure("place"):
             problem = self._problem(observation, world)
@@ -276,14 +279,14 @@ class ControlLoop(Stateful[LoopState]):
                 inputs = self._arm_inputs(observation, T_odom_world, plan, plan_poses, obstacles, wanted, k * dt)
                 step = self.manipulator.step(inputs)
             with stages.measure("monitor"):
-                trust, floor = self.self_check.trust(), world.floor
+                trust = self.self_check.trust()
                 kept = self.arm_monitor.check(
                     step.actuation, observation, self.monitor.twist, dt, T_odom_world=T_odom_world,
                     astray=self.self_check.astray,
                     held_side=inputs.goal.side if step.holding and step.phase not in AT_SUPPORT else 0.0,
                 )  # fmt: skip
                 verdict = self.monitor.check(
-                    kept.actuation, observation, dt, scan_stamp=self.mapper.scan_stamp, floor=floor, trust=trust
+                    kept.actuation, observation, dt, scan_stamp=self.mapper.scan_stamp, world=world, trust=trust
                 )
             steps.append(step)
             samples.append(observation)

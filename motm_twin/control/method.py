@@ -19,6 +19,7 @@ from motm_twin.perception.still_map import StillMap
 from motm_twin.planning.candidates import Rule, smallest_ring
 from motm_twin.planning.commitment import Anew, Commitment
 from motm_twin.planning.controller import StaaController
+from motm_twin.planning.evasion import Evasion, MakesWay, StandsItsGround
 from motm_twin.planning.global_path import GraphCache
 from motm_twin.planning.parameters import PlanningParameters
 from motm_twin.planning.placement import NextTargetPlacement
@@ -88,6 +89,13 @@ class Materials(NamedTuple):
     view: View | None
 
 
+class Policies(NamedTuple):
+    """What a base controller does about its earlier plans, and about those who come too near."""
+
+    commitment: Commitment
+    evasion: Evasion
+
+
 def paper_candidates(materials: Materials) -> Rule:
     """The smallest ring that has a viable candidate (Paper, Sec. IV)."""
     return smallest_ring
@@ -104,12 +112,22 @@ def search_anew(materials: Materials) -> Commitment:
     return Anew()
 
 
-def staa_control(materials: Materials, commitment: Commitment) -> BaseController:
+def stand_ground(materials: Materials) -> Evasion:
+    """Nothing: dynamic obstacles are obstacles where they are (Paper)."""
+    return StandsItsGround()
+
+
+def make_way(materials: Materials) -> Evasion:
+    """The base moves out of the way of what would meet it."""
+    return MakesWay(materials.parts.known, materials.parts.parameters.evasion)
+
+
+def staa_control(materials: Materials, policies: Policies) -> BaseController:
     """STAA* with the paper's modifications, as the parameters say (Paper, Sec. III)."""
     parts = materials.parts
     return StaaController(
         parts.known.robot, parts.parameters, clock=parts.clock, graphs=materials.graphs, still=materials.ahead,
-        commitment=commitment,
+        commitment=policies.commitment, evasion=policies.evasion,
     )  # fmt: skip
 
 
@@ -125,7 +143,8 @@ class BaseChoices:
     candidates: Callable[[Materials], Rule] = paper_candidates
     placement: Callable[[Materials, Rule], PlacementStrategy] = next_target_placement
     commitment: Callable[[Materials], Commitment] = search_anew  # what is kept of earlier plans
-    controller: Callable[[Materials, Commitment], BaseController] = staa_control
+    evasion: Callable[[Materials], Evasion] = stand_ground  # what is done about somebody who comes too near
+    controller: Callable[[Materials, Policies], BaseController] = staa_control
 
     def __call__(self, parts: PlannerParts) -> BasePlanner:
         """The planner."""
@@ -134,7 +153,7 @@ class BaseChoices:
             parts.known.robot,
             parts.parameters,
             placement=self.placement(materials, self.candidates(materials)),
-            controller=self.controller(materials, self.commitment(materials)),
+            controller=self.controller(materials, Policies(self.commitment(materials), self.evasion(materials))),
             graphs=materials.graphs,
             still=materials.ahead,
             view=materials.view,

@@ -17,12 +17,14 @@ from motm_twin.control.arm.parameters import Numbers, numbers
 from motm_twin.control.self_check import FULL_TRUST, Trust
 from motm_twin.model.geometry import Array
 from motm_twin.model.joint_limits import DQ_MAX
-from motm_twin.model.number import OWN, Number
+from motm_twin.model.number import OWN, Number, Slider
+from motm_twin.model.passive_safety import met_in_stop, stop_of
 from motm_twin.model.plant import Actuation, Observation, Scan
 from motm_twin.model.profile import RobotProfile
 from motm_twin.model.reason import Kind, Reason
 from motm_twin.model.state import Stateful
 from motm_twin.perception.floor import STALE, UNSEEN, Floor
+from motm_twin.perception.world_map import WorldMap
 
 _MARGIN_OF_REACH = 0.1  # [m] beyond the stopping way and the footprint: nothing further off can be met
 _SAME_BODY = 0.15  # [m] between the points of neighbouring beams that show the same body
@@ -91,6 +93,16 @@ class MonitorParameters(msgspec.Struct, frozen=True, kw_only=True):
     minimum_points: Annotated[
         int, Number("", OWN, "scan points inside the stopping footprint before it counts: one may be noise")
     ] = 2
+    passive_safety: Annotated[
+        bool,
+        Number("", OWN, "stand before anything that moves on as it does is there; the paper relies on those who yield"),
+        Slider("Passive safety", "Safety",
+            "The base stands before anything that moves on as it does can reach it, or moves away from it.",
+            paper=False),
+    ] = False  # fmt: skip
+    passive_margin: Annotated[
+        float, Number("m", OWN, "kept from what moves until the base stands; its place is measured to some 3 cm")
+    ] = 0.05
 
 
 class Verdict(msgspec.Struct, frozen=True, kw_only=True, eq=False):
@@ -123,6 +135,7 @@ class Monitor(Stateful[MonitorState]):
         self._corner = float(np.hypot(self._rectangle[0] + abs(body.offset_x), self._rectangle[1]))  # [m] the furthest
         p = self.parameters
         self._body = _Body(self._rectangle, self._corner, p.stop_margin, p.minimum_points)
+        self._stop = stop_of(profile, p.passive_margin)
         self._state = MonitorState()
 
     @property
@@ -136,13 +149,13 @@ class Monitor(Stateful[MonitorState]):
 
     def check(
         self, actuation: Actuation, observation: Observation, dt: float, *,
-        scan_stamp: float | None, floor: Floor | None = None, trust: Trust = FULL_TRUST,
+        scan_stamp: float | None, world: WorldMap | None = None, trust: Trust = FULL_TRUST,
     ) -> Verdict:  # fmt: skip
         """The actuation for the next dt [s], slowed where it must be.
 
         `scan_stamp` [s] is that of the newest scan found good; None: there was none yet, and the base stands. The base
-        can always stop within the `floor` that it has seen free; None: all of it. `trust`: what the robot has found out
-        about itself.
+        can always stop within the floor of the `world` that it has seen free, and before what moves in it; None:
+        neither is known. `trust`: what the robot has found out about itself.
         """
         share, reason = self._age(observation, scan_stamp, trust.scan)
         if trust.base < 1.0 and trust.base <= share:
@@ -169,14 +182,36 @@ class Monitor(Stateful[MonitorState]):
         if min(turning, holding) >= p.minimum_points:
             stop = np.array([0.0, twist[1] if holding < turning else 0.0])
             twist, reason = self._within_limits(stop, dt), self._braking(twist, observation)
-        elif floor is not None:
-            twist, slower = self._on_seen_floor(twist, floor, observation.pose, dt)
+        elif world is not None:
+            twist, slower = self._in_seen_world(twist, world, observation, dt)
             reason = reason or slower  # a sensor that fails is the cause of floor that it does not see
         return self._let_through(twist, rates, actuation.gripper, reason)
 
     def _let_through(self, twist: Array, rates: Array, gripper: str, reason: Reason | None) -> Verdict:
         self._state.twist = twist
         return Verdict(actuation=Actuation(twist=twist, joint_velocity=rates, gripper=gripper), why=reason)
+
+    def _in_seen_world(
+        self, twist: Array, world: WorldMap, observation: Observation, dt: float
+    ) -> tuple[Array, Reason | None]:
+        """The twist, slowed for floor that was not seen and for what moves."""
+        met = self._before_movers(twist, world, observation)
+        if met is not None:
+            return self._within_limits(np.zeros(2), dt), met
+        return (twist, None) if world.floor is None else self._on_seen_floor(twist, world.floor, observation.pose, dt)
+
+    def _before_movers(self, twist: Array, world: WorldMap, observation: Observation) -> Reason | None:
+        """That the base would not stand, nor move away, when something that moves gets to it; None: it would."""
+        if not self.parameters.passive_safety or not len(world.tracks) or not twist.any():
+            return None
+        state = (*observation.pose.tolist(), *twist.tolist())
+        since, tracks = observation.time - world.stamp, np.ascontiguousarray(world.tracks)
+        met = met_in_stop(*state, False, since, tracks, self._stop)
+        if met < 0 or met_in_stop(*state, True, since, tracks, self._stop) < 0:
+            return None
+        x, y, vx, vy, radius = tracks[met, :5].tolist()
+        away = math.dist((x, y), state[:2]) - radius
+        return Reason(kind=Kind.MEETS_MOVER, subject="lidar", value=away, limit=math.hypot(vx, vy), unit="m")
 
     def _on_seen_floor(self, twist: Array, floor: Floor, pose: Array, dt: float) -> tuple[Array, Reason | None]:
         """The twist, slowed so that the base stops within the floor that it has seen, lately unless it creeps."""

@@ -12,6 +12,7 @@ from motm_twin.control.sequence import SequenceParameters
 from motm_twin.perception.mapper import MapSettings
 from motm_twin.perception.movers import MoverParameters
 from motm_twin.perception.objects import TrackerSettings
+from motm_twin.perception.tracks import TrackParameters
 from motm_twin.planning.parameters import PlanningParameters
 
 
@@ -20,6 +21,7 @@ class Parameters(msgspec.Struct, frozen=True, kw_only=True):
 
     map: MapSettings = MapSettings()
     movers: MoverParameters = MoverParameters()
+    tracks: TrackParameters = TrackParameters()
     objects: TrackerSettings = TrackerSettings()
     planning: PlanningParameters = PlanningParameters()
     arm: ArmParameters = ArmParameters()

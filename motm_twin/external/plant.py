@@ -105,6 +105,7 @@ class ZenohPlant(RemoteWorld):
         self.scene = scene
         self._sender, self._reset_wanted = sender, reset and not self.mirror
         self._seq = time.time_ns() // 1000  # rises also when this program starts again
+        self._newest_sent = -1  # number of the newest command to the robot that is taken up
         self._predictor = Predictor(scene.robot, HOLD)
         self._clock_sets = 0  # of the link, as far as is known here
         self._origin: float | None = None  # robot's clock at time 0 of the run
@@ -237,6 +238,7 @@ class ZenohPlant(RemoteWorld):
             gripper=actuation.gripper,
             lifetime=HOLD,
         )
+        self._newest_sent = self._seq
         self._predictor.sent(self._acts_at, actuation)
         self._lead.sent(self._seq, self._at)
         self._sent[self._seq] = time.monotonic()
@@ -305,11 +307,11 @@ class ZenohPlant(RemoteWorld):
         return self._at if offset is None else time.monotonic() + offset
 
     def _age(self, state: RobotState) -> float:
+        if self.shared:  # time that was not granted does not pass: a silent robot is waited for, by `_fresh`
+            clock = self.link.newest("clock") if self.mirror else None
+            return max(0.0, (self._at if clock is None else clock.stamp) - state.stamp)
         if self.mirror:
-            return 0.0 if self.shared else max(0.0, time.monotonic() - self.link.last_sign)
-        if self.shared:
-            silent = time.monotonic() - self._silent_since if self._silent_since else 0.0
-            return max(silent, self._at - state.stamp)
+            return max(0.0, time.monotonic() - self.link.last_sign)
         return max(0.0, max(self._at, self._robot_now()) - state.stamp)
 
     def _motion(self, state: RobotState) -> Motion:
@@ -347,7 +349,7 @@ class ZenohPlant(RemoteWorld):
         wait = SILENT_WAIT if self._silent_since else 2.0 * AGAIN
         deadline = time.monotonic() + wait
         while True:
-            self.link.grant(until)
+            self.link.grant(until, self._newest_sent)
             again = min(deadline, time.monotonic() + AGAIN)
             with self.link.changed:
                 if self.link.changed.wait_for(lambda: self._reached(until), max(0.0, again - time.monotonic())):
@@ -362,11 +364,14 @@ class ZenohPlant(RemoteWorld):
         return clock is not None and clock.stamp >= until - ROUNDING
 
     def _answers(self) -> bool:
-        """Shared clock: the robot answers again."""
-        self._grant(self._at)
-        if not self._silent_since:
-            self._interrupted = True
-        return not self._silent_since
+        """Shared clock: the robot answers again; what it said before it fell silent is no answer."""
+        before = self.link.newest("clock")
+        self.link.grant(self._at, self._newest_sent)
+        with self.link.changed:
+            answers = self.link.changed.wait_for(lambda: self.link.newest("clock") is not before, SILENT_WAIT)
+        if answers:
+            self._silent_since, self._interrupted = 0.0, True
+        return answers
 
     def _follow(self, dt: float) -> None:
         """Mirror: until the robot's newest state is dt [s] further, or it should have been."""
@@ -410,7 +415,7 @@ class ZenohPlant(RemoteWorld):
         self._predictor.clear()
         self._obedience = Obedience()
         self._clock, self._lead = ClockOffset(), Lead(self._info.step)
-        self._arrived, self._sent, self._silent_since = [], {}, 0.0
+        self._arrived, self._sent, self._silent_since, self._newest_sent = [], {}, 0.0, -1
         self._scan, self._detections = (None, None), (None, ())
         if self._origin is not None:  # the run goes on
             self._origin, self._interrupted = None, True

@@ -101,10 +101,10 @@ class RobotLink:
         with suppress(zenoh.ZError):
             self._commands.put(self._encode(command))
 
-    def grant(self, until: float) -> None:
-        """Shared clock: let time pass until then [s]."""
+    def grant(self, until: float, after: int = -1) -> None:
+        """Shared clock: let time pass until then [s], when the command of number ``after`` has come."""
         with suppress(zenoh.ZError):
-            self._grants.put(self._encode(ClockGrant(version=VERSION, life=self._life, until=until)))
+            self._grants.put(self._encode(ClockGrant(version=VERSION, life=self._life, until=until, after=after)))
 
     def info(self) -> Info | None:
         """The robot's answer about itself; None without one."""

@@ -21,9 +21,15 @@ from motm_twin.sim.plant import SUBSTEP
 MAX_WAITING = 2000  # messages; more are dropped
 MAX_REQUEST = 1024 * 1024  # bytes
 MAX_GRANT = 1.0  # [s] of shared time in one grant
+KEPT = 0.25  # [s] that a grant which overtook its command waits for it; the command may be lost
 CATCH_UP = 1.0  # [s] that a real clock falls behind before it gives up catching up
 IDLE = 0.1  # [s] between looks at the stop event
 SENT = ("state", "scan", "detections", "truth", "clock")
+
+
+class _Numbered(msgspec.Struct, frozen=True):
+    life: str
+    seq: int
 
 
 class RobotServer:
@@ -47,7 +53,8 @@ class RobotServer:
         self._stop, self._on_met = stop or threading.Event(), on_met
         self.met = False  # whether a twin has listened
         self._queue: queue.Queue[Callable[[], None]] = queue.Queue(MAX_WAITING)
-        self._granted = 0.0
+        self._granted, self._newest = 0.0, -1  # [s] shared time; highest number of a command that has come
+        self._early: tuple[ClockGrant, float] | None = None  # grant that overtook its command, and when it ends waiting
         self.robot = ReferenceRobot(scene, send=self._put, link=link, clock=clock)
         self._started = time.monotonic()
         self._session: zenoh.Session | None = None
@@ -67,7 +74,8 @@ class RobotServer:
                 self._take(self._started + self.robot.time + SUBSTEP - time.monotonic())
                 self._pass_real()
             else:
-                self._take(IDLE)
+                self._take(IDLE if self._early is None else min(IDLE, max(0.0, self._early[1] - time.monotonic())))
+                self._grant_early()
                 while self.robot.time + 0.5 * SUBSTEP < self._granted:
                     self.robot.step()
 
@@ -125,6 +133,7 @@ class RobotServer:
             except queue.Empty:
                 return
             work()
+            self._grant_early()
             if self._clock == "shared" and self.robot.time + 0.5 * SUBSTEP < self._granted:
                 return
 
@@ -139,7 +148,14 @@ class RobotServer:
     def _on_command(self, sample: zenoh.Sample) -> None:
         if spoken_on(sample, self.keys.command):
             payload = sample.payload.to_bytes()
-            self._post(lambda: self.robot.command(payload))
+            self._post(lambda: self._command(payload))
+
+    def _command(self, payload: bytes) -> None:
+        self.robot.command(payload)
+        with suppress(msgspec.DecodeError, UnicodeDecodeError, RecursionError):
+            command = msgspec.json.decode(payload, type=_Numbered)
+            if command.life == self.robot.life:
+                self._newest = max(self._newest, command.seq)
 
     def _on_grant(self, sample: zenoh.Sample) -> None:
         if not spoken_on(sample, self.keys.grant):
@@ -155,12 +171,26 @@ class RobotServer:
             return
         if grant.until <= self.robot.time + 0.5 * SUBSTEP:
             self.robot.show()  # asked again: the answer was lost
-        elif grant.until <= self.robot.time + MAX_GRANT:
-            self._granted = grant.until
+        elif grant.until > self.robot.time + MAX_GRANT:
+            return
+        elif grant.after > self._newest:
+            self._early = (grant, time.monotonic() + KEPT) if self._early is None else (grant, self._early[1])
+        else:
+            self._granted, self._early = grant.until, None
+
+    def _grant_early(self) -> None:
+        """Let time pass by a grant that waits, when its command has come, or has not for `KEPT`."""
+        if self._early is None:
+            return
+        grant, ends = self._early
+        if grant.life != self.robot.life:
+            self._early = None
+        elif grant.after <= self._newest or time.monotonic() >= ends:
+            self._granted, self._early = max(self._granted, grant.until), None
 
     def _reset(self, request: ResetRequest) -> bytes:
         answer = self.robot.reset(request)
-        self._granted, self._started = 0.0, time.monotonic()
+        self._granted, self._started, self._newest, self._early = 0.0, time.monotonic(), -1, None
         self.robot.show()
         return encode(answer)
 

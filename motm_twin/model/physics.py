@@ -6,6 +6,10 @@ import msgspec
 
 from motm_twin.model.bounds import Between
 
+# [Nm] of external torque from which the Panda stops, while a joint keeps its rate and while it accelerates: libfranka,
+# examples/examples_common.cpp, setDefaultBehavior, setCollisionBehavior for all joints
+REFLEXES = {"nominal": 10.0, "accelerating": 20.0}
+
 
 class Physics(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Contact dynamics instead of kinematics (`motm_twin.physics`).

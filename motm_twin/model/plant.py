@@ -157,6 +157,9 @@ class PhysicsTruth(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     external_torque: tuple[float, ...]  # [Nm] of the joints now, as an arm estimates it that thinks its base at rest
     torque_peaks: tuple[float, ...]  # [Nm] largest magnitudes so far
     reflexes: tuple[str, ...]  # thresholds of the Panda's reflex that they passed, with the first time
+    phantoms: tuple[int, int] = (0, 0)  # times that each threshold was passed while the robot touched nothing
+    wrist: tuple[float, float] = (0.0, 0.0)  # [N], [Nm] at the hand's mount now, weight included
+    wrist_peaks: tuple[float, float] = (0.0, 0.0)  # largest so far
 
 
 class Truth(msgspec.Struct, frozen=True, kw_only=True, eq=False):

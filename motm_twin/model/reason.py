@@ -43,6 +43,7 @@ class Kind(StrEnum):
     FLOOR_STALE = "floor_stale"
     INSIDE_BASE = "inside_base"
     IN_STOPPING_WAY = "in_stopping_way"
+    MEETS_MOVER = "meets_mover"
     ARM_FOLDS = "arm_folds"
     ARM_NEAR_SOLID = "arm_near_solid"
     # placement of the base
@@ -72,6 +73,7 @@ class Kind(StrEnum):
     NO_WAY = "no_way"
     LEAVES_REACH = "leaves_reach"
     NO_MOTION = "no_motion"
+    MAKES_WAY = "makes_way"
     OVERLAP_STANDS = "overlap_stands"
     OVERLAP_LEAVES = "overlap_leaves"
     BACKS_OFF = "backs_off"
@@ -175,6 +177,7 @@ _SENTENCES = {
         "braking {other}: something that the lidar sees, the nearest {value:.2f} m from it, is in the stopping way of "
         "{limit:.2f} m"
     ),
+    Kind.MEETS_MOVER: "braking: something that moves at {limit:.1f} m/s, {value:.2f} m away, would meet the base",
     Kind.ARM_FOLDS: "braking: the hand would fold onto the forearm",
     Kind.ARM_NEAR_SOLID: "braking: the {subject} would come to {other} at {value:.2f} m/s, {limit:.3f} m before it",
     Kind.NO_TARGET: "there is no target",
@@ -208,6 +211,7 @@ _SENTENCES = {
     Kind.NO_MOTION: (
         "no collision-free motion towards {subject} ({limit:.0f} tried, {value:.2f} m of clearance): braking"
     ),
+    Kind.MAKES_WAY: "moving out of the way of something that comes at {value:.1f} m/s",
     Kind.OVERLAP_STANDS: (
         "the base overlaps what the map or the lidar shows by {value:.2f} m, and no motion makes that less: standing"
     ),

@@ -77,6 +77,17 @@ TEMI_ACCELERATION, PERSON_ACCELERATION = 0.5, 1.5  # [m/s^2]
 first; those who walk at ease stay below 1.5 m/s^2 (a choice of this project)."""
 
 
+class Bump(msgspec.Struct, frozen=True, kw_only=True):
+    """A low rounded ridge on the floor, as a cable cover: contact dynamics roll over it, kinematics ignore it."""
+
+    name: str
+    centre: Point
+    length: float  # [m] of the ridge
+    yaw: float = 0.0  # of the ridge
+    width: float = 0.1  # [m] across it
+    height: float = 0.01  # [m]
+
+
 class Agent(msgspec.Struct, frozen=True, kw_only=True):
     """A moving obstacle: drives round its waypoints for ever (or stands, when it has none); one waypoint: stays there.
 
@@ -184,6 +195,7 @@ class Mismatch(msgspec.Struct, frozen=True, kw_only=True):
     command_delay: float = 0.0  # [s] after which base, arm and gripper act on a command
     base_lag: float = 0.0  # [s] additional lag of the base's velocity loop
     base_scale: float = 0.0  # share by which the base drives and turns faster than told
+    arm_lag: float = 0.0  # [s] additional lag of the arm's velocity loop
     hand_eye: float = 0.0  # [m] by which the camera is elsewhere on the hand; direction of the seed
     map_offset: float = 0.0  # [m] by which map, bins and first ideas of the objects are off; direction of the seed
     table_height: float = 0.0  # [m] by which furniture with objects on it is higher than the map says
@@ -225,6 +237,7 @@ class Scene(msgspec.Struct, frozen=True, kw_only=True):
     solids: tuple[Solid, ...]
     objects: tuple[SceneObject, ...]
     bins: tuple[Bin, ...]
+    bumps: tuple[Bump, ...] = ()
     agents: tuple[Agent, ...]
     tasks: tuple[Task, ...]
     noise: Noise
@@ -232,6 +245,7 @@ class Scene(msgspec.Struct, frozen=True, kw_only=True):
     detections: str = "named"  # anonymous: the camera does not know which object it sees; named: markers on them
     faults: Faults = Faults()
     grasp_rule: str = "strict"  # of the kinematic plant, one of `GRASP_RULES`
+    grasp_speed: float = 0.03  # [m/s] of the hand over a cube, beyond which the rule ``strict`` loses it
     physics: Physics | None = None  # contact dynamics, by `motm_twin.physics`; None: the kinematic plant
     bounds: tuple[float, float, float, float]  # x_min, y_min, x_max, y_max of the map
     time_limit: float = 300.0  # [s] of simulated time, after which a run has failed

@@ -25,6 +25,7 @@ Name = Annotated[str, Meta(pattern="^[A-Za-z][A-Za-z0-9_-]{0,39}$")]
 Text = Annotated[str, Meta(min_length=1, max_length=200)]
 Colour = Annotated[str, Meta(pattern="^([a-z]{3,20}|#[0-9a-fA-F]{6})$")]
 Seed = Annotated[int, SEED.meta]
+GraspSpeed = Annotated[float, Meta(ge=0.001, le=1, description="[m/s]")]
 CubeSide = Annotated[float, Meta(ge=0.02, le=0.2, description="[m]")]
 TimeLimit = Annotated[float, Meta(gt=0, le=36000, description="[s] of simulated time")]
 Tolerance = Annotated[float, Meta(ge=0.02, le=2, description="[m]")]
@@ -104,6 +105,16 @@ class BinFile(Part, frozen=True, kw_only=True):
     wall: Size = 0.01
     rim_z: Height = 0.72
     floor_z: Height = 0.62
+
+
+class BumpFile(Part, frozen=True, kw_only=True):
+    """A low rounded ridge on the floor, as a cable cover; felt under contact dynamics only."""
+
+    at: Point
+    length: Annotated[float, Meta(ge=0.02, le=50, description="[m] of the ridge")]
+    yaw_deg: Degrees = 0.0
+    width: Annotated[float, Meta(ge=0.04, le=1, description="[m] across the ridge")] = 0.1
+    height: Annotated[float, Meta(ge=0.001, le=0.02, description="[m]")] = 0.01
 
 
 class AroundFile(Part, frozen=True, kw_only=True):
@@ -188,6 +199,7 @@ class MismatchFile(Part, frozen=True, kw_only=True):
     command_delay: Annotated[float, Meta(ge=0, le=1, description="[s]")] | None = None
     base_lag: Annotated[float, Meta(ge=0, le=2, description="[s] more than in the profile")] | None = None
     base_scale: Annotated[float, Meta(ge=-0.5, le=0.5, description="share faster than told")] | None = None
+    arm_lag: Annotated[float, Meta(ge=0, le=2, description="[s] more than in the profile")] | None = None
     hand_eye: Annotated[float, Meta(ge=0, le=0.1, description="[m]")] | None = None
     map_offset: Annotated[float, Meta(ge=0, le=0.5, description="[m]")] | None = None
     table_height: Annotated[float, Meta(ge=-0.2, le=0.2, description="[m] higher than in the map")] | None = None
@@ -301,6 +313,7 @@ class Content(Part, frozen=True, kw_only=True):
     slots: Annotated[dict[Name, SlotFile | None], Meta(max_length=100)] = {}
     objects: Annotated[dict[Name, ObjectFile | None], Meta(max_length=100)] = {}
     bins: Annotated[dict[Name, BinFile | None], Meta(max_length=20)] = {}
+    bumps: Annotated[dict[Name, BumpFile | None], Meta(max_length=100)] = {}
     agents: Annotated[dict[Name, AgentFile | None], Meta(max_length=100)] = {}
     deliver: DeliverFile | None = None
     tasks: Annotated[tuple[TaskFile, ...], Meta(min_length=1, max_length=200)] | None = None

@@ -18,7 +18,7 @@ MAKERS = {  # prefix of a name: module with `made`, imported when such a scene i
 }
 _ENDINGS = (".yaml", ".yml")
 _MAX_EXTENDS = 4
-_BY_NAME = ("furniture", "slots", "objects", "bins", "agents", "variants")
+_BY_NAME = ("furniture", "slots", "objects", "bins", "bumps", "agents", "variants")
 _BY_KEY = ("robot", "noise", "mismatch", "faults", "deliver")
 _NOT_INHERITED = ("format", "extends", "title")
 

@@ -18,6 +18,7 @@ from motm_twin.model.scene import (
     Agent,
     Bin,
     Box,
+    Bump,
     Cylinder,
     DriveTo,
     Faults,
@@ -58,6 +59,7 @@ class Resolver:
         self.slots = {key: item for key, item in self.file.slots.items() if item is not None}
         self.objects = {key: item for key, item in self.file.objects.items() if item is not None}
         self.bins = {key: item for key, item in self.file.bins.items() if item is not None}
+        self.bumps = {key: item for key, item in self.file.bumps.items() if item is not None}
         self.agents = {key: item for key, item in self.file.agents.items() if item is not None}
         self.solids: dict[str, Solid] = {}
 
@@ -69,6 +71,10 @@ class Resolver:
         bins = tuple(
             Bin(name=k, centre=b.at, yaw=b.yaw_deg * _DEG, side=b.side, wall=b.wall, rim_z=b.rim_z, floor_z=b.floor_z)
             for k, b in self.bins.items()
+        )
+        bumps = tuple(
+            Bump(name=k, centre=b.at, length=b.length, yaw=b.yaw_deg * _DEG, width=b.width, height=b.height)
+            for k, b in self.bumps.items()
         )
         objects, tasks = self._work()
         start = _pose(file.start) if file.start else (0.0, 0.0, 0.0)
@@ -83,6 +89,7 @@ class Resolver:
             solids=tuple(self.solids.values()),
             objects=objects,
             bins=bins,
+            bumps=bumps,
             agents=agents,
             tasks=tasks,
             noise=_noise(file.noise),
@@ -112,7 +119,7 @@ class Resolver:
 
     def _check_names(self) -> None:
         seen: dict[str, str] = {}
-        for section in ("furniture", "objects", "bins", "agents"):
+        for section in ("furniture", "objects", "bins", "bumps", "agents"):
             for name in getattr(self.file, section):
                 if name in seen:
                     node = self.root.at(section, name)

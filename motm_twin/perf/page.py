@@ -20,8 +20,11 @@ from motm_twin.perf import page_reader
 from motm_twin.perf.page_reader import PageReader
 from motm_twin.perf.processes import Served, act, cpu_seconds, memory_mb, now, restart, served, ticks, wait_for
 from motm_twin.perf.report import Limit, Report, Steps, conclude, measure, percentiles
+from motm_twin.ui.export import export_html
+from motm_twin.ui.history import History
 from motm_twin.ui.legend import OFF_AT_FIRST
 from motm_twin.ui.panel.overlay import ASK
+from motm_twin.ui.viewer import HistoryWriter
 
 READERS = 5
 DRAG_LENGTH, DRAG_POINTS, DRAG_INTERVAL = 0.3, 5, 0.05  # [m], points, [s] between two of them
@@ -215,6 +218,7 @@ def _open_place(client: TwinClient) -> tuple[float, float]:
 NAME = "page"
 TITLE = "The page: a served Experiment 2 at 1x, measured from outside"
 DRAGS, JOINERS = 60, 5
+MOTION, EXPORTED = 5.0, 40.0  # [s]
 THINNED = 15  # one value of the memory in so many is kept: one in 30 s
 
 LIMITS = {
@@ -224,6 +228,10 @@ LIMITS = {
     "load_mb": Limit(name="bytes of a first load", unit="MB", limit=4.0, decimals=2),
     "picture_s": Limit(name="first complete picture, software rendering", unit="s", limit=8.0, decimals=1),
     "join_s": Limit(name="late joiner has the whole scene", unit="s", limit=2.0, decimals=2),
+    "pose_rate": Limit(
+        name="frames with a changed robot pose per second", unit="1/s", limit=50.0, relation=">=", decimals=1
+    ),
+    "export_mb": Limit(name="ten minutes of exp2 as one exported page", unit="MB", limit=20.0, decimals=1),
     "drag_p95_ms": Limit(name="end of a drag until the tick that shows it, p95", unit="ms", limit=100.0, decimals=0),
     "viewer_slope": Limit(name="memory of the viewer, slope", unit="MB/min", limit=1.0, decimals=2),
     "page_slope": Limit(name="memory of the page's scripts, slope", unit="MB/min", limit=1.0, decimals=2),
@@ -239,7 +247,7 @@ LIMITS = {
 def bench_page(out: Path, seconds: float, minutes: float, pages: int, console: Console) -> bool:
     """Measure, print, write ``out/page.json``; True when no number exceeds its limit.
 
-    ``pages``: pages that come and break off. Takes about 2.5 x ``seconds`` + ``minutes`` + 2 min, and 2 min for 1,000
+    ``pages``: pages that come and break off. Takes about 2.5 x ``seconds`` + ``minutes`` + 4 min, and 2 min for 1,000
     visits.
     """
     console.print(f"\n[bold]{NAME}[/bold]: {TITLE}")
@@ -251,6 +259,8 @@ def bench_page(out: Path, seconds: float, minutes: float, pages: int, console: C
             ("drags", lambda: _drags(twin, report)),
             ("late joiners", lambda: _joining(twin, report)),
             ("first load", lambda: _loading(twin, report)),
+            ("motion", lambda: _motion(twin, report)),
+            ("export", lambda: _exporting(twin, report)),
             ("visits", lambda: _visits(twin, report, pages)),
             ("memory", lambda: _memory(twin, report, minutes)),
             ("stop", lambda: report.values.update(stop_s=twin.interrupt())),
@@ -296,6 +306,31 @@ def _loading(twin: Served, report: Report) -> None:
     load = page_reader.first_load(twin.url)
     report.values.update(load_mb=(load.http_bytes + by_websocket) / 1e6, picture_s=load.complete_at)
     report.details["first_load_mb"] = {"http": load.http_bytes / 1e6, "websocket": by_websocket / 1e6}
+
+
+def _motion(twin: Served, report: Report) -> None:
+    """Smoothness of motion on a display that is fast enough: in a small window, with little to draw."""
+    with page_reader.browser() as browser:
+        display, drawn, changed = browser.motion(twin.url, MOTION, lambda: restart(twin.client, playing=True))
+    report.values["pose_rate"] = changed
+    report.details["frames_per_s"] = {"display": display, "pictures drawn": drawn, "with a changed pose": changed}
+    if drawn < LIMITS["pose_rate"].limit:
+        report.skipped["pose_rate"] = f"this machine draws {drawn:.0f} pictures a second"
+
+
+def _exporting(twin: Served, report: Report) -> None:
+    """Sizes [MB] of pages of a short and a longer part of a run, and by a line through them of ten minutes."""
+    history = History()
+    writer = HistoryWriter(twin.client, history)
+    restart(twin.client, playing=True)
+    time.sleep(EXPORTED)
+    writer.stop()
+    scene = twin.client.scene()
+    if scene is None:
+        raise RuntimeError("the twin has no scene")
+    short, whole = (len(export_html(history, scene, seconds)) / 1e6 for seconds in (1.0, EXPORTED))
+    report.values["export_mb"] = short + (whole - short) * 600.0 / (EXPORTED - 1.0)
+    report.details["exported_mb"] = {"1 s": short, f"{EXPORTED:.0f} s": whole}
 
 
 def _visits(twin: Served, report: Report, count: int) -> None:

@@ -7,7 +7,7 @@ import shutil
 import socket
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from types import TracebackType
@@ -40,6 +40,40 @@ CAMERA = {  # looks straight down from 12 m
     "up_direction": [0.0, 1.0, 0.0],
 }
 
+COUNT = """async (seconds) => {
+  const found = { drawn: 0, changed: 0 }, base = "/robot/link/base_link";
+  let part = null, start = null, before = "", over = false;
+  const from = performance.now() + 4000;
+  motm.frames.push((scene) => {
+    if (over) return;
+    const place = motm.place(base);
+    start ??= place;
+    if (!part && place && Math.hypot(place[0] - start[0], place[1] - start[1]) > 0.1) scene.traverse((node) => {
+      const [x, y, z] = node.matrixWorld.elements.slice(12);
+      if (node.isMesh && Math.hypot(x + place[1], y - place[2], z + place[0]) < 1e-3) part ??= node;
+    });
+    if (part) scene.traverse((node) => node.isMesh && node !== part && node.layers.set(31));
+    if (performance.now() < from) return;
+    const pose = part?.matrixWorld.elements.join() ?? "";
+    found.drawn += 1;
+    if (pose !== before) found.changed += 1;
+    before = pose;
+  });
+  await new Promise((done) => setTimeout(done, 4000 + 1000 * seconds));
+  over = true;
+  return [found.drawn / seconds, found.changed / seconds];
+}"""  # pictures, and those in which the base is elsewhere than in the one before, per second; only the base is drawn
+DISPLAY = """(seconds) => new Promise((done) => {
+  const began = performance.now();
+  let count = 0;
+  const next = (now) => {
+    if (now - began > 1000 * seconds) return done((1000 * count) / (now - began));
+    count += 1;
+    requestAnimationFrame(next);
+  };
+  requestAnimationFrame(next);
+})"""  # frames per second of an empty page
+LITTLE = {"width": 320, "height": 200}  # [px] a window that software draws fast
 Message = dict[str, Any]
 
 
@@ -248,6 +282,18 @@ class Page:
             self.page.wait_for_timeout(100)
         devtools.send("Page.stopScreencast")
         return load
+
+    def motion(self, url: str, seconds: float, begin: Callable[[], None]) -> tuple[float, float, float]:
+        """Rates [1/s] in a small window: of the display, of pictures of the scene, of those in which the robot moved.
+
+        ``begin`` makes the robot drive. Only its base is drawn: software draws a whole scene a few times a second.
+        """
+        self.page.set_viewport_size(LITTLE)
+        display = self.page.evaluate(DISPLAY, 2.0)
+        self.page.goto(f"{url}{'&' if '?' in url else '?'}fixedDpr=1")
+        self.page.locator(".cover").wait_for(state="detached", timeout=1000.0 * LOAD)
+        begin()
+        return (display, *self.page.evaluate(COUNT, seconds))
 
     def heap_mb(self) -> float:
         """Memory of the page's scripts [MB], after garbage was collected."""

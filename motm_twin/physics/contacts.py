@@ -142,14 +142,14 @@ def _together(one: Contact, force: ContactForce) -> bool:
 
 def _own_name(name: str) -> str:
     """The name of what a geometry belongs to, as the referee calls it."""
-    for part in ("object:", "agent:"):
+    for part in ("object:", "agent:", "bump:"):
         if name.startswith(part):
             return name.removeprefix(part)
     return name.rstrip("01") if name.startswith(("panda_leftfinger", "panda_rightfinger")) else name
 
 
 def _class_of(name: str) -> int:
-    if name == "floor":
+    if name == "floor" or name.startswith("bump:"):
         return _FLOOR
     if name.startswith("object:"):
         return _CUBE

@@ -16,11 +16,12 @@ from motm_twin.model.exact import norm
 from motm_twin.model.geometry import Array, wrap_angle
 from motm_twin.model.joint_limits import Q_MAX, Q_MIN
 from motm_twin.model.kinematics import LINKS
+from motm_twin.model.physics import REFLEXES
 from motm_twin.model.plant import Contact, PhysicsTruth
 from motm_twin.model.scene import Scene
 from motm_twin.physics.contacts import Contacts, disagreements, force_of
 from motm_twin.physics.gripping import Fingers
-from motm_twin.physics.reflex import ACCELERATING, NOMINAL, ArmAlone
+from motm_twin.physics.reflex import ArmAlone, note_reflexes
 from motm_twin.physics.robot_model import DAMPING, STIFFNESS, WHEEL_GAIN, WHEEL_RADIUS, base_inertia, track
 from motm_twin.physics.state import Grasp, PhysicsState
 from motm_twin.physics.world_model import TIMESTEP, Kind, Standing, compile_model, kind_of, standing
@@ -179,6 +180,9 @@ class Dynamics:
             external_torque=tuple(p.torque.tolist()),
             torque_peaks=tuple(p.torque_peaks.tolist()),
             reflexes=tuple(p.reflexes.values()),
+            phantoms=tuple(p.trips.get(name, 0) for name in REFLEXES),
+            wrist=p.wrist,
+            wrist_peaks=p.wrist_peaks,
         )
 
     def edited(self, state: PlantState, scenery: Scenery) -> Mapping[str, Array] | None:
@@ -380,13 +384,12 @@ class Dynamics:
         q = data.qpos[self._joints] - 0.5 * SUBSTEP * dq
         ddq = (dq - before) / SUBSTEP
         p.torque = torque - self._alone.torque(q, 0.5 * (dq + before), ddq, s.gripper.width)
-        most = np.abs(p.torque)
-        p.torque_peaks = np.maximum(p.torque_peaks, most)
-        joint = int(most.argmax())
-        for name, limit in (("nominal", NOMINAL), ("accelerating", ACCELERATING)):
-            if most[joint] > limit:
-                at = s.substep * SUBSTEP
-                p.reflexes.setdefault(name, f"{at:.2f} s: joint {joint + 1}, {most[joint]:.1f} Nm over {limit:g}")
+        note_reflexes(p, s.substep, s.substep * SUBSTEP)
+        mujoco.mj_rnePostConstraint(self._model, data)
+        load = data.cfrc_int[self._link_bodies["panda_hand"]]  # turning part about the robot's centre of mass
+        arm = data.xpos[self._link_bodies["panda_hand"]] - data.subtree_com[self._free.body]
+        p.wrist = norm(load[3:]), norm(load[:3] - np.cross(arm, load[3:]))
+        p.wrist_peaks = max(p.wrist_peaks[0], p.wrist[0]), max(p.wrist_peaks[1], p.wrist[1])
 
     # -- reading -------------------------------------------------------------------------------------------------
 

@@ -8,14 +8,29 @@ collision.
 import xml.etree.ElementTree as ET
 
 import mujoco
+import numpy as np
 
 from motm_twin.model.geometry import Array
-from motm_twin.model.physics import Physics
+from motm_twin.model.physics import REFLEXES, Physics
 from motm_twin.model.profile import RobotProfile
 from motm_twin.physics.robot_model import add_arm_alone
+from motm_twin.physics.state import PhysicsState
 
-# libfranka, examples/examples_common.cpp, setDefaultBehavior: setCollisionBehavior with these for all joints
-NOMINAL, ACCELERATING = 10.0, 20.0  # [Nm] while a joint keeps its rate, and while it accelerates
+APART = 10  # substeps below a threshold after which it is passed anew
+
+
+def note_reflexes(p: PhysicsState, substep: int, now: float) -> None:
+    """Count the thresholds that the torque of now passes; a phantom collision is one without any contact."""
+    most = np.abs(p.torque)
+    p.torque_peaks = np.maximum(p.torque_peaks, most)
+    joint = int(most.argmax())
+    for name, limit in REFLEXES.items():
+        if most[joint] <= limit:
+            continue
+        p.reflexes.setdefault(name, f"{now:.2f} s: joint {joint + 1}, {most[joint]:.1f} Nm over {limit:g}")
+        if substep - p.over.get(name, -APART) >= APART and not p.presses:
+            p.trips[name] = p.trips.get(name, 0) + 1
+        p.over[name] = substep
 
 
 class ArmAlone:

@@ -16,6 +16,8 @@ from motm_twin.model.profile import RobotProfile
 WHEEL_RADIUS = 0.10  # [m] of the drive wheels of an Omron LD-60, which are about 200 mm across
 TRACK_SHARE = 0.84  # of the width of the footprint that is between the wheels
 CASTER_RADIUS = 0.0375  # [m]
+CASTER_STIFFNESS, CASTER_DAMPING, CASTER_MASS = 15000.0, 600.0, 3.0  # [N/m], [N s/m], [kg]; choices of this project
+CASTER_LOAD = 70.0  # [N] of each sprung caster on a level floor: the wheels carry the other two thirds
 WHEEL_MASS = 2.0  # [kg] each, part of the base's mass
 WHEEL_TORQUE = 30.0  # [Nm] of each wheel's drive; a choice of this project: 0.5 m/s^2 takes 2.3 Nm
 WHEEL_GAIN = 40.0  # [Nm s/rad] of its velocity loop, which also gets the torque for the acceleration that it is told
@@ -95,12 +97,15 @@ def base_inertia(profile: RobotProfile, physics: Physics) -> tuple[float, float]
     return physics.base_mass + arm + motors, turning + motors * (0.5 * track(profile)) ** 2
 
 
-def add_robot(world: ET.Element, root: ET.Element, profile: RobotProfile, physics: Physics) -> dict[str, bytes]:
-    """Add the robot to a model; the files of its meshes."""
+def add_robot(
+    world: ET.Element, root: ET.Element, profile: RobotProfile, physics: Physics, *, sprung: bool = False
+) -> dict[str, bytes]:
+    """Add the robot to a model; the files of its meshes. ``sprung``: its casters are, for a floor with bumps."""
     base = ET.SubElement(world, "body", name="base")
     ET.SubElement(base, "freejoint", name="base")
     _add_body(base, profile, physics)
     _add_wheels(base, root, profile, physics)
+    _add_casters(base, profile, sprung=sprung)
     if not profile.has_arm:
         return {}
     files = add_arm_alone(base, root, profile, physics)
@@ -142,8 +147,8 @@ def _add_body(base: ET.Element, profile: RobotProfile, physics: Physics) -> None
 
 
 def _add_wheels(base: ET.Element, root: ET.Element, profile: RobotProfile, physics: Physics) -> None:
-    """Two driven wheels, which touch the floor at one point each, and four casters that slide without friction."""
-    foot, r = profile.footprint, WHEEL_RADIUS
+    """Two driven wheels, which touch the floor at one point each."""
+    r = WHEEL_RADIUS
     actuator = _section(root, "actuator")
     for side, name in ((0.5, "left"), (-0.5, "right")):
         wheel = ET.SubElement(base, "body", name=f"{name}_wheel", pos=text(0.0, side * track(profile), r))
@@ -159,11 +164,25 @@ def _add_wheels(base: ET.Element, root: ET.Element, profile: RobotProfile, physi
             actuator, "velocity", name=f"{name}_wheel", joint=f"{name}_wheel", kv=text(WHEEL_GAIN),
             forcerange=text(-WHEEL_TORQUE, WHEEL_TORQUE),
         )  # fmt: skip
+
+
+def _add_casters(base: ET.Element, profile: RobotProfile, *, sprung: bool) -> None:
+    """Four casters that slide without friction; rigid ones would lift the wheels off the floor beside a bump."""
+    foot = profile.footprint
     for i, (along, across) in enumerate(((1, 1), (1, -1), (-1, 1), (-1, -1))):
         x = foot.offset_x + along * (0.5 * foot.length - 0.06)
         y = across * (0.5 * foot.width - 0.06)
+        holder, place = base, text(x, y, CASTER_RADIUS)
+        if sprung:
+            holder, place = ET.SubElement(base, "body", name=f"caster{i}", pos=place), "0 0 0"
+            ET.SubElement(
+                holder, "joint", name=f"caster{i}", type="slide", axis="0 0 1", stiffness=text(CASTER_STIFFNESS),
+                damping=text(CASTER_DAMPING), springref=text(-CASTER_LOAD / CASTER_STIFFNESS),
+            )  # fmt: skip
+            inertia = 0.4 * CASTER_MASS * CASTER_RADIUS**2
+            ET.SubElement(holder, "inertial", mass=text(CASTER_MASS), pos="0 0 0", diaginertia=text(*(inertia,) * 3))
         ET.SubElement(
-            base, "geom", name=f"caster{i}", type="sphere", size=text(CASTER_RADIUS), pos=text(x, y, CASTER_RADIUS),
+            holder, "geom", name=f"caster{i}", type="sphere", size=text(CASTER_RADIUS), pos=place,
             contype=str(ROLLING), conaffinity=str(FLOOR), condim="1", priority="4", solref="0.006 1",
             solimp="0.98 0.995 0.001",
         )  # fmt: skip

@@ -50,5 +50,9 @@ class PhysicsState:
     torque: Array = field(default_factory=lambda: np.zeros(7))  # [Nm] external, as the arm estimates it
     torque_peaks: Array = field(default_factory=lambda: np.zeros(7))  # [Nm] largest magnitude so far
     reflexes: dict[str, str] = field(default_factory=dict)  # threshold: when it was first passed, and by which joint
+    trips: dict[str, int] = field(default_factory=dict)  # threshold: times that it was passed without a contact
+    over: dict[str, int] = field(default_factory=dict)  # threshold: last substep in which it was passed
+    wrist: tuple[float, float] = (0.0, 0.0)  # [N], [Nm] at the hand's mount, weight included
+    wrist_peaks: tuple[float, float] = (0.0, 0.0)  # largest so far
     edited: int = -1000  # substep of a person's newest edit
     felt: list[ContactForce] = field(default_factory=list)  # those that have ended

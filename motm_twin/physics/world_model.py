@@ -14,7 +14,7 @@ import numpy as np
 
 from motm_twin.model.geometry import Array
 from motm_twin.model.physics import Physics
-from motm_twin.model.scene import Scene
+from motm_twin.model.scene import Bump, Scene
 from motm_twin.physics.robot_model import AGENT, CUBE, FLOOR, ROBOT, SOLID, add_robot, text
 from motm_twin.sim.agents import AgentState
 from motm_twin.sim.objects import ObjectState
@@ -91,7 +91,9 @@ def compile_model(scene: Scene, physics: Physics, kind: Kind) -> mujoco.MjModel:
     ET.SubElement(root, "asset")
     world = ET.SubElement(root, "worldbody")
     ET.SubElement(world, "geom", name="floor", type="plane", size="0 0 1", contype=str(FLOOR), conaffinity="0")
-    files = add_robot(world, root, scene.robot, physics)
+    for bump in scene.bumps:
+        _add_bump(world, bump)
+    files = add_robot(world, root, scene.robot, physics, sprung=bool(scene.bumps))
     for name, side in kind.objects:
         add_object(world, name, side, physics)
     for name, of, radius, height in kind.agents:
@@ -99,6 +101,16 @@ def compile_model(scene: Scene, physics: Physics, kind: Kind) -> mujoco.MjModel:
     for i, shape in enumerate(kind.shapes):
         _add_solid(world, root, f"s{i}", shape, physics)
     return mujoco.MjModel.from_xml_string(ET.tostring(root, encoding="unicode"), files)
+
+
+def _add_bump(world: ET.Element, bump: Bump) -> None:
+    """A ridge: the top of a lying cylinder that is sunk into the floor."""
+    radius = (0.25 * bump.width**2 + bump.height**2) / (2.0 * bump.height)
+    ET.SubElement(
+        world, "geom", name=f"bump:{bump.name}", type="cylinder", size=text(radius, 0.5 * bump.length),
+        pos=text(*bump.centre, bump.height - radius), contype=str(FLOOR), conaffinity="0",
+        euler=text(0.5 * math.pi, 0.0, bump.yaw - 0.5 * math.pi),
+    )  # fmt: skip
 
 
 def add_options(root: ET.Element) -> None:

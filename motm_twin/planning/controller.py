@@ -18,6 +18,7 @@ from motm_twin.planning.collision import Field, body_of, clearances
 from motm_twin.planning.commitment import Anew, Commitment, time_left
 from motm_twin.planning.cost_to_go import Table
 from motm_twin.planning.escape import Escape, depth_of, find_escape, find_room, find_turn, overlapping_cells
+from motm_twin.planning.evasion import Evasion, StandsItsGround
 from motm_twin.planning.global_path import GraphCache, leaves_disc, path_to_goal, rates_of, shortest_path
 from motm_twin.planning.lattice import NO_LATTICE
 from motm_twin.planning.parameters import PlanningParameters, Room, fitted, room_for
@@ -53,10 +54,12 @@ class StaaController:
         graphs: GraphCache | None = None,
         still: StillMap | None = None,
         commitment: Commitment | None = None,
+        evasion: Evasion | None = None,
     ) -> None:
         """``still`` gives the map without what moves: needed where that is to be expected on its course.
 
-        ``commitment``: of what was planned before; None: every period searches anew, as in the paper.
+        ``commitment``: of what was planned before; None: every period searches anew, as in the paper. ``evasion``: of
+        what comes too near; None: nothing is done about it, as in the paper.
         """
         if parameters.staa.prediction > 0.0 and still is None:
             raise ValueError("to predict what moves, the controller needs the map without it: give `still`")
@@ -65,6 +68,7 @@ class StaaController:
         self.body = body_of(profile.footprint)
         self.reach = ReachModel(profile, parameters.reach)
         self.commitment: Commitment = commitment or Anew()
+        self.evasion: Evasion = evasion or StandsItsGround()
         self._all_parameters, self._next_weight = parameters, parameters.placement.next_weight
         self._still, self._clock = still, clock
         self._graphs = graphs or GraphCache()
@@ -78,7 +82,8 @@ class StaaController:
         """Choose how to accelerate in this period."""
         rest = self.commitment.rest(problem, placement, self)
         found, informed = self._find(problem, placement, budget, math.inf if rest is None else rest.bound)
-        return self.commitment.choose(problem, found, rest, informed=informed)
+        plan = self.commitment.choose(problem, found, rest, informed=informed)
+        return self.evasion.instead(problem, plan, self.body, self.limits)
 
     def _find(
         self, problem: BaseProblem, placement: Placement, budget: SearchBudget, bound: float

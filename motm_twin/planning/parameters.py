@@ -283,6 +283,27 @@ class CommitmentParameters:
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
+class EvasionParameters:
+    """When and how a method moves out of the way of dynamic obstacles (`planning/evasion.py`)."""
+
+    moves: Annotated[float, Number("m/s", OWN, "slower ones are obstacles where they are")] = 0.1
+    horizon: Annotated[float, Number("s", OWN, "of prediction when nobody is expected to yield")] = 3.0
+    horizon_trusting: Annotated[float, Number("s", OWN, "of prediction otherwise: those who yield brake by then")] = 1.2
+    wary_for: Annotated[float, Number("s", OWN, "after somebody has not yielded, that nobody is expected to")] = 60.0
+    brakes: Annotated[float, Number("m/s^2", OWN, "deceleration with which somebody who yields may brake late")] = 0.6
+    room: Annotated[float, Number("m", OWN, "given to a dynamic obstacle now")] = 0.10
+    room_growth: Annotated[float, Number("m/s", OWN, "more for each second of prediction")] = 0.08
+    least: Annotated[float, Number("s", OWN, "in its room, weighted by depth, from which the base moves")] = 0.15
+    stays_out: Annotated[float, Number("s", OWN, "the same while it is moving out of the way already")] = 0.02
+    engaged: Annotated[float, Number("s", OWN, "the same while the arm is at an object: about a touch")] = 0.6
+    gain: Annotated[float, Number("s", OWN, "by which an evasion must be better")] = 0.1
+    first: Annotated[float, Number("s", OWN, "of the first of its two twists")] = 1.0
+    travel: Annotated[float, Number("s/m", OWN, "cost of its way: no farther than it needs")] = 0.03
+    clearance: Annotated[float, Number("m", OWN, "kept from what stands, as the local search does")] = 0.05
+    floor: Annotated[float, Number("m", OWN, "the same of a base that is nearer already")] = 0.01
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
 class PlanningParameters:
     """All parameters of base placement and base control."""
 
@@ -290,6 +311,7 @@ class PlanningParameters:
     staa: StaaParameters = StaaParameters()
     reach: ReachParameters = ReachParameters()
     commitment: CommitmentParameters = CommitmentParameters()
+    evasion: EvasionParameters = EvasionParameters()
 
 
 LEAST_ROOM = 0.02  # [m] beyond half the width of the footprint that a way must have, however tight

@@ -144,9 +144,10 @@ class BasePlanner:
                 part.restore(state[name])
 
     def _stateful(self) -> dict[str, HasState]:
-        """The strategies that remember something between periods; of `StaaController` it is its commitment."""
+        """The strategies that remember something between periods; of `StaaController` its policies."""
         controller = self.controller
-        remembers = controller.commitment if isinstance(controller, StaaController) else controller
-        parts = {"placement": self.placement, "controller": remembers, "ahead": self.ahead}
+        parts: dict[str, object] = {"placement": self.placement, "controller": controller, "ahead": self.ahead}
+        if isinstance(controller, StaaController):
+            parts |= {"controller": controller.commitment, "evasion": controller.evasion}
         found = {name: part for name, part in parts.items() if isinstance(part, HasState)}
         return found if self.view is None else {**found, **self.view.memory()}

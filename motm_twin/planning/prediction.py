@@ -42,14 +42,19 @@ def gap_to(x: float, y: float, c: float, s: float, discs: Array, body: Body) -> 
 
     Negative: the disc reaches that far into the footprint, at most its radius.
     """
-    half_l, half_w = body.corner[3, 0] - body.centre_x, body.corner[3, 1]
     least = math.inf
     for i in range(discs.shape[0]):
-        dx, dy = discs[i, 0] - x, discs[i, 1] - y
-        along, across = abs(c * dx + s * dy - body.centre_x), abs(c * dy - s * dx)
-        beside = length_of(max(0.0, along - half_l), max(0.0, across - half_w))
-        least = min(least, beside - discs[i, 2])
+        least = min(least, gap_to_point(x, y, c, s, discs[i, 0], discs[i, 1], body) - discs[i, 2])
     return least
+
+
+@kernel
+def gap_to_point(x: float, y: float, c: float, s: float, px: float, py: float, body: Body) -> float:
+    """Distance [m] from the footprint at a pose to a point; 0 inside."""
+    half_l, half_w = body.corner[3, 0] - body.centre_x, body.corner[3, 1]
+    dx, dy = px - x, py - y
+    along, across = abs(c * dx + s * dy - body.centre_x), abs(c * dy - s * dx)
+    return length_of(max(0.0, along - half_l), max(0.0, across - half_w))
 
 
 @kernel

@@ -24,14 +24,13 @@ from motm_twin.control.arm.program import ARM, BASE, SLACK
 from motm_twin.control.arm.qp import Program
 from motm_twin.control.arm.types import ArmInputs, Phase
 from motm_twin.control.arm.view import ManipulatorState, View
-from motm_twin.control.method import ArmParts, BaseChoices, Materials, Method
+from motm_twin.control.method import ArmParts, BaseChoices, Materials, Method, Policies
 from motm_twin.model.exact import norm
 from motm_twin.model.geometry import Array, frozen
 from motm_twin.model.kinematics import manipulability_gradient
 from motm_twin.model.profile import RobotProfile
 from motm_twin.model.reason import Kind, Reason
 from motm_twin.planning.candidates import Rule
-from motm_twin.planning.commitment import Commitment
 from motm_twin.planning.parameters import PlanningParameters
 from motm_twin.planning.reach import ReachModel
 from motm_twin.planning.types import (
@@ -231,7 +230,7 @@ def whole_body_placement(materials: Materials, candidates: Rule) -> PlacementStr
     return HolisticPlacement(materials.parts.known.robot)
 
 
-def whole_body_base(materials: Materials, commitment: Commitment) -> BaseController:
+def whole_body_base(materials: Materials, policies: Policies) -> BaseController:
     """Nothing to plan but drives to points."""
     return HolisticBase(materials.parts.known.robot, materials.parts.parameters)
 

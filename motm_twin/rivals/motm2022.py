@@ -16,14 +16,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from motm_twin.control.method import BaseChoices, Materials, Method
+from motm_twin.control.method import BaseChoices, Materials, Method, Policies
 from motm_twin.model.geometry import Array, frozen, wrap_angle
 from motm_twin.model.motion import drive
 from motm_twin.model.profile import RobotProfile
 from motm_twin.model.reason import Kind, Reason
 from motm_twin.model.state import Stateful
 from motm_twin.planning.candidates import Rule
-from motm_twin.planning.commitment import Commitment
 from motm_twin.planning.parameters import PlanningParameters
 from motm_twin.planning.reach import ReachModel
 from motm_twin.planning.types import (
@@ -296,7 +295,7 @@ def tangent_placement(materials: Materials, candidates: Rule) -> PlacementStrate
     return TangentPlacement(materials.parts.known.robot, TangentParameters())
 
 
-def tangent_law(materials: Materials, commitment: Commitment) -> BaseController:
+def tangent_law(materials: Materials, policies: Policies) -> BaseController:
     """The law of the tangent."""
     return TangentController(materials.parts.known.robot, materials.parts.parameters)
 

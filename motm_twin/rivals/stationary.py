@@ -3,9 +3,8 @@
 from collections.abc import Callable
 from functools import partial
 
-from motm_twin.control.method import BaseChoices, Materials, Method, PlannerParts
+from motm_twin.control.method import BaseChoices, Materials, Method, PlannerParts, Policies
 from motm_twin.planning.candidates import Rule
-from motm_twin.planning.commitment import Commitment
 from motm_twin.planning.types import BaseController, PlacementStrategy
 from motm_twin.rivals.parking import ParkingController, StationaryParameters, standing_arm
 from motm_twin.rivals.stationary_placement import FixedPoses, PoseRule, StationaryPlacement, Terms
@@ -44,7 +43,7 @@ def stationary(
 
 
 def parking(
-    materials: Materials, commitment: Commitment, *, overlap: bool = False,
+    materials: Materials, policies: Policies, *, overlap: bool = False,
     parameters: StationaryParameters | None = None,
 ) -> BaseController:  # fmt: skip
     """A base that stands at the pose; ``overlap``: the arm comes early."""

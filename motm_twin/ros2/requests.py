@@ -93,8 +93,8 @@ class Requests:
 
     def _drive(self, twist: Message) -> Command:
         status = self._client.status()
-        if status is not None and status.state not in ("playing", "done"):
-            raise ValueError(f"the twin is {status.state}: it is driven by hand only while time runs")
+        if status is not None and status.state not in ("playing", "done") and not status.held:
+            raise ValueError(f"the twin is {status.state}: it is driven by hand only while time runs; play it first")
         v, w = twist["linear"]["x"], twist["angular"]["z"]
         if not (math.isfinite(v) and math.isfinite(w)):
             raise ValueError(f"a twist of {v:g} m/s and {w:g} rad/s: it has to be finite")

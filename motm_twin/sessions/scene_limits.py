@@ -14,7 +14,14 @@ from motm_twin.model.scene_yaml import Node
 
 _DEG = math.pi / 180.0
 _UNITS = {"deg": _DEG, "dps": _DEG, "dps2": _DEG, "mps": 1.0, "mps2": 1.0, "hz": 1.0}
-_SECTIONS = {"solids": "furniture", "objects": "objects", "bins": "bins", "agents": "agents", "tasks": "tasks"}
+_SECTIONS = {
+    "solids": "furniture",
+    "objects": "objects",
+    "bins": "bins",
+    "bumps": "bumps",
+    "agents": "agents",
+    "tasks": "tasks",
+}
 _MOST_POINTS = 2_000  # of a lane or an outline
 _SHAPES = {Box: scene_format.BoxFile, Cylinder: scene_format.CylinderFile, Prism: scene_format.PolygonFile}
 _ROBOT = {
@@ -44,7 +51,7 @@ def _check_counts(scene: Scene) -> None:
         most, count = scene_format.most_entries(section), len(getattr(scene, what))
         if count > most:
             raise SceneError(f"scene.{what}: {count} are too many, at most {most}")
-    names = [item.name for what in ("solids", "objects", "bins", "agents") for item in getattr(scene, what)]
+    names = [item.name for what in ("solids", "objects", "bins", "bumps", "agents") for item in getattr(scene, what)]
     for name in names:
         if names.count(name) > 1:
             raise SceneError(f"scene: the name {name[:60]!r} is used twice")
@@ -62,6 +69,7 @@ def _check_ranges(scene: Scene) -> None:
     _fits(scene.detections, Literal["anonymous", "named"], "scene.detections")
     _within(scene.faults, scene_format.FaultsFile, "scene.faults")
     _fits(scene.grasp_rule, Literal["strict", "swept"], "scene.grasp_rule")
+    _fits(scene.grasp_speed, scene_format.GraspSpeed, "scene.grasp_speed")
     if scene.physics is not None and (problem := bounds.problem(scene.physics)):
         raise SceneError(f"scene.physics: {problem}")
     for part, limits in _ROBOT.items():
@@ -78,6 +86,12 @@ def _check_ranges(scene: Scene) -> None:
         _within(item, scene_format.BinFile, place)
         _fits(item.name, _NAME, f"{place}.name")
         _fits(item.centre, scene_format.Point, f"{place}.centre")
+    for index, bump in enumerate(scene.bumps):
+        place = f"scene.bumps[{index}]"
+        _within(bump, scene_format.BumpFile, place)
+        _fits(bump.name, _NAME, f"{place}.name")
+        _fits(bump.centre, scene_format.Point, f"{place}.centre")
+        _fits(bump.yaw, _ANGLE, f"{place}.yaw")
     for index, agent in enumerate(scene.agents):
         place = f"scene.agents[{index}]"
         _within(agent, scene_format.AgentFile, place, skip=("start", "waypoints"))

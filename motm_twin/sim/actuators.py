@@ -144,4 +144,4 @@ def drives(scene: Scene, dt: float) -> tuple[Base, Arm]:
     robot, mismatch = scene.robot, scene.mismatch
     limits = msgspec.structs.replace(robot.base, velocity_lag=robot.base.velocity_lag + mismatch.base_lag)
     scale = ControlErrors(scene.noise, mismatch, scene.seed).base_scale
-    return Base(limits, dt, scale), Arm(robot.arm.velocity_lag, dt)
+    return Base(limits, dt, scale), Arm(robot.arm.velocity_lag + mismatch.arm_lag, dt)

@@ -19,10 +19,14 @@ RELATIVE_SPEED = 0.03  # [m/s] between tool centre point and cube
 TILT = math.radians(30.0)  # of the tool axis from straight down
 
 # The rule of ``motm-twin bench grasp_rule``, instead: what contact dynamics hold, with a margin. A cube must be between
-# the fingers when they begin; they turn it and push it to their middle. At the end its place along the pads counts.
+# the fingers when they begin; they turn it and push it to their middle. One pad that pushes it beside its middle, or at
+# a corner, turns it away: the moment of the push is its way times its lever. The numbers are fitted to the sweep.
 STRICT, SWEPT = GRASP_RULES
-ALONG_AT_END = 0.028  # [m] along the pads when they are firm
-LESS_BY_PUSH = 0.2  # [m] of those for each metre that the hand has moved across the pads: one pad turns the cube away
+LEVER_PER_TURN = 0.03  # [m/rad] of lever, for a cube that is not parallel to the pads
+BOTH_TOUCH = 0.04  # [s] before the fingers are firm: from then on the cube moves with the hand
+MOST_ALONG = 0.0285  # [m] along the pads then
+LESS_BY_MOMENT = 10.0  # [m] of those for each m^2 of moment
+MOST_MOMENT = 6.0e-4  # [m^2]
 HIGH = 0.015  # [m] of the cube's centre over or under the tool centre point
 
 EDGE = 0.003  # [m] of cube under a descending fingertip beyond which the tip does not slide off
@@ -61,6 +65,16 @@ def swept_violation(tcp: Array, rotation: Array, item: ObjectState, width: float
     if abs(offset[1]) > room or abs(offset[2]) > HIGH or abs(offset[0]) > NEARBY:
         return "offset"
     return "tilt" if rotation[2, 2] > -math.cos(TILT) else ""
+
+
+def moment_of_push(way: float, along: float, misfit: float) -> float:
+    """Moment [m^2] of a push by one pad, by ``way`` [m], of a cube ``along`` [m] and turned by ``misfit`` [rad]."""
+    return way * (abs(along) + LEVER_PER_TURN * abs(misfit))
+
+
+def slips_out(along: float, moment: float) -> bool:
+    """A cube this far [m] along the pads, pushed with this moment [m^2], is not held by them, by the rule `SWEPT`."""
+    return moment > MOST_MOMENT or abs(along) > MOST_ALONG - LESS_BY_MOMENT * moment
 
 
 def width_across(side: float, misfit: float) -> float:

@@ -16,7 +16,7 @@ from motm_twin.model.geometry import Array
 from motm_twin.model.profile import Gripper as GripperSpec
 from motm_twin.model.scene import Faults, Pick, Scene
 from motm_twin.sim.bodies import put_down
-from motm_twin.sim.grasp import STRICT
+from motm_twin.sim.grasp import RELATIVE_SPEED, STRICT
 from motm_twin.sim.gripper import EPSILON, Gripper, GripperState
 from motm_twin.sim.objects import ObjectState, ObjectWorld
 from motm_twin.sim.solids import Solids
@@ -24,12 +24,12 @@ from motm_twin.sim.solids import Solids
 _RNG_FAULTS = 0xFA0175
 
 
-def gripper_with(
-    faults: Faults, spec: GripperSpec, objects: ObjectWorld, dt: float, seed: int, rule: str = STRICT
-) -> Gripper:
+def gripper_with(scene: Scene, objects: ObjectWorld, dt: float) -> Gripper:
     """The gripper of a scene: the regular one unless the scene has grasp faults."""
+    faults, spec = scene.faults, scene.robot.gripper
+    rule = scene.grasp_rule, scene.grasp_speed
     plain = msgspec.structs.replace(faults, inject=None) == Faults()
-    return Gripper(spec, objects, dt, rule) if plain else FaultyGripper(faults, spec, objects, dt, seed, rule)
+    return Gripper(spec, objects, dt, *rule) if plain else FaultyGripper(faults, spec, objects, dt, scene.seed, *rule)
 
 
 @dataclass(kw_only=True)
@@ -49,10 +49,17 @@ class FaultyGripper(Gripper):
     """
 
     def __init__(
-        self, faults: Faults, spec: GripperSpec, objects: ObjectWorld, dt: float, seed: int, rule: str = STRICT
+        self,
+        faults: Faults,
+        spec: GripperSpec,
+        objects: ObjectWorld,
+        dt: float,
+        seed: int,
+        rule: str = STRICT,
+        slides: float = RELATIVE_SPEED,
     ) -> None:
         """``seed`` of the scene."""
-        super().__init__(spec, objects, dt, rule)
+        super().__init__(spec, objects, dt, rule, slides)
         self.faults = faults
         self._seed = seed
 

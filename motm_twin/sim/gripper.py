@@ -11,14 +11,15 @@ from motm_twin.model.geometry import Array
 from motm_twin.model.profile import Gripper as GripperSpec
 from motm_twin.model.state import LATER
 from motm_twin.sim.grasp import (
-    ALONG_AT_END,
-    LESS_BY_PUSH,
+    BOTH_TOUCH,
     RELATIVE_SPEED,
     STRICT,
     centre_between_pads,
     make_room,
+    moment_of_push,
     near,
     push,
+    slips_out,
     swept_violation,
     under,
     violation,
@@ -30,6 +31,7 @@ from motm_twin.sim.solids import Solids
 
 SLIP_HEIGHT = 0.01  # [m] of lifting after which a cube that slid between the closing pads slips out
 EPSILON = 1e-9  # [s]
+Place = tuple[Array, float, Array]
 
 
 @dataclass
@@ -48,7 +50,8 @@ class GripperState:
         ""  # of the newest closing: held | slipping | nothing | offset | yaw | tilt | no room | dropped | taken
     )
     under: tuple[str, ...] = field(default=(), metadata=LATER)  # cubes that a finger stands on or wedges
-    pushed: float = field(default=0.0, metadata=LATER)  # [m] that the hand has moved across the pads while closing
+    moment: float = field(default=0.0, metadata=LATER)  # [m^2] of pushes by one pad alone while closing
+    along: float = field(default=0.0, metadata=LATER)  # [m] of the candidate along the pads, until both touch it
     position_in_hand: Array = field(default_factory=lambda: np.zeros(3))  # of the held cube
     rotation_in_hand: Array = field(default_factory=lambda: np.eye(3))
 
@@ -59,9 +62,14 @@ class Gripper:
     A cube that slides too fast is held loosely and slips when lifted; a misaligned one is squeezed out.
     """
 
-    def __init__(self, spec: GripperSpec, objects: ObjectWorld, dt: float, rule: str = STRICT) -> None:
-        """Gripper of the profile; substeps of dt [s]; ``rule``: one of `model.scene.GRASP_RULES`."""
-        self._strict = rule == STRICT
+    def __init__(
+        self, spec: GripperSpec, objects: ObjectWorld, dt: float, rule: str = STRICT, slides: float = RELATIVE_SPEED
+    ) -> None:
+        """Gripper of the profile; substeps of dt [s].
+
+        ``rule``: one of `model.scene.GRASP_RULES`; ``slides`` [m/s]: speed beyond which the strict one loses a cube.
+        """
+        self._strict, self._slides_from = rule == STRICT, slides
         self.spec = spec
         self.objects = objects
         self.dt = dt
@@ -83,7 +91,7 @@ class Gripper:
             self._begin(state, "closing", now)
             if state.held:
                 return
-            state.slid, state.outcome, state.candidate, state.pushed = False, "nothing", "", 0.0
+            state.slid, state.outcome, state.candidate, state.moment = False, "nothing", "", 0.0
             if state.under:
                 state.outcome = "no room"
                 return
@@ -162,12 +170,15 @@ class Gripper:
             return violation(tcp, rotation, item)
         return swept_violation(tcp, rotation, item, width)
 
-    def _slides(self, state: GripperState, tcp_velocity: Array, rotation: Array) -> None:
-        """The hand moves while the fingers close."""
-        if not self._strict:
-            state.pushed += abs(dot(rotation[:, 1], tcp_velocity)) * self.dt
-        elif norm(tcp_velocity) > RELATIVE_SPEED:
-            state.slid = True
+    def _note_push(self, state: GripperState, now: float, tcp: Array, rotation: Array, place: Place) -> None:
+        """The pads have moved the candidate: until both touch it, one alone turns it.
+
+        ``place``: its position and misfit before, and its position now.
+        """
+        if now - state.began < self.spec.closing_time - BOTH_TOUCH + EPSILON:
+            before, misfit, position = place
+            state.along = dot(rotation[:, 0], position - tcp)
+            state.moment += moment_of_push(norm(position - before), state.along, misfit)
 
     @staticmethod
     def lose(state: GripperState, name: str) -> None:
@@ -209,8 +220,8 @@ class Gripper:
             broken = self._violation(tcp, rotation, cubes[state.candidate], state.width)
             if broken:
                 state.candidate, state.outcome = "", broken
-            else:
-                self._slides(state, tcp_velocity, rotation)
+            elif self._strict and norm(tcp_velocity) > self._slides_from:
+                state.slid = True
         name = state.candidate or state.held
         if not name:
             state.width = max(0.0, state.width - self.spec.max_width / self.spec.closing_time * self.dt)
@@ -221,14 +232,15 @@ class Gripper:
         done, share = self._closed(state, now)
         state.width = state.start_width + (item.side - state.start_width) * share
         if state.candidate:
+            before, misfit = item.position, yaw_misfit(rotation, item)
             self._centre(state, tcp, rotation, item, list(cubes.values()), solids)
             if not state.candidate:
                 return
-        if done and state.candidate and not self._strict:
-            along = abs(dot(rotation[:, 0], item.position - tcp))
-            if along > ALONG_AT_END - LESS_BY_PUSH * state.pushed:
-                state.candidate, state.outcome = "", "offset"
-                return
+            if not self._strict:
+                self._note_push(state, now, tcp, rotation, (before, misfit, item.position))
+        if done and state.candidate and not self._strict and slips_out(state.along, state.moment):
+            state.candidate, state.outcome = "", "offset"
+            return
         if done:
             state.phase = "closed"
             if state.candidate:

@@ -76,9 +76,7 @@ class SimulatedPlant(Stateful[PlantState]):
         self._errors = ControlErrors(shaken, mismatch, scene.seed)
         self._command_delay = round(mismatch.command_delay / SUBSTEP)
         self._object_world = ObjectWorld(SUBSTEP)
-        self._gripper = gripper_with(
-            scene.faults, robot.gripper, self._object_world, SUBSTEP, scene.seed, scene.grasp_rule
-        )
+        self._gripper = gripper_with(scene, self._object_world, SUBSTEP)
         self._agents = Agents(SUBSTEP)
         self._lidar = Lidar(robot.lidar, noise.lidar_range_sd)
         self._named = scene.detections == "named"

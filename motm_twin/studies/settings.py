@@ -26,7 +26,7 @@ class BenchSettings:
         seconds: Page, bus and scale: time of each measurement.
         minutes: Page only: time over which memory is watched.
         visits: Page only: pages that come and break off.
-        share: Soak, period, task, faults, mismatch and screening only: part of the full counts.
+        share: Soak, period, task, faults, mismatch, screening and the studies of grasps only: part of the full counts.
         kinds: Faults only: these kinds of faults, or none for trials without one.
         scenes: Faults only: these of exp1, exp1a and exp2.
         situations: People and tracker only: these of the situations among people, as circle or exp2_blind.

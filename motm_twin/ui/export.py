@@ -9,6 +9,7 @@ import base64
 import gzip
 import hashlib
 import html
+import io
 import os
 import secrets
 import subprocess
@@ -23,24 +24,28 @@ from typing import Any
 import msgspec
 import numpy as np
 import viser
+from PIL import Image
 from viser.infra import StateSerializer
 
 from motm_twin.bus.client import Grid, NoSession
 from motm_twin.bus.connection import LOOPBACK
 from motm_twin.bus.messages import GridInfo, TickMessage
+from motm_twin.model.geometry import Array
 from motm_twin.model.scene import Scene
+from motm_twin.ui.colours import ground_table
 from motm_twin.ui.history import History, unpacked
 from motm_twin.ui.hub import Hub, Shown
 from motm_twin.ui.legend import LAYERS, names_of
 from motm_twin.ui.page_server import open_page, scripts
 from motm_twin.ui.panel.why_tab import says
-from motm_twin.ui.scene.scene_view import SceneView
+from motm_twin.ui.scene.scene_view import MAP, SceneView
 
 RATE = 10.0  # [Hz] frames of the recording: the page glides between them
 TIMEOUT = 180.0  # [s] for the whole export
 NICENESS = 10  # more than the viewer's: it is not interactive
+LONGEST_GAP = 60_000  # cells
 FINEST, LARGE = 2.0**-13, 16384  # [m] or of a quaternion; [bytes] arrays that are meshes and stay as they are
-PLAYED = ("smooth.js", "overlay.js", "player.js")  # scripts of a page without a server, in this order
+PLAYED = ("smooth.js", "view.js", "overlay.js", "player.js")  # scripts of a page without a server, in this order
 _PROGRESS = "progress "
 
 
@@ -168,7 +173,10 @@ def draw(recording: Recording, server: viser.ViserServer, progress: Callable[[fl
 def page(serializer: StateSerializer, scene: Scene, ticks: list[TickMessage]) -> str:
     """The HTML that plays what was sent while these periods were drawn."""
     first, last = ticks[0].time, ticks[-1].time
-    recorded, buffers = flat([(first + time, message) for time, message in serializer._messages], serializer)
+    packer = Packer(serializer)
+    recorded = [(round(first + time, 3), packer.message(message)) for time, message in serializer._messages]
+    ground, buffers = packer.ground, packer.buffers
+    height, width = ground.size
     said: list[tuple[float, str]] = []
     for tick in ticks:
         sentence = says(tick, scene)
@@ -179,6 +187,7 @@ def page(serializer: StateSerializer, scene: Scene, ticks: list[TickMessage]) ->
         "last": last,
         "step": (last - first) / max(1, len(ticks) - 1),
         "messages": recorded,
+        "ground": packer.plain({"height": height, "width": width, "palette": ground.palette, "steps": ground.steps}),
         "lengths": [len(buffer) for buffer in buffers],
         "says": said,
         "legend": [layer for layer in LAYERS if layer.on],
@@ -201,38 +210,84 @@ def blob(text: bytes, buffers: list[bytes]) -> bytes:
     return b"".join(part + bytes(-len(part) % 8) for part in parts)
 
 
-def flat(
-    messages: list[tuple[float, dict[str, Any]]], serializer: StateSerializer
-) -> tuple[list[tuple[float, dict[str, Any]]], list[bytes]]:
+class Packer:
     """Messages as JSON takes them, and the arrays that they refer to, each once.
 
     Numbers of updates are rounded to `FINEST`, which nobody sees and makes a page a third smaller.
     """
-    numbers: dict[bytes, int] = {}
-    found: list[bytes] = []
 
-    def number(data: bytes | memoryview) -> int:
-        key = hashlib.sha256(data).digest()
-        if key not in numbers:
-            numbers[key] = len(found)
-            found.append(bytes(data))
-        return numbers[key]
+    def __init__(self, serializer: StateSerializer) -> None:
+        self._given = serializer._binary_buffers
+        self._numbers: dict[bytes, int] = {}
+        self.buffers: list[bytes] = []
+        self.ground = Ground()
 
-    def plain(value: Any) -> Any:
+    def message(self, message: dict[str, Any]) -> Any:
+        """One message; a picture of the ground becomes its number in `ground`."""
+        data = message.get("updates", {}).get("_data")
+        if message.get("name") == MAP and data is not None:
+            step = self.ground.add(bytes(self._given[data["__binary_index"]] if isinstance(data, dict) else data))
+            if step is not None:
+                return {**message, "updates": {"_data": {"ground": step}}}
+        return self.plain(message)
+
+    def plain(self, value: Any) -> Any:
+        """A value of a message."""
+        if isinstance(value, np.ndarray):
+            return {"__binary_index": self._number(value.tobytes()), "dtype": value.dtype.str}
         if isinstance(value, bytes | memoryview):
-            return {"__binary_index": number(value), "dtype": "|u1"}
+            return {"__binary_index": self._number(value), "dtype": "|u1"}
         if isinstance(value, dict):
             if "__binary_index" in value:
-                data = serializer._binary_buffers[value["__binary_index"]]
+                data = self._given[value["__binary_index"]]
                 if value["dtype"] == "<f4" and len(data) < LARGE:
                     data = memoryview(np.round(np.frombuffer(data, "<f4") / FINEST) * np.float32(FINEST)).cast("B")
-                return {**value, "__binary_index": number(data)}
-            return {key: plain(entry) for key, entry in value.items()}
+                return {**value, "__binary_index": self._number(data)}
+            return {key: self.plain(entry) for key, entry in value.items()}
         if isinstance(value, float):
             return round(value / FINEST) * FINEST
-        return [plain(entry) for entry in value] if isinstance(value, list | tuple) else value
+        return [self.plain(entry) for entry in value] if isinstance(value, list | tuple) else value
 
-    return [(round(time, 3), plain(message)) for time, message in messages], found
+    def _number(self, data: bytes | memoryview) -> int:
+        key = hashlib.sha256(data).digest()
+        if key not in self._numbers:
+            self._numbers[key] = len(self.buffers)
+            self.buffers.append(bytes(data))
+        return self._numbers[key]
+
+
+class Ground:
+    """Pictures of the ground, each as the cells in which it differs from the one before.
+
+    As pictures they are two thirds of a page.
+    """
+
+    def __init__(self) -> None:
+        self.steps: list[tuple[Array, Array]] = []  # gaps between such cells, exclusive or of both values
+        self.palette = ground_table()
+        self._codes = self.palette.view("<u4")[:, 0]
+        self._order = np.argsort(self._codes, kind="stable")
+        self._cells = np.zeros((0, 0), dtype=np.uint8)
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Height and width [cells]."""
+        return self._cells.shape  # type: ignore[return-value]
+
+    def add(self, png: bytes) -> int | None:
+        """Number of this picture; None for one that has another size than the first, or other colours."""
+        picture = np.ascontiguousarray(Image.open(io.BytesIO(png)).convert("RGBA")).view("<u4")[..., 0]
+        found = np.searchsorted(self._codes, picture, sorter=self._order).clip(max=len(self._order) - 1)
+        cells = self._order[found].astype(np.uint8)
+        before = self._cells if self.steps else np.zeros_like(cells)
+        if cells.shape != before.shape or (self._codes[cells] != picture).any():
+            return None
+        change = (cells ^ before).ravel()
+        fill = np.arange(LONGEST_GAP, len(change), LONGEST_GAP)  # cells that stay, so that no gap is longer
+        at = np.union1d(np.flatnonzero(change), fill)
+        self.steps.append((np.diff(at, prepend=0).astype(np.uint16), change[at]))
+        self._cells = cells
+        return len(self.steps) - 1
 
 
 def main() -> None:

@@ -40,6 +40,12 @@ class _Arm(msgspec.Struct, frozen=True):
     obstacle_distance: MaybeNumber
 
 
+class _Forces(msgspec.Struct, frozen=True):
+    fingers: Vector
+    external_torque: Vector
+    wrist: Vector
+
+
 class Part(msgspec.Struct, frozen=True):
     """The fields of a TickMessage that are needed."""
 
@@ -55,6 +61,7 @@ class Part(msgspec.Struct, frozen=True):
     began: float = 0.0
     first: int = 0
     past: int = -1
+    forces: _Forces | None = None
 
 
 class Sample(NamedTuple):
@@ -79,6 +86,10 @@ class Sample(NamedTuple):
     arm: float  # [ms]
     monitor: float  # [ms]
     period: float  # [ms]
+    left: float  # [N] of the pads on the object between them, under contact dynamics
+    right: float
+    torque: float  # [Nm] external, of the joint that feels most
+    wrist: float  # [N]
 
 
 def sample(part: Part) -> Sample:
@@ -97,7 +108,16 @@ def sample(part: Part) -> Sample:
         max((math.hypot(*slack[3:]) for slack in slacks), default=math.nan),  # type: ignore[arg-type]
         *(ms.get(stage, math.nan) for stage in STAGES),
         ms.get("period", math.nan),
+        *_felt(part.forces),
     )
+
+
+def _felt(forces: _Forces | None) -> tuple[float, float, float, float]:
+    """Forces of a sample; nan without contact dynamics."""
+    if forces is None:
+        return (math.nan,) * 4
+    torque = max(map(abs, forces.external_torque), default=math.nan)
+    return forces.fingers[0], forces.fingers[1], torque, forces.wrist[0]
 
 
 class Span(NamedTuple):

@@ -94,7 +94,13 @@ class View:
     selected: str = ""  # body, cube or piece of furniture selected for the next action
     sending: str = ""  # agent that goes where the floor is clicked next
     placing: str = ""  # body just added: moved to the next click on the floor
+    going: tuple[float, float] | None = None  # place [m] that a click on the floor proposes to drive to
+    sent_to: str = ""  # target of the drive that was confirmed last
     at: int | None = None  # period that is shown; None: the newest
+
+    def aim_at_nothing(self) -> None:
+        """Cancel what the next click on the floor would do."""
+        self.sending, self.placing, self.going = "", "", None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -170,7 +176,8 @@ class Hub:
         visitor.gone = True
         self._asking.pop(visitor.sender, None)
         if self.is_driver(visitor):
-            self.view.at, self.view.sending, self.view.placing = None, "", ""
+            self.view.at = None
+            self.view.aim_at_nothing()
             self.send(visitor, HandOver())
         return visitor
 

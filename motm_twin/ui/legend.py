@@ -1,5 +1,6 @@
 """Layers of the scene: the chips of the legend, and the nodes that each switches. Each page has its own choice."""
 
+import math
 from typing import Any
 
 import msgspec
@@ -49,5 +50,7 @@ OFF_AT_FIRST = frozenset(layer.key for layer in LAYERS if not layer.on)
 
 
 def names_of(scene: Scene) -> dict[str, Any]:
-    """Names of the scene and of what stands still in it, with places [m]."""
-    return {"scene": scene.title or scene.name, "bins": [(box.name, *box.centre, box.rim_z) for box in scene.bins]}
+    """Names of the scene and of what stands still in it, with places [m]; opening [deg] of the wrist camera."""
+    bins = [(box.name, *box.centre, box.rim_z) for box in scene.bins]
+    wrist = 2.0 * math.degrees(scene.robot.camera.half_cone) if scene.robot.has_arm else 0.0
+    return {"scene": scene.title or scene.name, "bins": bins, "wrist": wrist}

@@ -34,8 +34,9 @@ from motm_twin.bus.connection import LOOPBACK, free_port, require_free_port
 from motm_twin.bus.private_folder import folder, own_secret
 from motm_twin.model.data_dirs import web_assets_dir
 from motm_twin.program import give_back
+from motm_twin.ui import documentation
 
-SCRIPTS = ("keys.js", "reconnect.js", "smooth.js", "tour.js", "overlay.js")  # in this order
+SCRIPTS = ("keys.js", "reconnect.js", "smooth.js", "view.js", "tour.js", "overlay.js")  # in this order
 STYLES = ("overlay.css",)
 
 
@@ -272,7 +273,8 @@ def open_page(
 
     def serve(handler: Any, host: str, *args: Any, process_request: Callable[..., Any], **options: Any) -> Any:
         def process(connection: Any, request: Request) -> Response | None:
-            return _closed(guard.check(request) or with_scripts(process_request(connection, request)))
+            refused = guard.check(request) or documentation.answer(urlsplit(request.path).path)
+            return _closed(refused or with_scripts(process_request(connection, request)))
 
         wrapped.append(1)
         places: Any = ["::", "0.0.0.0"] if host == "::" else host  # noqa: S104 - asyncio takes "::" for IPv6 alone

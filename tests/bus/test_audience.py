@@ -8,7 +8,7 @@ from running import Running
 from waiting import until
 
 from motm_twin.bus import loop
-from motm_twin.bus.commands import Audience, Pause, Play, Reset, TakeWheel
+from motm_twin.bus.commands import Audience, Drive, Pause, Play, Reset, TakeWheel
 
 
 @pytest.fixture(autouse=True)
@@ -32,6 +32,17 @@ def test_a_run_waits_at_its_start_until_a_page_shows_it_and_says_so():
         assert running.ask(Audience(pages=0)) == "" and state(running) == "paused"
         assert running.ask(Audience(pages=1)) == "" and state(running) == "playing"
         assert running.loop.status().driver == ""
+
+
+def test_a_run_that_waits_for_a_page_starts_when_somebody_drives_without_one():
+    command = Drive(v=0.1, w=0.0)
+    with Running(playing=True, hold=True) as running:
+        assert running.loop.status().held
+        assert running.ask(command) == "" and state(running) == "playing"
+        assert not running.loop.status().held
+        running.ask(Pause())
+        running.ask(command)
+        assert state(running) == "paused", "a pause by a person is ended by nobody else"
 
 
 def test_a_pause_by_a_person_is_not_ended_by_a_visitor():

@@ -79,6 +79,7 @@ def changes(name, edit):
         ("command", lambda defs: defs["Envelope"]["properties"]["command"]["anyOf"].append({"$ref": "#/$defs/New"})),
         ("command", lambda defs: defs["Step"]["properties"].update(slow={"type": "boolean", "default": False})),
         ("command", lambda defs: defs["Record"]["properties"]["action"]["enum"].append("pause")),
+        ("scene", lambda defs: defs["Scene"]["properties"]["mismatch"]["default"].update(more=0.0)),
     ],
 )
 def test_adding_is_allowed_within_a_version(name, edit):
@@ -106,6 +107,8 @@ def require(defs, kind, field):
         ("command", lambda defs: require(defs, "Step", "slow"), "required field of what programs send"),
         ("command", lambda defs: defs["Step"]["properties"]["count"].update(default=2), "default"),
         ("command", lambda defs: defs["Record"]["properties"]["action"]["enum"].remove("stop"), "no longer 'stop'"),
+        ("scene", lambda defs: defs["Scene"]["properties"]["mismatch"]["default"].update(base_lag=1.0), "base_lag"),
+        ("scene", lambda defs: defs["Scene"]["properties"]["mismatch"]["default"].pop("base_lag"), "base_lag"),
         ("command", lambda defs: defs["Speed"]["properties"]["factor"].update(maximum=1.0), "maximum"),
         ("command", lambda defs: defs["DriveTo"]["properties"]["point"]["prefixItems"].pop(), "items"),
     ],

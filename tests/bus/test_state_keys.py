@@ -31,7 +31,15 @@ from motm_twin.bus.encode import tick_message
 from motm_twin.bus.events import EventLog, EventWatch
 from motm_twin.bus.interfaces import TwinSetup
 from motm_twin.bus.library import FileLibrary
-from motm_twin.bus.messages import EventsMessage, MetricsMessage, NumberedEvent, RobotStateMessage, ScanMessage
+from motm_twin.bus.messages import (
+    ContactMessage,
+    EventMessage,
+    EventsMessage,
+    MetricsMessage,
+    NumberedEvent,
+    RobotStateMessage,
+    ScanMessage,
+)
 from motm_twin.bus.publisher import RobotStream
 from motm_twin.bus.server import TwinServer
 from motm_twin.twin import Twin
@@ -214,6 +222,30 @@ def test_a_body_that_is_dragged_is_one_event():
     assert at(2, msgspec.structs.replace(held[3], held=False)) == ["move_body cart"] * 2
     assert at(40, held[0]) == ["move_body cart"] * 3  # another drag
     assert at(41, ReleaseBody(name="cart"), held[0])[3:] == ["release_body cart", "move_body cart"]
+
+
+def test_times_of_events_rise_with_their_numbers_however_late_a_contact_is_told():
+    told = []
+    watch = EventWatch(EventLog(lambda: 0.0, told.append))
+    period = tick_message(fake_tick(FakeTwin(fake_scene()), ()), run=1, server_time=0.0)
+    touched = ContactMessage(
+        time=1.07,
+        body="base",
+        other="box",
+        depth=0.0,
+        caused_by_robot=True,
+        closing_speed=0.1,
+        other_speed=0.0,
+        duration=0.0,
+    )
+    score = msgspec.structs.replace(period.score, contacts=[touched])
+    late = [EventMessage(time=1.12, kind="picked", text="picked"), EventMessage(time=1.11, kind="go on", text="goes")]
+    watch.tick(msgspec.structs.replace(period, index=22, time=1.1, events=late))
+    watch.tick(msgspec.structs.replace(period, index=23, time=1.15, events=[], score=score))
+    assert [event.seq for event in told] == list(range(1, len(told) + 1))
+    assert "contact" in [event.kind for event in told]
+    times = [event.time for event in told]
+    assert times == sorted(times)
 
 
 def test_driving_by_hand_is_one_event_however_many_twists_come(server, client, session):

@@ -17,7 +17,7 @@ from motm_twin.model.scene_file import load_scene
 from motm_twin.model.state import state_hash
 from motm_twin.sim.plant import SimulatedPlant
 
-from .arm_pass import Pass, run_pick, run_place
+from .arm_pass import Driver, Pass, run_pick, run_place
 
 SCENE = load_scene("exp1", "trial1", 0)
 CUBE = SCENE.objects[1]
@@ -66,6 +66,17 @@ def test_a_cube_is_picked_from_a_standing_base():
         SCENE, Pass(start=(x - 0.15, y - 0.6, 0.0), twist=lambda t: (0.0, 0.0), object=CUBE.name, time=6.0)
     )
     assert result.held and result.contacts == []
+
+
+def test_the_lift_begins_when_the_fingers_report_that_they_are_firm_also_before_the_closing_time():
+    x, y, _ = CUBE.position
+    driver = Driver(msgspec.structs.replace(SCENE, start=(x - 0.15, y - 0.6, 0.0)))
+    quick = msgspec.structs.replace(driver.scene.robot.gripper, closing_time=0.4)
+    robot = msgspec.structs.replace(driver.scene.robot, gripper=quick)
+    driver.plant = SimulatedPlant(msgspec.structs.replace(driver.scene, robot=robot))
+    phases = [driver.step(lambda t: (0.0, 0.0), "pick", CUBE.name, 0.0).phase for _ in range(600)]
+    assert phases.count("closing") == pytest.approx(40, abs=2)  # of 10 ms
+    assert "lift" in phases and "retry" not in phases
 
 
 def test_a_cube_is_dropped_into_a_bin_while_the_base_drives_by():

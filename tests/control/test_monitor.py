@@ -5,11 +5,12 @@ import math
 import numpy as np
 import pytest
 
-from motm_twin.control.monitor import Monitor, points_in_stop
+from motm_twin.control.monitor import Monitor, MonitorParameters, points_in_stop
 from motm_twin.model.joint_limits import DQ_MAX
 from motm_twin.model.plant import Actuation, Observation, Scan
 from motm_twin.model.profile import RobotProfile
 from motm_twin.perception.floor import FRESH, STALE, UNSEEN, Floor
+from motm_twin.perception.world_map import WorldMap
 
 DT = 0.01
 BEAMS = 541
@@ -164,11 +165,22 @@ def floor_of(rear):
     return Floor(corner=(-1.5, -1.5), resolution=0.05, seen=seen)
 
 
+def world_with(floor=None, tracks=()):
+    """A map of which only floor and tracks count."""
+    rows = np.array([(*track, 0.03, 1.0) for track in tracks]).reshape(-1, 7)
+    nothing = np.zeros((1, 1))
+    return WorldMap(
+        stamp=1.0, resolution=0.05, origin=np.zeros(2), occupied=nothing.astype(np.uint8), distance=nothing,
+        proximity=nothing, polygons=(), seen_points=np.zeros((0, 2)), seen_static=np.zeros(0, bool), floor=floor,
+        tracks=rows,
+    )  # fmt: skip
+
+
 def driven(v, rear):
     """Verdict of a monitor that was asked for this speed for two seconds, on such floor."""
     monitor = Monitor(RobotProfile())
     for _ in range(200):
-        verdict = monitor.check(asking(v), observation(), DT, scan_stamp=1.0, floor=floor_of(rear))
+        verdict = monitor.check(asking(v), observation(), DT, scan_stamp=1.0, world=world_with(floor_of(rear)))
     return verdict
 
 
@@ -185,3 +197,51 @@ def test_the_base_creeps_over_floor_that_was_not_seen_lately():
     assert verdict.actuation.twist[0] == pytest.approx(-0.1)
     assert "lately" in verdict.reason
     assert driven(-0.25, FRESH).actuation.twist[0] == -0.25
+
+
+def meet(x, y, vx, vy, *, v=0.5, w=0.0, seconds=6.0, passive=True):
+    """A base that is told v, w all the time, and a disc of 0.25 m: is the base moving towards it when they touch?"""
+    monitor = Monitor(RobotProfile(), MonitorParameters(passive_safety=passive))
+    body = RobotProfile().footprint
+    pose, disc, said = np.zeros(3), np.array([x, y]), []
+    for _ in range(round(seconds / DT)):
+        world = world_with(tracks=[(*disc, vx, vy, 0.25)])
+        verdict = monitor.check(asking(v, w), observation(pose=pose), DT, scan_stamp=1.0, world=world)
+        said.append(verdict.reason)
+        twist = verdict.actuation.twist
+        disc = disc + DT * np.array([vx, vy])
+        before = _gap(pose, disc, body)
+        pose = pose + DT * np.array([twist[0] * math.cos(pose[2]), twist[0] * math.sin(pose[2]), twist[1]])
+        gap = _gap(pose, disc, body) - 0.25
+        if gap < 0.0:
+            return "towards" if gap + 0.25 < before - 1e-4 else "hit", said
+    return "free", said
+
+
+def _gap(pose, point, body):
+    c, s = math.cos(pose[2]), math.sin(pose[2])
+    dx, dy = point - pose[:2]
+    along = abs(c * dx + s * dy - body.offset_x) - 0.5 * body.length
+    across = abs(c * dy - s * dx) - 0.5 * body.width
+    return math.hypot(max(along, 0.0), max(across, 0.0))
+
+
+@pytest.mark.parametrize("v", [0.5, -0.25])
+@pytest.mark.parametrize("speed", [0.4, 0.8, 1.2])
+@pytest.mark.parametrize("bearing", range(0, 360, 30))
+def test_a_base_never_moves_towards_somebody_who_does_not_stop(v, speed, bearing):
+    """They meet 1.5 m ahead of the base, whatever side they come from."""
+    angle = math.radians(bearing)
+    velocity = -speed * np.array([math.cos(angle), math.sin(angle)])
+    start = np.array([math.copysign(1.5, v), 0.0]) - 1.5 / abs(v) * velocity
+    assert meet(*start, *velocity, v=v)[0] != "towards"
+
+
+def test_without_passive_safety_it_does():
+    assert meet(1.5, -1.2, 0.0, 0.4, passive=False)[0] == "towards"
+
+
+def test_it_says_why_it_brakes():
+    result, said = meet(1.5, -1.2, 0.0, 0.4)
+    assert result != "towards"
+    assert any("would meet the base" in reason for reason in said)

@@ -1,6 +1,7 @@
 """A twin that drives a robot in another program: the same as in one, late, silent, hostile, two at once, mirrored."""
 
 import secrets
+import time
 from typing import Any
 
 import msgspec
@@ -11,7 +12,7 @@ from meeting import Router, driven, running_robot, until
 
 from motm_twin.bus.connection import open_member
 from motm_twin.bus.keys import PlantKeys
-from motm_twin.bus.plant_messages import VERSION, RobotCommand
+from motm_twin.bus.plant_messages import VERSION, ClockGrant, RobotCommand
 from motm_twin.control.tick import Tick
 from motm_twin.external.emulator import LinkSpec
 from motm_twin.external.plant import ZenohPlant
@@ -171,6 +172,52 @@ def test_a_robot_without_a_twin_stops_by_itself(router: Router, scene: Scene) ->
         after: Any = robot.robot.report()
         assert after["path_length_m"] == before["path_length_m"]
         assert not after["plant_faults"]
+
+
+def test_a_grant_that_overtakes_its_command_waits_for_it_but_not_for_ever(router: Router, scene: Scene) -> None:
+    keys = PlantKeys()
+
+    def grant(until_time: float, after: int) -> None:
+        life = robot.robot.life
+        router.session.put(
+            keys.grant, msgspec.json.encode(ClockGrant(version=VERSION, life=life, until=until_time, after=after))
+        )
+
+    with running_robot(router, scene) as robot:
+        until(lambda: robot.robot.time == 0.0 and robot._session is not None)
+        until(lambda: router.session.get(keys.info, timeout=1.0).recv().ok)
+        grant(0.01, after=7)
+        time.sleep(0.1)
+        assert robot.robot.time == 0.0
+        command = RobotCommand(
+            version=VERSION, life=robot.robot.life, sender="twin", seq=7, act_at=0.0, twist=[0.1, 0.0],
+            joint_velocity=[0.0] * 7, gripper="open",
+        )  # fmt: skip
+        router.session.put(keys.command, msgspec.json.encode(command))
+        until(lambda: robot.robot.time == pytest.approx(0.01))
+        assert robot.robot._guard.commander == "twin"
+        grant(0.02, after=8)
+        until(lambda: robot.robot.time == pytest.approx(0.02))  # that command was lost
+
+
+def test_by_a_shared_clock_nothing_grows_old_while_the_robot_is_silent_which_is_noticed(
+    router: Router, scene: Scene
+) -> None:
+    with running_robot(router, scene) as robot, driven(router, scene) as twin:
+        plant = twin.external
+        assert isinstance(plant, ZenohPlant)
+        for _ in range(3):
+            twin.advance()
+        robot.muted = frozenset({"state", "scan", "detections", "clock", "truth"})
+        before = plant.observe()
+        plant.step(0.01)
+        seen = plant.observe()
+        assert (seen.time, seen.age) == (before.time, before.age)
+        assert not plant.ready()
+        assert "waiting for robot" in plant.text()
+        robot.muted = frozenset()
+        until(plant.ready)
+        assert "waiting" not in plant.text()
 
 
 def test_edits_go_to_a_simulated_robot_and_are_refused_by_it(router: Router, scene: Scene) -> None:

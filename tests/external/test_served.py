@@ -145,8 +145,9 @@ def test_a_paused_twin_finds_a_real_robot_and_moves_nothing(served: TwinServer, 
             until(lambda: client.tick() is not None)
 
 
-def test_the_skeleton_of_a_robot_is_driven(router: Router, scene: Scene) -> None:
-    process = subprocess.Popen([sys.executable, str(SKELETON), router.endpoint])
+@pytest.mark.parametrize("clock", [(), ("--shared",)])
+def test_the_skeleton_of_a_robot_is_driven(router: Router, scene: Scene, clock: tuple[str, ...]) -> None:
+    process = subprocess.Popen([sys.executable, str(SKELETON), router.endpoint, "frankie", *clock])
     try:
         with driven(router, scene) as twin:
             start = twin.advance().observation.pose

@@ -15,7 +15,7 @@ from motm_twin.cli import scene as cli_scene
 from motm_twin.model.data_dirs import scenes_dir
 from motm_twin.model.known import known_world
 from motm_twin.model.profile import RobotProfile
-from motm_twin.model.scene import EARLIER_NOISE, USUAL_NOISE, DriveTo, Mismatch, Pick, Place, Prism, Scene
+from motm_twin.model.scene import EARLIER_NOISE, USUAL_NOISE, Bump, DriveTo, Mismatch, Pick, Place, Prism, Scene
 from motm_twin.model.scene_file import SceneError, check_all, list_scenes, load_scene
 from motm_twin.model.scene_shapes import outline
 from motm_twin.model.state import state_hash
@@ -222,6 +222,17 @@ def test_a_scene_extends_a_file_in_its_own_folder(tmp_path):
     (tmp_path / "room.yaml").write_text(FORMAT + "extends: exp1\ntime_limit: 77\n", encoding="utf-8")
     for name in ("room", "room.yaml"):
         assert load_scene(write(tmp_path, f"extends: {name}\n")).time_limit == 77.0
+
+
+def test_bumps_are_read_in_degrees_and_may_not_be_steps(tmp_path):
+    path = tmp_path / "floor.yaml"
+    text = "format: motm-scene/1\nextends: exp1\n"
+    text += "bumps: {cable: {at: [1.0, 0.5], length: 2.0, yaw_deg: 90, height: HIGH}}\n"
+    path.write_text(text.replace("HIGH", "0.01"))
+    assert load_scene(str(path)).bumps == (Bump(name="cable", centre=(1.0, 0.5), length=2.0, yaw=math.pi / 2),)
+    path.write_text(text.replace("HIGH", "0.05"))
+    with pytest.raises(SceneError, match="height"):
+        load_scene(str(path))
 
 
 def test_a_standing_agent_needs_only_a_start(tmp_path):

@@ -9,10 +9,11 @@ from sim_scenes import box, scene
 
 from motm_twin.model.edits import AddObstacle, MoveBody, MoveObject, PushRobot, RemoveBody
 from motm_twin.model.profile import RobotProfile
-from motm_twin.model.scene import Agent, Faults
+from motm_twin.model.scene import Agent, Bump, Faults
 from motm_twin.model.scene_error import SceneError
 from motm_twin.model.state import state_hash
 from motm_twin.plants import make_plant, with_plant
+from motm_twin.sim.plant import SimulatedPlant
 
 
 def drive(plant, v, w, seconds):
@@ -166,3 +167,38 @@ def test_faults_of_the_kinematic_gripper_are_refused(monkeypatch):
     with pytest.raises(SceneError, match=r"pip install .motm_twin\[physics\]"):
         with_plant(scene(), "mujoco")
     assert make_plant(scene()) is not None
+
+
+RIDGE = Bump(name="cable", centre=(0.8, 0.0), length=2.0, yaw=0.5 * math.pi)
+
+
+def test_wheels_and_casters_roll_over_a_bump_of_10_mm_which_the_arm_feels():
+    level, bumpy = physical(scene()), physical(scene(bumps=(RIDGE,)))
+    rises = []
+    for plant in (level, bumpy):
+        heights = [float(plant.snapshot().tcp[2])]
+        for _ in range(300):
+            drive(plant, 0.4, 0.0, 0.01)
+            heights.append(float(plant.snapshot().tcp[2]))
+        rises.append(max(heights) - heights[0])
+    assert rises[0] < 1e-3
+    assert 0.008 < rises[1] < 0.03
+    plain, felt = level.truth(), bumpy.truth()
+    assert felt.pose[0] == pytest.approx(plain.pose[0], abs=0.02)
+    assert plain.physics.phantoms == (0, 0)
+    assert felt.physics.phantoms[0] > 0 and max(felt.physics.torque_peaks) > 10.0
+    assert felt.physics.wrist_peaks[0] > plain.physics.wrist_peaks[0] + 3.0
+    assert felt.contacts == () and felt.physics.disagreements == ()
+
+
+def test_the_kinematic_plant_ignores_bumps():
+    plain, bumpy = SimulatedPlant(scene()), SimulatedPlant(scene(bumps=(RIDGE,)))
+    for plant in (plain, bumpy):
+        drive(plant, 0.4, 0.1, 1.0)
+    assert state_hash(plain.snapshot()) == state_hash(bumpy.snapshot())
+
+
+def test_a_hand_at_rest_feels_the_weight_of_hand_and_fingers_at_its_mount():
+    plant = physical(scene())
+    drive(plant, 0.0, 0.0, 0.5)
+    assert plant.truth().physics.wrist[0] == pytest.approx(0.76 * 9.81, rel=1e-3)

@@ -3,7 +3,7 @@ import math
 import pytest
 
 from motm_twin.physics.floating_hand import Cell, physics_holds, rule_holds
-from motm_twin.physics.grasp_sweep import cells, counts, outcome
+from motm_twin.physics.grasp_sweep import cells, counts, outcome, random_cells
 from motm_twin.sim.grasp import STRICT, SWEPT
 
 HELD_BY_BOTH = Cell()
@@ -42,4 +42,17 @@ def test_a_sweep_counts_what_each_rule_gets_wrong():
         "strict loses what physics holds": 1,
         "swept holds what physics loses": 0,
         "swept loses what physics holds": 0,
+        "slow: cells": 3,
+        "slow: physics": 2,
+        "slow: strict holds what physics loses": 0,
+        "slow: strict loses what physics holds": 1,
+        "slow: swept holds what physics loses": 0,
+        "slow: swept loses what physics holds": 0,
     }
+    assert random_cells(3) == random_cells(3) != random_cells(3, seed=1)
+
+
+def test_a_turned_cube_that_one_pad_pushes_far_is_lost_and_so_says_the_rule():
+    pushed = Cell(closing_time=0.79, along=0.004, across=0.137, offset=-0.011, ahead=0.011, yaw=-0.238, force=10.0)
+    assert not physics_holds(pushed)
+    assert not rule_holds(pushed, SWEPT)

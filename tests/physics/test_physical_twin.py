@@ -1,5 +1,6 @@
 import pytest
 
+from motm_twin.bus.encode import tick_message
 from motm_twin.model.edits import AddObstacle, RemoveBody
 from motm_twin.model.scene_file import load_scene
 from motm_twin.plants import with_plant
@@ -35,6 +36,16 @@ def test_a_cube_is_picked_on_the_move_and_held_by_friction(picked):
     assert grasp.shift < 0.01
     assert grasp.slip < 0.002
     assert min(truth.physics.finger_forces) > 35.0
+
+
+def test_readers_of_the_tick_get_the_forces(picked):
+    twin, _ = picked
+    kept = twin.snapshot()
+    forces = tick_message(twin.advance(), 1, 0.0).forces
+    assert min(forces.fingers) > 35.0
+    assert forces.grasp.object == twin.plant.truth().physics.grasps[0].object
+    assert forces.wrist[0] > 7.0 and max(forces.torque_peaks) > 1.0
+    twin.restore(kept)
 
 
 def test_a_branch_goes_on_as_the_run_did_and_another_twin_too(picked):

@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 from ear import JAZZY, until
 
-from motm_twin.bus.commands import Pause, Play, Reset, Speed, Step
+from motm_twin.bus.commands import Answer, Drive, Pause, Play, Reset, Speed, Step
 from motm_twin.ros2 import forms as topics
 from motm_twin.ros2.cdr import encode
+from motm_twin.ros2.requests import Requests
 
 FORMS = ("bridge", "rmw")
 
@@ -67,6 +68,29 @@ def test_cmd_vel_drives_and_silence_gives_the_robot_back_to_its_task(served, for
     until(driven, "it did not drive as cmd_vel says")
     assert "driven by hand" in served.tick.stop_reason
     until(lambda: served.tick.plan.status != "by hand", "it did not stop driving by hand")
+
+
+class Waiting:
+    """A client of a twin that waits for its first page."""
+
+    def __init__(self, status):
+        self._status, self.asked = msgspec.structs.replace(status, state="paused", held=True), []
+
+    def status(self):
+        return self._status
+
+    def command(self, command, *_, **__):
+        self.asked.append(command)
+        return Answer(ok=True)
+
+
+def test_cmd_vel_reaches_a_twin_that_waits_for_its_first_page(served):
+    client, refused = Waiting(served.client.status()), []
+    requests = Requests(client, lambda topic, text, unreadable: refused.append(text))
+    requests.put(topics.CMD_VEL, twist(0.2, 0.1))
+    until(lambda: client.asked or refused, "nothing came of it")
+    requests.close()
+    assert client.asked == [Drive(v=0.2, w=0.1)]
 
 
 @pytest.mark.parametrize("form", FORMS)

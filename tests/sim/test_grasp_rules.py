@@ -31,3 +31,10 @@ def test_a_turned_cube_is_turned_by_the_pads():
 def test_a_hand_that_moves_while_it_closes_holds_what_stays_between_its_pads():
     assert held(hand("swept"), twist=(0.02, 0.0))
     assert not held(hand("swept"), twist=(0.06, 0.0))
+
+
+def test_the_speed_at_which_the_strict_rule_loses_a_cube_can_be_lowered():
+    slow = over_a_cube().scene
+    assert held(SimulatedPlant(slow, arm_start=DOWN), twist=(0.012, 0.0))
+    strict = msgspec.structs.replace(slow, grasp_speed=0.01)
+    assert not held(SimulatedPlant(strict, arm_start=DOWN), twist=(0.012, 0.0))

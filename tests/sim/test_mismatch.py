@@ -89,3 +89,8 @@ def test_with_the_earlier_noise_nothing_new_is_drawn():
     assert plant._errors.base_scale.tolist() == [1.0, 1.0]
     rates = np.ones(7)
     assert plant._errors.rates(rates, 3) is rates
+
+
+def test_an_arm_lags_more_than_its_profile_says():
+    lagging = drive(SimulatedPlant(scene(mismatch=Mismatch(arm_lag=0.05))), 0.0, 6, rate=0.05)[1]
+    assert lagging[-1] == pytest.approx(0.05 * (1.0 - math.exp(-1.0)), rel=1e-6)  # 0.06 s with the profile's 0.01 s

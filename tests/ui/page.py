@@ -15,7 +15,7 @@ from PIL import Image
 from motm_twin.bus.commands import Load, Pause, Play, Speed
 from motm_twin.methods import DEFAULT_METHOD
 from motm_twin.perf.processes import act, now, served
-from motm_twin.ui.scene.cameras import FIELD_OF_VIEW, overview
+from motm_twin.ui.scene.cameras import FIELD_OF_VIEW, FROM_FAR, overview
 
 VIEW = {"width": 800, "height": 560}  # small, because software draws it
 FLAGS = ["--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--disable-gpu-rasterization", "--no-sandbox"]
@@ -285,9 +285,8 @@ class Visitor:
         found = None
         for matrices in self.page.evaluate("sceneCameras()"):
             view, projection = (np.array(matrix).reshape(4, 4).T for matrix in matrices)
-            if projection[3, 2] == -1.0 and math.isclose(
-                projection[1, 1] * math.tan(FIELD_OF_VIEW / 2), 1.0, rel_tol=1e-3
-            ):
+            own = (projection[1, 1] * math.tan(fov / 2) for fov in (FIELD_OF_VIEW, FROM_FAR))
+            if projection[3, 2] == -1.0 and any(math.isclose(value, 1.0, rel_tol=1e-3) for value in own):
                 found = view, projection
         return found
 
@@ -322,6 +321,28 @@ class Visitor:
             self.page.wait_for_timeout(80)
         self.page.wait_for_timeout(600)
         self.page.mouse.up()
+
+
+class Hand:
+    """Fingers on the screen, as Chromium sees them."""
+
+    def __init__(self, page):
+        self._page, self._devtools = page, page.context.new_cdp_session(page)
+        self._devtools.send("Emulation.setTouchEmulationEnabled", {"enabled": True, "maxTouchPoints": 5})
+
+    def drags(self, ways):
+        """Each finger down at the first of its pixels, over all others, hold still, up; one pixel is a tap."""
+        fingers = list(zip(*ways, strict=True))
+        self._touch("touchStart", fingers[0])
+        for moved in fingers[1:]:
+            self._page.wait_for_timeout(80)
+            self._touch("touchMove", moved)
+        self._page.wait_for_timeout(600 if len(fingers) > 1 else 80)
+        self._touch("touchEnd", [])
+
+    def _touch(self, kind, pixels):
+        points = [{"x": float(x), "y": float(y), "id": number} for number, (x, y) in enumerate(pixels)]
+        self._devtools.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": points})
 
 
 def changed(before, after, by=24.0):

@@ -1,7 +1,9 @@
 """Cameras: whose hand moved them, that of the visitor or of the program; poses, and the things in sight."""
 
 import asyncio
+import itertools
 import math
+import time
 from types import SimpleNamespace
 
 import numpy as np
@@ -10,7 +12,17 @@ from fake_twin import fake_scene
 
 from motm_twin.model.scene import DriveTo
 from motm_twin.model.scene_file import load_scene
-from motm_twin.ui.scene.cameras import ASPECT, FIELD_OF_VIEW, Cameras, Visibility, extent, from_above, overview
+from motm_twin.ui.scene.cameras import (
+    ASPECT,
+    EASE,
+    FIELD_OF_VIEW,
+    FROM_FAR,
+    Cameras,
+    Visibility,
+    extent,
+    from_above,
+    overview,
+)
 from motm_twin.ui.scene.picking import Surroundings
 
 SCENE = load_scene("exp1", "trial1")
@@ -25,7 +37,12 @@ class Page:
     def __init__(self, position):
         self.client_id, self.atomic = 1, self._nothing
         self.camera = SimpleNamespace(
-            position=np.array(position), look_at=np.zeros(3), image_width=1024, image_height=700, on_update=self._keep
+            position=np.array(position),
+            look_at=np.zeros(3),
+            fov=FIELD_OF_VIEW,
+            image_width=1024,
+            image_height=700,
+            on_update=self._keep,
         )
 
     def tells(self, position, look_at=None):
@@ -154,19 +171,55 @@ def test_where_the_page_is_on_its_way_to_a_view_is_no_hand(entered) -> None:
 
 
 @pytest.mark.parametrize("aspect", [0.7, ASPECT, 2.2])
-@pytest.mark.parametrize("view", [overview, from_above])
-def test_everything_is_in_the_picture_and_fills_it(view, aspect):
+@pytest.mark.parametrize(("view", "fov"), [(overview, FIELD_OF_VIEW), (from_above, FROM_FAR)])
+def test_everything_is_in_the_picture_and_fills_it(view, fov, aspect):
     points = extent(fake_scene())
     position, look_at = view(fake_scene(), aspect)
     forward = (look_at - position) / np.linalg.norm(look_at - position)
     right = np.cross(forward, [0.0, 0.0, 1.0]) / np.linalg.norm(np.cross(forward, [0.0, 0.0, 1.0]))
     seen = points - position
     depth = seen @ forward
-    half = math.tan(FIELD_OF_VIEW / 2)
+    half = math.tan(fov / 2)
     across = np.abs(seen @ right / depth / (half * aspect)).max()
     high = np.abs(seen @ np.cross(right, forward) / depth / half).max()
     assert depth.min() > 0.0
     assert max(across, high) == pytest.approx(0.93, abs=0.01)
+
+
+def test_on_the_way_to_the_plan_view_and_back_the_middle_of_the_picture_keeps_its_size(entered, monkeypatch):
+    page, cameras = entered
+    now = [0.0]
+    monkeypatch.setattr(time, "monotonic", lambda: now[0])
+    pictures(cameras)
+    for preset, end in (("Top", FROM_FAR), ("Overview", FIELD_OF_VIEW)):
+        cameras.choose(page, preset)
+        sizes = []
+        for _ in range(12):
+            now[0] += EASE / 10
+            pictures(cameras, 1)
+            far = np.linalg.norm(page.camera.position - page.camera.look_at)
+            sizes.append(far * math.tan(page.camera.fov / 2))
+        assert page.camera.fov == pytest.approx(end)
+        assert max(sizes) < 1.35 * min(sizes)
+
+
+def test_the_camera_of_the_hand_frames_its_target_too_when_it_is_near(entered, monkeypatch):
+    page, cameras = entered
+    now = itertools.count()
+    monkeypatch.setattr(time, "monotonic", lambda: float(next(now)))
+    hand = np.eye(4)
+    hand[:3, 3] = (1.0, 0.0, 1.0)
+
+    def looks(target):
+        cameras.choose(page, "Gripper")
+        for _ in range(400):
+            cameras.update(np.zeros(3), hand, 0.05, target=target)
+        return page.camera.look_at, np.linalg.norm(page.camera.position - page.camera.look_at)
+
+    (alone, near), (both, back) = looks(None), looks(np.array([1.6, 0.0, 0.7]))
+    assert both[0] - alone[0] == pytest.approx(0.3) and both[2] - alone[2] == pytest.approx(-0.15)
+    assert back > near
+    assert looks(np.array([9.0, 0.0, 0.7]))[0][0] == pytest.approx(alone[0])
 
 
 def test_the_picture_of_a_scene_holds_where_its_robot_is_sent():

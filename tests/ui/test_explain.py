@@ -89,7 +89,7 @@ def test_rows_are_grouped_and_joints_tell_their_limit(driving):
     assert explain.constraints(step.arm, q) == [
         ("joint 4", "near the end of its range"),
         ("joint 2", "at full speed"),
-        ("joints 1, 3", "accelerates all it may"),
+        ("joints 1, 3", "speeds up or brakes as fast as it may"),
         ("elbow, wrist", "kept off desk"),
     ]
 

@@ -10,7 +10,8 @@ from page import LIGHTLY, chromium
 from PIL import Image
 
 from motm_twin.bus.encode import grid_bytes, grid_info, tick_message
-from motm_twin.ui.export import ExportFailed, export_html, record
+from motm_twin.ui.colours import ground_table
+from motm_twin.ui.export import ExportFailed, Ground, export_html, record
 from motm_twin.ui.history import History
 
 SLOW = 120_000  # [ms] software rendering on a busy machine
@@ -44,6 +45,28 @@ def test_nothing_recorded_is_a_sentence_not_a_page():
 def test_a_process_that_fails_tells_why(history):
     with pytest.raises(ExportFailed, match="took more than 0 s"):
         export_html(history, scene(), 1.0, timeout=0.01)
+
+
+def test_pictures_of_the_ground_come_back_from_what_differs_between_them():
+    rng, ground, table = np.random.default_rng(1), Ground(), ground_table()
+    shown = [rng.integers(0, 256, (300, 250), dtype=np.uint8)]
+    for count in (40, 0, 75_000):  # a few cells, none, all
+        changed = shown[-1].copy()
+        changed.flat[rng.permutation(changed.size)[:count]] ^= 77
+        shown.append(changed)
+
+    def png(cells):
+        file = io.BytesIO()
+        Image.fromarray(table[cells]).save(file, "png")
+        return file.getvalue()
+
+    assert [ground.add(png(cells)) for cells in shown] == [0, 1, 2, 3]
+    assert ground.add(png(shown[0][:-1])) is None, "of another size"
+    cells = np.zeros(shown[0].size, dtype=np.uint8)
+    for number, (gaps, bits) in enumerate(ground.steps):
+        cells[np.cumsum(gaps, dtype=int)] ^= bits
+        assert np.array_equal(table[cells.reshape(shown[0].shape)], table[shown[number]])
+    assert len(ground.steps[1][0]) < 50
 
 
 def test_the_page_plays_from_a_file_without_a_server(history, tmp_path):

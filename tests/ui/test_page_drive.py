@@ -1,6 +1,7 @@
 """The page in Chromium: driving by mouse, every scene and method, and a server that is killed and there again."""
 
 import json
+import math
 import os
 import signal
 
@@ -12,8 +13,10 @@ from motm_twin.methods import DEFAULT_METHOD
 from motm_twin.methods.registry import METHODS
 from motm_twin.perf.page_reader import PageReader
 from motm_twin.ui.panel.overlay import ASK
+from motm_twin.ui.scene.plan_view import drive_points
 
 LITTLE = {"width": 720, "height": 440}  # less than the panel is high; drawing takes time
+FLOOR = (2.6, -1.0, 0.0)  # [m] free
 POINTER = "([x, y]) => getComputedStyle(document.elementFromPoint(x, y)).cursor"
 
 
@@ -37,7 +40,7 @@ def test_play_pause_step_speed_and_another_scene_by_mouse_and_a_server_that_dies
         until(lambda: client.status().speed == 0.5, 30.0, "speed")
         visitor.press("Play")
         until(lambda: client.status().state == "playing", 30.0, "not playing")
-        visitor.says("0.5×, actual")
+        visitor.says("0.5×, really")
 
         visitor.unfold("Scene")
         visitor.choose("Scene", "exp2")
@@ -116,6 +119,32 @@ def test_a_method_is_chosen_by_mouse_and_named_and_the_next_click_on_the_floor_i
         page.keyboard.press("r")
         until(lambda: client.tick().run > run + 1, SHOWN, "no reset")
         assert client.status().method == "no_bezier"
+        assert visitor.errors == []
+
+
+@pytest.mark.browser
+@pytest.mark.timeout(600)
+def test_a_click_on_the_floor_asks_first_and_the_drive_can_be_undone(browser, begun):
+    with visiting(browser, begun("exp1")) as visitor:
+        client, page = visitor.twin.client, visitor.page
+        visitor.press("Pause")
+        visitor.state("Paused")
+        asked, kinds = page.get_by_text("Drive here?"), lambda: [task.kind for task in client.tick().tasks]
+        for answer in ("Escape", "Cancel", "Drive"):
+            visitor.click(FLOOR)
+            asked.wait_for(timeout=SHOWN * 1000)
+            assert "drive_to" not in kinds()
+            page.keyboard.press(answer) if answer == "Escape" else visitor.press(answer)
+            asked.wait_for(state="hidden", timeout=SHOWN * 1000)
+        until(lambda: "drive_to" in kinds(), SHOWN, "no drive")
+        x, y = drive_points(client.tick())[0]
+        assert math.dist((x, y), FLOOR[:2]) < 0.05
+        visitor.says("Drive to (")
+        visitor.press("Undo")
+        until(lambda: "drive_to" not in kinds(), SHOWN, "not undone")
+        visitor.button("Undo").wait_for(state="hidden", timeout=SHOWN * 1000)
+        page.mouse.dblclick(*visitor.pixel(FLOOR))
+        until(lambda: "drive_to" in kinds(), SHOWN, "no drive after a double click")
         assert visitor.errors == []
 
 

@@ -62,6 +62,9 @@ def test_every_key_that_is_listed_works_while_a_tab_has_the_focus(browser, begun
             key(name, lambda before=before: changed(before, visitor.picture()) > 0.02, "the same view")
         for wanted in (True, False):
             key("g", lambda wanted=wanted: (page.locator(".mp").count() > 0) is wanted, "plots do not open and close")
+        wrist = page.locator("canvas.wrist")
+        for wanted in (True, False):
+            key("i", lambda wanted=wanted: wrist.is_visible() is wanted, "the wrist camera does not come and go")
         key("h", lambda: page.locator("kbd").count() > 0, "no card")
         listed = set(page.locator("kbd").all_inner_texts())
         assert listed - NO_EFFECT == pressed

@@ -110,7 +110,9 @@ def candidates(visitor):
     count, chosen = len(placement.poses), placement.chosen
     visitor.tab("Why")
     visitor.click((*placement.poses[chosen][:2], CANDIDATE_HEIGHT))
-    visitor.says(re.compile(rf"^Candidate no\. {chosen + 1} \(of {count}\), rank \d+, chosen$"))
+    visitor.says(re.compile(r"^Place to stand, \d+(st|nd|rd|th) best of \d+, chosen$"))
+    named = visitor.page.get_by_title(f"Candidate no. {chosen + 1} of {count}")
+    named.locator("visible=true").first.wait_for(timeout=60_000)
     visitor.says(f"{placement.cost[chosen]:.1f} s")
     inspected = until(lambda: visitor.twin.client.tick().inspected, 30.0, "its paths are not computed")
     assert inspected.candidate == chosen
@@ -118,7 +120,7 @@ def candidates(visitor):
     out = [i for i in range(count) if all(placement.rejected[(i + step) % count] for step in (-1, 0, 1))]
     nearest = min(out, key=lambda i: placement.poses[i][1])  # in front of the table
     visitor.click((*placement.poses[nearest][:2], CANDIDATE_HEIGHT))
-    visitor.says("rejected: ")
+    visitor.says("Not possible: ")
 
 
 def layers(visitor):

@@ -5,7 +5,7 @@ from contextlib import contextmanager
 
 import numpy as np
 import pytest
-from page import Visitor, changed, until
+from page import Hand, Visitor, changed, until
 from room import EVIL
 
 from motm_twin.bus.commands import AddObstacle, HandOver, Pause, Reset
@@ -111,26 +111,6 @@ def deliver(visitor):
     assert math.dist(middle(client, "cube")[:2], box.centre) < box.side / 2
 
 
-class Finger:
-    """One finger on the screen, as Chromium sees it."""
-
-    def __init__(self, page):
-        self._page, self._events = page, page.context.new_cdp_session(page)
-
-    def drag(self, pixels):
-        """Down at the first of these pixels, over all others, hold still, up."""
-        self._touch("touchStart", pixels[0])
-        for pixel in pixels[1:]:
-            self._page.wait_for_timeout(80)
-            self._touch("touchMove", pixel)
-        self._page.wait_for_timeout(600)
-        self._events.send("Input.dispatchTouchEvent", {"type": "touchEnd", "touchPoints": []})
-
-    def _touch(self, kind, pixel):
-        points = [{"x": float(pixel[0]), "y": float(pixel[1])}]
-        self._events.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": points})
-
-
 @pytest.mark.browser
 @pytest.mark.timeout(600)
 def test_on_a_tablet_the_robot_is_in_view_and_a_finger_plays_and_drags_a_temi(browser, begun):
@@ -164,7 +144,7 @@ def test_on_a_tablet_the_robot_is_in_view_and_a_finger_plays_and_drags_a_temi(br
         way = [
             visitor.pixel((*(np.add(temi, np.subtract(target, temi) * part)), GRAB)) for part in np.linspace(0, 1, 13)
         ]
-        Finger(page).drag(way)
+        Hand(page).drags([way])
         until(
             lambda: math.dist(client.tick().obstacles[0].position[:2], target) < 0.1,
             30.0,

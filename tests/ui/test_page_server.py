@@ -15,6 +15,7 @@ from websockets.asyncio.client import connect
 
 from motm_twin.bus.connection import PortTaken, free_port
 from motm_twin.perf.page_reader import PageReader
+from motm_twin.ui.documentation import link
 from motm_twin.ui.page_server import (
     LOOPBACK,
     Guard,
@@ -107,6 +108,15 @@ def test_files_beside_the_page_stay_private(secret, local):
     for path in ("/../../../../../etc/passwd", "/%2e%2e/%2e%2e/%2e%2e/%2e%2e/etc/passwd", "/..%5c..%5cetc/passwd"):
         assert get(local, path).status == 404
         assert get(secret, path).status == 401
+        assert get(local, f"/docs{path}").status == 404
+
+
+def test_the_documentation_is_served_to_whom_the_page_is(secret, local):
+    address = link("method").partition("#")[0]
+    found = get(local, address)
+    assert found.status == 200 and found.getheader("X-Frame-Options") == "DENY"
+    assert get(secret, address).status == 401
+    assert get(local, address, Host="evil.example").status == 403
 
 
 def test_another_web_page_can_not_open_the_websocket(local):

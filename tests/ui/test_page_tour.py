@@ -19,7 +19,7 @@ def test_the_tour_shows_a_place_and_its_costs_a_temi_in_the_way_and_why_it_plans
     placement = client.tick().placement
     visitor.click((*placement.poses[placement.chosen][:2], CANDIDATE_HEIGHT))
     visitor.says("2 of 4")  # by itself
-    visitor.says("current cost")
+    visitor.says("and on to the next target")
     visitor.press("Next")
     visitor.press("Drop a Temi")
     until(lambda: len(client.tick().obstacles) == 1, 30.0, "no Temi")

@@ -190,7 +190,7 @@ class TestTasks:
         assert [(job.first, job.count, job.status) for job in listed] == [
             (0, 2, "done"), (2, 2, "active"), (4, 1, "waiting"), (5, 3, "waiting"), (8, 1, "waiting"),
         ]  # fmt: skip
-        assert label(listed[1]) == "▶ b → y (2.)"
+        assert label(listed[1]) == "▶ b → y (try 2)"
         assert listed[3].text == "c → drive to (0.00, 0.00) → x"
 
     def test_a_drive_that_is_given_up_between_pick_and_place_leaves_the_delivery_as_it_is(self):

@@ -162,6 +162,20 @@ def test_the_next_click_on_the_floor_puts_a_new_body_there_and_the_one_after_let
     assert len(hub.sent) == 1 and hub.view.selected == ""
 
 
+def test_one_click_on_the_floor_proposes_a_drive_that_a_second_one_there_confirms(pointing):
+    hub = click(pointing, (6.0, -1.5))
+    assert hub.view.going == (6.0, -1.5) and not hub.sent
+    hub = click(pointing, (6.0, 0.2))
+    assert hub.view.going == (6.0, 0.2) and not hub.sent  # elsewhere: proposed there instead
+    hub = click(pointing, TABLE)
+    assert hub.view.going is None and not hub.sent
+    hub.view.selected = ""
+    for _ in range(2):
+        click(pointing, (6.0, -1.5))
+    assert [task.point for task in hub.sent[0].tasks] == [(6.0, -1.5)] and len(hub.sent) == 1
+    assert (hub.view.going, hub.view.sent_to) == (None, "(6.00, -1.50)")
+
+
 def test_a_dot_of_a_candidate_is_no_more_than_floor_while_something_is_placed(pointing):
     x, y, _ = pointing.tick.placement.poses[pointing.tick.placement.chosen]
     hub = click(pointing, (x, y))

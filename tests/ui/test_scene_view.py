@@ -17,12 +17,12 @@ from motm_twin.bus.messages import BodyMessage
 from motm_twin.model.furniture import pieces
 from motm_twin.model.kinematics import Frankie
 from motm_twin.model.profile import RobotProfile
-from motm_twin.model.scene import Box, Cylinder, Prism, Solid
+from motm_twin.model.scene import Box, Bump, Cylinder, Prism, Solid
 from motm_twin.model.scene_file import list_scenes, load_scene
 from motm_twin.twin import Twin
 from motm_twin.ui import colours
 from motm_twin.ui.hub import Hub, Shown
-from motm_twin.ui.scene.furniture import bin_mesh, loose_box_mesh, solids_mesh
+from motm_twin.ui.scene.furniture import bin_mesh, bump_mesh, loose_box_mesh, solids_mesh
 from motm_twin.ui.scene.ghosts import APART, FREE, SILHOUETTES, reaching, silhouette_poses
 from motm_twin.ui.scene.light import (
     MARGIN,
@@ -191,6 +191,13 @@ def test_furniture_is_drawn_as_large_as_the_referee_knows_it(shape, low, high, s
     bounds = solids_mesh([solid]).bounds
     np.testing.assert_allclose(bounds[0], (*low, 0.0), atol=0.003)
     np.testing.assert_allclose(bounds[1], (*high, 0.6), atol=0.003)
+
+
+def test_a_bump_is_drawn_as_wide_and_high_as_wheels_meet_it():
+    bump = Bump(name="b", centre=(1.0, 2.0), length=0.8, yaw=math.pi / 2, width=0.1, height=0.01)
+    low, high = bump_mesh([bump]).bounds
+    np.testing.assert_allclose(low, (0.95, 1.6, 0.0), atol=1e-3)
+    np.testing.assert_allclose(high, (1.05, 2.4, 0.01), atol=1e-3)
 
 
 def test_a_shelf_of_one_board_is_drawn():

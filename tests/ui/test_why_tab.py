@@ -9,7 +9,7 @@ from fake_twin import FakeTwin, fake_scene
 from person import status, with_arm
 
 from motm_twin.bus.encode import tick_message
-from motm_twin.bus.messages import ContactMessage, EventMessage, ScoreMessage, TaskMessage
+from motm_twin.bus.messages import ContactMessage, EventMessage, ForcesMessage, GraspMessage, ScoreMessage, TaskMessage
 from motm_twin.control.task_list import kind_of, name_of
 from motm_twin.measures.published import published
 from motm_twin.model.arm_kernels import manipulability
@@ -18,6 +18,7 @@ from motm_twin.model.profile import BaseLimits
 from motm_twin.model.scene_file import load_scene
 from motm_twin.ui.history import Part, Sample, sample
 from motm_twin.ui.panel.drive_tab import in_hand as in_hand_of
+from motm_twin.ui.panel.forces import forces_card
 from motm_twin.ui.panel.panel import status_card
 from motm_twin.ui.panel.plots import Curve, number, path_of, plots_html
 from motm_twin.ui.panel.score import result_card, score_card, timing_card
@@ -41,8 +42,8 @@ PHASES = ("stow", "transit", "final", "closing", "lift", "carry", "release", "re
 
 def test_a_base_that_stands_moves_neither_forwards_nor_backwards(driving):
     standing = replace(driving, robot=replace(driving.robot, twist=[-0.001, -0.004]))
-    assert "base +0.00 m/s, +0&deg;/s" in now_card(standing)
-    assert "base +0.40 m/s, +6&deg;/s" in now_card(driving)
+    assert "base stands" in now_card(standing)
+    assert "base drives at 0.40 m/s, turns left at 6&deg;/s" in now_card(driving)
 
 
 def test_the_reference_of_manipulability_is_that_of_the_ready_pose(driving):
@@ -53,7 +54,7 @@ def test_the_reference_of_manipulability_is_that_of_the_ready_pose(driving):
 def test_regions_follow_the_parameters_in_force(driving):
     assert bands({}) == (0.25, 0.6, 0.6)
     assert bands({"d_s": 0.1, "d_i": 0.8, "xi": 1.0}) == (0.1, 0.8, 1.0)
-    assert "d<sub>s</sub> 0.1 m" in arm_card(driving, {"d_s": 0.1})
+    assert "no nearer than 0.1 m" in arm_card(driving, {"d_s": 0.1})
 
 
 def test_a_damped_stop_is_red_and_told(driving):
@@ -64,7 +65,7 @@ def test_a_damped_stop_is_red_and_told(driving):
         {},
     )
     assert "damped stop: bounds cross" in card
-    assert "solved" not in card
+    assert "moves as wanted" not in card and ">stops<" in card
 
 
 def test_events_are_newest_first_with_the_contacts_among_them(driving):
@@ -224,7 +225,7 @@ def test_a_cost_that_is_not_the_paper_s_sum_is_not_shown_as_one(driving):
         one = {"cost_current": [2.0], "cost_next": [4.0], "cost": [total], "poses": [[0.0, 0.0, 0.0]]}
         return candidate_card(replace(driving.placement, **one, rejected=[""], chosen=0), 0, 1.05)
 
-    assert "1.05 C<sub>N</sub>" in card(6.2)
+    assert "1.05 C_N" in card(6.2)
     assert "1.05" not in card(3.0)
     assert "by the rule of this method" in card(3.0)
 
@@ -233,7 +234,36 @@ def test_a_candidate_tells_its_costs_or_why_it_is_out(tick):
     placement = tick.placement
     chosen = candidate_card(placement, placement.chosen)
     assert "chosen" in chosen
-    assert "<span>1 of " in chosen
+    assert f"1st best of {sum(cost is not None for cost in placement.cost)}" in chosen
+    assert f"Candidate no. {placement.chosen + 1} of {len(placement.poses)}" in chosen
     out = next(index for index, reason in enumerate(placement.rejected) if reason)
-    assert "rejected: collision with object table" in candidate_card(placement, out)
+    assert "Not possible: collision with object table" in candidate_card(placement, out)
     assert "linear-gradient" in candidate_card(placement, None)
+
+
+FORCES = ForcesMessage(
+    fingers=[38.0, 40.0], external_torque=[0.0, -12.3, 0.0, 0.0, 0.0, 0.0, 0.0], torque_peaks=[25.0] * 7,
+    phantoms=[3, 1], wrist=[9.0, 0.4], wrist_peaks=[14.0, 0.9],
+    grasp=GraspMessage(
+        object=EVIL, time=3.0, firm=0.78, shift=0.0011, speed=0.021, slip=0.0004, lost=False
+    ),
+)  # fmt: skip
+
+
+def test_forces_stand_beside_the_thresholds_of_the_reflex(driving):
+    assert forces_card(driving) == ""
+    card = forces_card(replace(driving, forces=FORCES))
+    for said in ("38 N, 40 N", "joint 2: 12.3 Nm", "3 over 10 Nm, 1 over 20 Nm", "1.1 mm; slipped 0.4 mm", "0.78 s"):
+        assert said in card
+    assert EVIL not in card
+    assert "lost" in forces_card(replace(driving, forces=replace(FORCES, grasp=replace(FORCES.grasp, lost=True))))
+
+
+def test_forces_are_plotted_where_there_are_some():
+    felt = rows(40, left=40.0, right=39.0, torque=12.0, wrist=8.0)
+    page = plots_html(felt, BaseLimits(), {})
+    assert page.count("<svg") == 9
+    assert "40, 39" in page and "12.0" in page and "nan" not in page
+    payload = msgspec.json.encode(replace(tick_message(FakeTwin(fake_scene()).advance(), 1, 0.0), forces=FORCES))
+    taken = sample(msgspec.json.decode(payload, type=Part))
+    assert (taken.left, taken.right, taken.torque, taken.wrist) == (38.0, 40.0, 12.3, 9.0)

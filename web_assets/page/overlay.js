@@ -9,10 +9,10 @@
   const REST = 700; // [ms]
   const COVER = 20000, STILL = 500; // [ms] after which a page is shown as it is; without a new part the scene is whole
   const KINDS = {
-    picked: ["up", "#15803d"], placed: ["dot", "#15803d"], arrived: ["dot", "#15803d"], done: ["flag", "#15803d"],
-    missed: ["cross", "#b45309"], lost: ["cross", "#b45309"], postponed: ["cross", "#b45309"], failed: ["cross", "#b91c1c"],
-    contact: ["cross", "#b91c1c"], error: ["cross", "#b91c1c"], cut_in: ["square", "#b45309"], stop: ["square", "#b45309"],
-    fault: ["square", "#b91c1c"], edit: ["diamond", "#334155"], branch: ["fork", "#334155"],
+    picked: ["up", "green"], placed: ["dot", "green"], arrived: ["dot", "green"], done: ["flag", "green"],
+    missed: ["cross", "amber"], lost: ["cross", "amber"], postponed: ["cross", "amber"], failed: ["cross", "red"],
+    contact: ["cross", "red"], error: ["cross", "red"], cut_in: ["square", "amber"], stop: ["square", "amber"],
+    fault: ["square", "red"], edit: ["diamond", "past"], branch: ["fork", "past"],
   };
   const data = (motm.data = {}); // by mark
   let ask = null, asked = 0;
@@ -97,7 +97,7 @@
     on: "M5 3l7 6-7 6zM12.2 3H14v12h-1.800z", live: "M3 3l5.5 6L3 15zM9 3l5.5 6L9 15z",
     branch: "M5 2v14M5 11c6 0 7-3 7-7", undo: "M6 4L3 7l3 3M3 7h7a4 4 0 010 8H7", save: "M9 2v9M5 8l4 4 4-4M3 15h12",
     page: "M4 2h7l3 3v11H4zM7 8h5M7 11h5", picture: "M2 5h3l1.5-2h5L13 5h3v10H2zM9 12.500a2.7 2.7 0 100-5.4 2.7 2.7 0 000 5.4",
-    film: "M2 5h9v8H2zM11 8l5-3v8l-5-3", restart: "M14 9a5 5 0 11-1.5-3.500M14 2v4h-4",
+    film: "M2 5h9v8H2zM11 8l5-3v8l-5-3", wrist: "M2 4h14v10H2zM9 8h5v4H9z", moon: "M14.500 11A6.500 6.500 0 017 3.500a6 6 0 107.500 7.500z", restart: "M14 9a5 5 0 11-1.5-3.500M14 2v4h-4",
   };
   const sign = (name) => {
     const filled = ["play", "pause", "back", "on", "live"].includes(name);
@@ -132,22 +132,45 @@
     save: button("save", "Save the session: reruns bit for bit (V)", () => say("save"), "Save the session as a file"),
     page: button("page", "Save the last 30 s as a page that plays without a server", () => say("page", 30), "Export a page"),
     picture: button("picture", "Picture of the scene (PNG)", () => say("picture"), "Save a picture"),
+    wrist: button("wrist", "View of the wrist camera (I)", () => motm.look(controls.wrist), "Wrist camera"),
+    theme: button("moon", "Light or dark", () => (localStorage.setItem("motm-theme", theme.dark ? "light" : "dark"), paint())),
     film: button("film", "Film what the scene shows (WebM): press again to end", () => film(), "Film"),
   };
   const speed = make("select", { title: "Wanted speed (Z, X)", "aria-label": "Speed of the twin", onchange: () => say("speed", speed.value) },
     ...["1/8", "1/4", "1/2", "1x", "2x", "4x", "8x"].map((name) => make("option", { value: name }, name)));
   const bar = make("div", { class: "bar" }, track, make("div", { class: "row" }, controls.reset, controls.back, controls.play, controls.on, speed,
     clock, controls.live, controls.branch, controls.undo, make("span", { class: "gap" }), controls.save, controls.page,
-    controls.picture, controls.film));
+    controls.picture, controls.wrist, controls.film, controls.theme));
   const cover = make("div", { class: "cover", role: "status" }, make("b", {}, "motm-twin"), make("span", {}, "connecting"));
-  const root = make("div", { id: "motm" }, chips, bar, tip);
+  // a drive that was proposed by a click, and one that can be undone
+
+  const choice = (words, ...acts) => make("div", { class: "ask", role: "status" }, make("span", {}, words),
+    ...acts.map(([name, does]) => make("button", { type: "button", onclick: does }, name)));
+  const going = choice("Drive here?", ["Drive", () => say("go")], ["Cancel", () => say("stay")]);
+  const sent = choice("", ["Undo", () => say("stay")]);
+  const propose = () => {
+    const [x, y] = data.now?.going ?? [];
+    const spot = x === undefined || !data.now.mine ? null : motm.pixel?.([x, y, 0.75]);
+    going.hidden = !spot;
+    if (spot) [going.style.left, going.style.top] = [`${spot[0]}px`, `${spot[1]}px`];
+    sent.hidden = !data.now?.sent_to || !data.now.mine;
+    const words = data.now?.sent_to ?? "";
+    if (sent.firstChild.textContent !== words) sent.firstChild.textContent = words;
+  };
+  motm.frames.push(propose);
+  const root = make("div", { id: "motm" }, motm.wrist, sent, chips, bar, tip);
 
   const legend = () => {
     chips.replaceChildren(...(data.legend ?? []).map((layer) => {
       const swatch = make("i", { class: layer.shape });
       swatch.style.setProperty("--look", layer.swatch);
-      return make("button", { type: "button", title: layer.hint, "aria-label": layer.title, "aria-pressed": String(!hidden.has(layer.key)),
-        onclick: () => toggle(layer), onmouseenter: () => blink(layer), onmouseleave: () => blink(null) }, swatch,
+      const point = ({ currentTarget }) => {
+        const { left, top } = currentTarget.getBoundingClientRect();
+        tell(layer.hint, left, top - 4);
+        blink(layer);
+      };
+      return make("button", { type: "button", "aria-description": layer.hint, "aria-label": layer.title, "aria-pressed": String(!hidden.has(layer.key)),
+        onclick: () => toggle(layer), onmouseenter: point, onmouseleave: () => (tell(""), blink(null)) }, swatch,
         make("span", {}, layer.title));
     }));
   };
@@ -162,11 +185,12 @@
   };
   const length = () => Math.max(0.05, bounds()[1] - bounds()[0]);
   const at = (time) => ((time - bounds()[0]) / length()) * track.clientWidth;
+  const ink = (name) => getComputedStyle(root).getPropertyValue(`--motm-${name}`);
   const timeAt = (x) => bounds()[0] + (x / Math.max(1, track.clientWidth)) * length();
   let drawn = ""; // what the track shows: a picture that stays the same costs nothing
   const draw = () => {
     const place = data.now?.span ? [data.now.t, ...data.now.span].map((time) => Math.round(at(time ?? 0))) : [];
-    const shows = [track.clientWidth, data.events?.length, data.events?.at(-1)?.[0], data.now?.live, ...place].join();
+    const shows = [track.clientWidth, data.events?.length, data.events?.at(-1)?.[0], data.now?.live, theme.dark, ...place].join();
     if (shows === drawn) return;
     drawn = shows;
     const ratio = devicePixelRatio, width = track.clientWidth, height = track.clientHeight, now = data.now;
@@ -179,30 +203,32 @@
       pen.fillStyle = colour;
       pen.fillRect(from, middle - 3, Math.max(0, to - from), 6);
     };
-    bar(0, width, "#d7dce3");
+    bar(0, width, ink("rest"));
     if (now.span) {
-      bar(at(now.span[0]), at(now.span[1]), "#8fa3ba");
-      bar(at(now.span[0]), at(now.t ?? now.span[1]), "#256396");
+      bar(at(now.span[0]), at(now.span[1]), ink("kept"));
+      bar(at(now.span[0]), at(now.t ?? now.span[1]), ink("brand"));
     }
-    pen.fillStyle = "#64748b";
+    pen.fillStyle = ink("mute");
     pen.font = "10px system-ui, sans-serif";
     const step = length() > 60 ? 20 : length() > 15 ? 5 : 1;
     for (let mark = Math.ceil(bounds()[0] / step) * step; mark < bounds()[1]; mark += step) {
       pen.fillRect(at(mark), middle + 4, 1, 4);
       pen.fillText(`${mark}`, at(mark) + 3, height - 1);
     }
-    for (const [time, kind] of data.events ?? []) if (time >= bounds()[0]) spot(pen, at(time), middle, ...KINDS[kind] ?? []);
+    for (const [time, kind] of data.events ?? []) if (time >= bounds()[0]) {
+      const [shape, colour] = KINDS[kind] ?? [];
+      if (shape) spot(pen, at(time), middle, shape, ink(colour));
+    }
     if (now.t === null) return;
     pen.beginPath();
     pen.arc(Math.min(width - 5, Math.max(5, at(now.t))), middle, 5.5, 0, 7);
-    pen.fillStyle = now.live ? "#15803d" : "#334155";
+    pen.fillStyle = ink(now.live ? "green" : "past");
     pen.fill();
     pen.lineWidth = 2;
-    pen.strokeStyle = "#fff";
+    pen.strokeStyle = ink("paper");
     pen.stroke();
   };
   const spot = (pen, x, y, shape, colour) => {
-    if (!shape) return;
     const lines = { up: [[-4, 4], [4, 4], [0, -4]], square: [[-3, -3], [3, -3], [3, 3], [-3, 3]], flag: [[-3, 5], [-3, -5], [5, -2], [-3, 1]],
       diamond: [[0, -4], [4, 0], [0, 4], [-4, 0]], fork: [[-4, -4], [0, 0], [4, -4], [1, 5], [-1, 5]] }[shape];
     pen.beginPath();
@@ -298,19 +324,19 @@
     controls.film.classList.add("running");
   };
 
-  // names of things under the mouse, found by the camera that three.js draws with
+  // light or dark, as the browser prefers it, or as it was chosen here
 
-  let camera = null, renderer = null;
-  const tools = (window.__THREE_DEVTOOLS__ ??= new EventTarget());
-  tools.addEventListener("observe", ({ detail }) => {
-    if (detail?.info?.memory) renderer = detail;
-    if (!detail?.isScene) return;
-    const before = detail.onBeforeRender;
-    detail.onBeforeRender = (...given) => {
-      if (given[2]?.isPerspectiveCamera) camera = given[2];
-      before.apply(detail, given);
-    };
-  });
+  const prefers = matchMedia("(prefers-color-scheme: dark)"), theme = { message: null, dark: false };
+  const paint = () => {
+    theme.dark = (localStorage.getItem("motm-theme") ?? (prefers.matches ? "dark" : "light")) === "dark";
+    document.documentElement.classList.toggle("motm-dark", theme.dark);
+    if (theme.message) motm.show([{ ...theme.message, dark_mode: theme.dark }]);
+    draw();
+  };
+  prefers.addEventListener("change", paint);
+
+  // names of things under the mouse
+
   const things = () => [
     ...(data.names?.bins ?? []).map(([name, ...place]) => [name, place]),
     ...[...known.keys()].filter((name) => /^\/bodies\/(object|body)\/[^/]+$/.test(name)).map((name) => {
@@ -320,17 +346,18 @@
   ];
   document.addEventListener("pointermove", (event) => {
     if (!(event.target instanceof HTMLCanvasElement) || event.target === track) return;
-    if (event.buttons || !camera) return tell("");
-    const box = event.target.getBoundingClientRect(), Vector = camera.position.constructor;
+    if (event.buttons) return tell("");
     let best = REACH, found = "";
-    for (const [name, [x, y, z]] of things()) {
-      const spot = new Vector(-y, z, -x).project(camera);
-      if (spot.z > 1) continue;
-      const off = Math.hypot(box.left + (box.width * (1 + spot.x)) / 2 - event.clientX, box.top + (box.height * (1 - spot.y)) / 2 - event.clientY);
+    for (const [name, place] of things()) {
+      const spot = motm.pixel(place);
+      if (!spot) continue;
+      const off = Math.hypot(spot[0] - event.clientX, spot[1] - event.clientY);
       if (off < best) [best, found] = [off, name];
     }
     tell(found, event.clientX + 12, event.clientY - 8);
   });
+
+  document.addEventListener("keydown", (event) => event.key === "i" && !event.isTrusted && motm.look(controls.wrist));
 
   // a link to a moment: #t=47.5&cam=Follow
 
@@ -348,7 +375,7 @@
   // the page
 
   const covered = setInterval(() => {
-    const now = performance.now(), count = renderer?.info.memory.geometries ?? 0;
+    const now = performance.now(), count = motm.renderer?.info.memory.geometries ?? 0;
     if (count !== parts) [parts, changed] = [count, now];
     const whole = data.now && data.now.t !== null && parts > 0 && now - changed > STILL && (ask || motm.answer);
     cover.lastChild.textContent = !data.now ? "connecting" : data.now.t === null ? data.now.text || data.now.state : `drawing the scene: ${parts} parts`;
@@ -371,7 +398,7 @@
       legend();
     }
     if (mark === "now" || mark === "events") bring();
-    if (mark === "now") motm.changed?.();
+    if (mark === "now") propose(), motm.changed?.();
     if (mark === "now" && link.size && !cover.isConnected) follow();
     if (typeof value.says === "string" && says.textContent !== value.says) says.textContent = value.says;
   };
@@ -389,6 +416,8 @@
       }
       if (mark) motm.learn(mark[1], JSON.parse(content.slice(mark[0].length)));
     }
+    const styled = messages.find(({ type }) => type === "ThemeConfigurationMessage");
+    if (styled) theme.message = Object.assign(styled, { dark_mode: theme.dark });
     rest(messages);
     switched(messages);
   });
@@ -409,9 +438,10 @@
   let folded = false;
   addEventListener("DOMContentLoaded", () => {
     document.body.append(root, cover);
-    document.body.append(says);
+    document.body.append(says, going);
     for (const part of [root, says]) part.classList.toggle("recorded", Boolean(motm.answer));
     new ResizeObserver(place).observe(document.body);
+    paint();
     setInterval(place, 500); // panels come, go and are dragged
     place();
   });

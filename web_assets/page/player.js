@@ -40,11 +40,67 @@
       return value;
     };
     for (const entry of read.messages) whole(entry[1]);
+    whole(read.ground);
     return read;
   };
   const key = (message) => {
     const fields = message.type === "SceneNodeUpdateMessage" ? Object.keys(message.updates).join() : "";
     return message.props && message.name ? `made ${message.name}` : `${message.type} ${message.name ?? ""} ${fields}`;
+  };
+  // Pictures of the ground: each is kept as the cells that differ from the one before, and given to Viser as a PNG.
+  let cells = null, reached = -1;
+  const turn = ([gaps, bits]) => {
+    let at = 0;
+    for (let i = 0; i < gaps.length; i++) cells[(at += gaps[i])] ^= bits[i];
+  };
+  const ground = (number) => {
+    const { width, height, palette, steps } = recording.ground;
+    cells ??= new Uint8Array(width * height);
+    while (reached < number) turn(steps[++reached]);
+    while (reached > number) turn(steps[reached--]);
+    return png(width, height, palette);
+  };
+  const CRC = Uint32Array.from({ length: 256 }, (_, n) => {
+    for (let k = 0; k < 8; k++) n = n & 1 ? 0xedb88320 ^ (n >>> 1) : n >>> 1;
+    return n;
+  });
+  const png = (width, height, palette) => { // of the cells, not compressed
+    const rows = new Uint8Array((width + 1) * height), most = 65535;
+    for (let row = 0; row < height; row++) rows.set(cells.subarray(row * width, (row + 1) * width), row * (width + 1) + 1);
+    let a = 1, b = 0;
+    for (const value of rows) b = (b + (a = (a + value) % 65521)) % 65521;
+    const data = new Uint8Array(6 + rows.length + 5 * Math.ceil(rows.length / most));
+    data.set([0x78, 1]);
+    let end = 2;
+    for (let at = 0; at < rows.length; at += most) {
+      const block = rows.subarray(at, at + most), size = block.length;
+      data.set([at + most >= rows.length ? 1 : 0, size & 255, size >> 8, ~size & 255, (~size >> 8) & 255], end);
+      data.set(block, end + 5);
+      end += 5 + size;
+    }
+    data.set([b >> 8, b & 255, a >> 8, a & 255], end);
+    const chunk = (name, body) => {
+      const made = new Uint8Array(12 + body.length), view = new DataView(made.buffer);
+      view.setUint32(0, body.length);
+      made.set([...name].map((letter) => letter.charCodeAt(0)), 4);
+      made.set(body, 8);
+      let code = ~0;
+      for (const value of made.subarray(4, -4)) code = CRC[(code ^ value) & 255] ^ (code >>> 8);
+      view.setUint32(8 + body.length, ~code >>> 0);
+      return made;
+    };
+    const size = new Uint8Array([0, 0, width >> 8, width & 255, 0, 0, height >> 8, height & 255, 8, 3, 0, 0, 0]);
+    const shades = new Uint8Array(768), clear = new Uint8Array(256);
+    for (let k = 0; k < 256; k++) [shades[3 * k], shades[3 * k + 1], shades[3 * k + 2], clear[k]] = palette.subarray(4 * k, 4 * k + 4);
+    const all = [Uint8Array.of(137, 80, 78, 71, 13, 10, 26, 10), chunk("IHDR", size), chunk("PLTE", shades), chunk("tRNS", clear),
+      chunk("IDAT", data), chunk("IEND", new Uint8Array(0))];
+    const file = new Uint8Array(all.reduce((sum, part) => sum + part.length, 0));
+    all.reduce((at, part) => (file.set(part, at), at + part.length), 0);
+    return file;
+  };
+  const drawn = (message) => {
+    const number = message.updates?._data?.ground;
+    return number === undefined ? message : { ...message, updates: { _data: ground(number) } };
   };
   const copy = (message) => ({ ...message, ...(message.props && { props: { ...message.props } }) });
 
@@ -58,7 +114,7 @@
       kept.delete(name);
       kept.set(name, message);
     }
-    return [...kept.values()].map(copy);
+    return [...kept.values()].map(copy).map(drawn);
   };
   const show = (time) => {
     at = Math.min(recording.last, Math.max(recording.first, time));

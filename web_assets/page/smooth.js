@@ -10,7 +10,7 @@
   const CLOCK = "/clock";
   const GLIDES = /^\/(robot\/(link|shadow)|bodies\/(object|body))\//;
   const FIELDS = { SetPositionMessage: "position", SetOrientationMessage: "wxyz" };
-  const CAMERA = { SetCameraPositionMessage: "position", SetCameraLookAtMessage: "look_at" };
+  const CAMERA = { SetCameraPositionMessage: "position", SetCameraLookAtMessage: "look_at", SetCameraFovMessage: "fov" };
   const FAR = 0.6; // [m] a body that goes so far between two pictures was put there
   const LEAP = 0.5; // [s] between two pictures that do not follow each other
   const SHORTEST = 15, LONGEST = 150, USUAL = 50; // [ms] from picture to picture
@@ -21,7 +21,7 @@
   let held = null; // the picture that comes next
   let waiting = []; // batches after it
   let moves = []; // {message, field, from, to}
-  let began = 0, span = USUAL, arrived = 0; // [ms]
+  let began = 0, usual = USUAL, scatter = 0, span = USUAL, arrived = 0; // [ms]
   let time = NaN, run = NaN;
   let asked = false, pace = 16, frame = 0, tried = 0; // [ms]
   const shown = new Map(); // pose by type and node, as it is on the screen
@@ -32,6 +32,7 @@
     glides: 0,
     slow: () => pace > SLOW - 1,
     place: (name) => shown.get(`SetPositionMessage ${name}`)?.position,
+    turn: (name) => shown.get(`SetOrientationMessage ${name}`)?.wxyz,
     show: (messages) => (held ? waiting.push(messages) : deliver(messages)),
     send: (message) => worker?.postMessage({ type: "send", message }),
   });
@@ -90,7 +91,9 @@
       const on = new Set(moves.map((move) => move.message));
       settle((message) => on.has(message) && gliding.has(`${message.type} ${message.name}`));
       const gap = Math.min(LONGEST, Math.max(SHORTEST, now - arrived));
-      span = 0.7 * span + 0.3 * gap;
+      scatter = 0.8 * scatter + 0.2 * Math.abs(gap - usual);
+      usual = 0.7 * usual + 0.3 * gap;
+      span = usual + scatter; // so that the next picture is there before the motion ends
       [held, moves, began] = [messages, next, now];
       ask();
     }
@@ -114,7 +117,8 @@
     const found = {};
     for (const [type, message] of Object.entries(camera.to)) {
       const field = CAMERA[type], from = camera.from[type]?.[field];
-      found[type] = { ...message, [field]: from ? between(Array.from(from), Array.from(message[field]), share) : message[field] };
+      const to = message[field], mixed = from === undefined ? to : between([from].flat(), [to].flat(), share);
+      found[type] = { ...message, [field]: field === "fov" ? [mixed].flat()[0] : mixed };
     }
     return found;
   };

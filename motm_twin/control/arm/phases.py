@@ -301,15 +301,19 @@ def _close(state: ManipulatorState, view: View, rules: PhaseRules) -> Outcome:
         return _miss(state, view, rules, Kind.LEFT_OBJECT)
     if math.hypot(*(state.anchor[:2] - view.target[:2])) > p.pushed_away:
         return _miss(state, view, rules, Kind.PUSHED_AWAY)
-    closed = view.width < state.side + 0.5 * (
-        rules.profile.gripper.max_width - state.side
-    )  # fingers that stand may not be
-    if closed and elapsed >= closing_time - 0.5 * view.dt and not view.gripper_moving:
+    if not view.gripper_moving and _firm(state, view, rules, elapsed):
         state.late = _lateness(state, view, rules)
         state.holding, state.reported = True, False
         state.anchor = view.p.copy()
         enter(state, Phase.LIFT, view.time)
     return NOTHING
+
+
+def _firm(state: ManipulatorState, view: View, rules: PhaseRules, elapsed: float) -> bool:
+    """Fingers that stand hold the object: at its width, or after the closing time nearer to it than to open ones."""
+    gripper, beyond = rules.profile.gripper, view.width - state.side
+    late = elapsed >= gripper.closing_time - 0.5 * view.dt
+    return beyond <= rules.parameters.held_tolerance or (late and beyond < 0.5 * (gripper.max_width - state.side))
 
 
 def _miss(state: ManipulatorState, view: View, rules: PhaseRules, kind: Kind) -> Outcome:

@@ -11,7 +11,7 @@ from motm_twin.model.scene import Scene
 from motm_twin.ui.hub import Hub, Shown, Visitor
 from motm_twin.ui.panel import disturb
 from motm_twin.ui.panel.disturb import Thing
-from motm_twin.ui.panel.widgets import BLUE, Block, card, follow, heading, note, text
+from motm_twin.ui.panel.widgets import AMBER, BLUE, Block, card, follow, heading, note, text, wash
 from motm_twin.ui.scene.cameras import Visibility
 from motm_twin.ui.scene.picking import Surroundings
 
@@ -106,7 +106,8 @@ class DisturbTab(Block):
         if not (await asyncio.to_thread(self.hub.command, self.visitor, body)).ok:
             return  # the hub has said why
         view = self.hub.view
-        view.selected, view.placing, view.sending = body.name, body.name, ""
+        view.aim_at_nothing()
+        view.selected = view.placing = body.name
         self._just = Thing(body.name, disturb.kind_of(kind))
         self.tell(f"{body.name} stands {where}. Drag it, or click the floor where it should stand.", "Added", "green")
 
@@ -126,8 +127,8 @@ class DisturbTab(Block):
     def cancel(self) -> None:
         """Cancel what the next click on the floor would do, or else the selection."""
         view = self.hub.view
-        if view.sending or view.placing:
-            view.sending = view.placing = ""
+        if view.sending or view.placing or view.going is not None:
+            view.aim_at_nothing()
         else:
             view.selected = ""
 
@@ -154,14 +155,16 @@ class DisturbTab(Block):
 
     def _select(self, name: str) -> None:
         self.hub.view.selected = "" if name == NOTHING else name
-        self.hub.view.sending = self.hub.view.placing = ""
+        self.hub.view.aim_at_nothing()
 
     def _with_agent(self, what: str) -> None:
         if what in (FREEZE, GO_ON):
             self.freeze()
         elif (thing := self._thing()) is not None:
             view = self.hub.view
-            view.sending, view.placing = "" if view.sending == thing.name else thing.name, ""
+            sending = "" if view.sending == thing.name else thing.name
+            view.aim_at_nothing()
+            view.sending = sending
 
     async def _announce(self) -> None:
         """Announce the place of the selected piece to the robot, and say so."""
@@ -216,5 +219,6 @@ def faults(texts: list[str]) -> str:
         return ""
     lines = "<br>".join(map(text, texts))
     return note(
-        f'<div style="border-left:3px solid #b45309;background:#b4530914;padding:3px 8px">{lines}</div>', "#92400e"
+        f'<div style="border-left:3px solid var(--motm-amber);background:{wash(AMBER)};padding:3px 8px">{lines}</div>',
+        "var(--motm-amber)",
     )

@@ -22,8 +22,8 @@ from motm_twin.ui.scene.scene_view import SceneView
 SPEEDS = {"1/8": 0.125, "1/4": 0.25, "1/2": 0.5, "1x": 1.0, "2x": 2.0, "4x": 4.0, "8x": 8.0}
 UP, DOWN, DELETE = "▲", "▼", "✕"
 _SIGNS = {"done": ("✓", GREEN), "active": ("▶", BLUE), "failed": ("✗", RED)}
-_WAITING = ("○", "#9ca3af")
-_HOW = "Click a cube, then a bin. Click the floor to send the robot there."
+_WAITING = ("○", "var(--motm-edge)")
+_HOW = "Click a cube, then a bin. Double-click the floor to send the robot there."
 
 
 class DriveTab(Block):
@@ -236,7 +236,7 @@ def ended_lines(listed: Sequence[Job]) -> str:
 
 def label(job: Job) -> str:
     """A job with the sign of its state, as plain text."""
-    again = f" ({job.attempts}.)" if job.attempts > 1 else ""
+    again = f" (try {job.attempts})" if job.attempts > 1 else ""
     return f"{_SIGNS.get(job.status, _WAITING)[0]} {job.text}{again}"
 
 

@@ -57,6 +57,7 @@ ROUNDED = 1e-3  # [m], [rad] places of a tick are rounded to less
 AHEAD, BEHIND = math.radians(40.0), math.radians(120.0)
 _HOLDS = (
     Kind.IN_STOPPING_WAY,
+    Kind.MEETS_MOVER,
     Kind.FLOOR_UNSEEN,
     Kind.NO_MOTION,
     Kind.LEAVES_REACH,
@@ -196,9 +197,10 @@ def _constraint(name: str, step: ArmMessage, q: Sequence[float]) -> tuple[str, s
     joint = _JOINT.match(name)
     if joint is not None:
         return name, _joint_bound(int(joint[1]) - 1, step, q)
-    return {"base speed": ("base", "accelerates all it may"), "base yaw rate": ("base", "turns in all it may")}.get(
-        name, (name, "at its limit")
-    )
+    return {
+        "base speed": ("base", "speeds up or brakes as fast as it may"),
+        "base yaw rate": ("base", "starts or ends a turn as fast as it may"),
+    }.get(name, (name, "at its limit"))
 
 
 def _joint_bound(k: int, step: ArmMessage, q: Sequence[float]) -> str:
@@ -207,7 +209,7 @@ def _joint_bound(k: int, step: ArmMessage, q: Sequence[float]) -> str:
         return "near the end of its range"
     if k < len(step.joint_velocity) and abs(step.joint_velocity[k]) > _AT_SPEED * DQ_MAX[k]:
         return "at full speed"
-    return "accelerates all it may"
+    return "speeds up or brakes as fast as it may"
 
 
 def _listed(names: Iterable[str]) -> str:

@@ -10,7 +10,8 @@ from typing import Any
 
 import msgspec
 
-from motm_twin.bus.commands import Reset, Speed, Step
+from motm_twin.bus.commands import RemoveTask, Reset, Speed, Step
+from motm_twin.bus.messages import TickMessage
 from motm_twin.ui.hub import Hub, Shown, Visitor
 from motm_twin.ui.legend import LAYERS, names_of
 from motm_twin.ui.panel.disturb_tab import DisturbTab
@@ -33,7 +34,7 @@ class Overlay(Block):
     ) -> None:
         gui = visitor.client.gui
         super().__init__(gui, hub, visitor)
-        self._drive, self._replay = drive, replay
+        self._drive, self._replay, self._cameras = drive, replay, scene.cameras
         self._legend, self._now, self._events, self._names = (gui.add_html("", visible=False) for _ in range(4))
         self._legend.content = _packed("legend", LAYERS)
         self._scene: object = None
@@ -51,6 +52,8 @@ class Overlay(Block):
             "save": (False, replay.save),
             "page": (False, replay.export),
             "picture": (False, replay.screenshot),
+            "go": (True, lambda: scene.clicks.drive(visitor)),
+            "stay": (True, self._stay),
             "temi": (True, lambda: disturb.add("temi")),
             "ahead": (True, self._ahead),
             "hide": (False, self._hide),
@@ -79,6 +82,9 @@ class Overlay(Block):
             "says": "" if shown.tick is None else says(shown.tick, shown.scene),
             "mine": hub.drives(self.visitor),
             "picked": shown.view.picked,
+            "camera": self._cameras.mode(self.visitor.client),
+            "going": shown.view.going if shown.live else None,
+            "sent_to": sent_to(shown.newest, shown.view.sent_to),
             "aside": None if status is None else status.aside,
         }
         self._now.content = _packed("now", now)
@@ -109,6 +115,15 @@ class Overlay(Block):
         else:
             self._replay.step(int(periods))
 
+    def _stay(self) -> None:
+        """Do not drive to the proposed place; without one, undo the drive that was confirmed last."""
+        view, newest = self.hub.view, None if self.shown is None else self.shown.newest
+        index = drive_index(newest, view.sent_to)
+        if view.going is not None:
+            view.going = None
+        elif index is not None and self.hub.live(self.visitor):
+            self.send(RemoveTask(index=index))
+
     def _ahead(self) -> None:
         """Compare the run with one that does not count what comes after the next target."""
         if self.shown is not None and self.shown.newest is not None:
@@ -119,6 +134,25 @@ class Overlay(Block):
 
     def _hide(self, keys: list[str]) -> None:
         self.visitor.hidden = frozenset(map(str, keys))
+
+
+def sent_to(tick: TickMessage | None, target: str) -> str:
+    """A sentence about the drive to this target that can be undone; "" when it has ended."""
+    index = drive_index(tick, target)
+    if tick is None or index is None:
+        return ""
+    return f"Drive to {target} {'has begun' if index == tick.task_index else 'comes next'}"
+
+
+def drive_index(tick: TickMessage | None, target: str) -> int | None:
+    """Number of the drive to this target that has not ended; None when there is none."""
+    listed = [] if tick is None else tick.tasks
+    open_drives = (
+        index
+        for index, task in enumerate(listed)
+        if task.kind == "drive_to" and task.target == target and task.status in ("waiting", "active")
+    )
+    return next(open_drives, None)
 
 
 def _packed(mark: str, content: object) -> str:

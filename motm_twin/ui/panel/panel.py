@@ -14,6 +14,7 @@ import viser
 from motm_twin.bus.commands import NAME_MAX, HandOver, Reset, Step, TakeWheel
 from motm_twin.bus.messages import StatusMessage
 from motm_twin.ui import colours
+from motm_twin.ui.documentation import link
 from motm_twin.ui.hub import Hub, Shown, Visitor, clean_name
 from motm_twin.ui.panel.disturb_tab import DisturbTab
 from motm_twin.ui.panel.drive_tab import DriveTab
@@ -22,18 +23,18 @@ from motm_twin.ui.panel.plots import PLOTS, PLOTS_KEY
 from motm_twin.ui.panel.replay_tab import ReplayTab
 from motm_twin.ui.panel.tune_tab import TuneTab
 from motm_twin.ui.panel.why_tab import WhyTab, headline, held_up
-from motm_twin.ui.panel.widgets import AMBER, BLUE, GREEN, MUTED, RED, STYLE, Block, card, chip, text
+from motm_twin.ui.panel.widgets import AMBER, BLUE, GREEN, MUTED, RED, STYLE, Block, card, chip, note, text
 from motm_twin.ui.scene.cameras import PRESETS
 from motm_twin.ui.scene.scene_view import SceneView
 
 # No arrow keys: they belong to the slider or list that has the focus. None of W A S D Q E: they fly Viser's camera.
-_FLY = ("Fly the camera", "W A S D Q E")
+_FLY, _WRIST = ("Fly the camera", "W A S D Q E"), ("View of the wrist camera", "I")
 _SHOWN = {"delete": "Del", "escape": "Esc"}
 SHORT = """<div style="font-size:13.5px;line-height:1.5;padding:4px 12px 8px 12px;display:grid;
 grid-template-columns:58px 1fr;gap:3px 8px">
-<b style="color:#256396">Look</b><span>drag to turn, right-drag to move, wheel to zoom</span>
-<b style="color:#256396">Disturb</b><span>grab a Temi, a cube or a table and drag it</span>
-<b style="color:#256396">Ask</b><span>click a coloured dot, then open <b>Why</b></span>
+<b style="color:var(--motm-brand)">Look</b><span>drag to turn, right-drag to move, wheel to zoom</span>
+<b style="color:var(--motm-brand)">Disturb</b><span>grab a Temi, a cube or a table and drag it</span>
+<b style="color:var(--motm-brand)">Ask</b><span>click a coloured dot, then open <b>Why</b></span>
 </div>"""
 
 
@@ -54,7 +55,7 @@ def add_commands(
         ("Add a cylinder", "C", lambda: disturb.add("cylinder"), True),
         ("Freeze / go on", "F", disturb.freeze, True),
         ("Delete the selected", "delete", disturb.delete, True),
-        ("Place or send nothing", "escape", disturb.cancel, True),
+        ("Cancel the next click", "escape", disturb.cancel, True),
         ("Clear all disturbances", None, disturb.clear, True),
         ("Back by one period", "J", lambda: replay.step(-1), True),
         ("On by one period", "K", lambda: replay.step(1), True),
@@ -69,7 +70,7 @@ def add_commands(
         table.append((f"Camera: {preset}", str(number), partial(scene.cameras.choose, visitor.client, preset), False))
     table.append(("How to drive", "H", help_card.show_keys, False))
     help_card.keys = [(label, _SHOWN.get(key, key)) for label, key, *_ in table if key is not None]
-    help_card.keys[-1:-1] = [_FLY, (PLOTS, PLOTS_KEY)]  # the page's own, and a panel that has its command
+    help_card.keys[-1:-1] = [_FLY, _WRIST, (PLOTS, PLOTS_KEY)]  # the page's own, and a panel that has its command
     for label, key, act, drives in table:
         guard = hub.driving if drives else hub.watching
         command = visitor.client.gui.add_command(label, hotkey=key)  # type: ignore[arg-type]
@@ -92,6 +93,9 @@ class HelpCard:
         with gui.add_modal("How to drive") as self._window:
             gui.add_html(SHORT)
             gui.add_html(_table(self.keys))
+            if address := link("page"):
+                words = "Documentation: the page, the method, your own scene or robot"
+                gui.add_html(note(f'<a class="docs" href="{address}" target="_blank" rel="noopener">{words}</a>'))
             gui.add_button("Close", hint="H or Esc").on_click(self._hub.watching(lambda *_: self._hide_keys()))
 
     def _hide_keys(self) -> bool:
@@ -105,12 +109,13 @@ class HelpCard:
 def _table(keys: list[tuple[str, str]]) -> str:
     cells = "".join(
         f'<div style="white-space:nowrap"><kbd style="display:inline-block;min-width:22px;text-align:center;'
-        f'border:1px solid #d1d5db;border-radius:4px;padding:0 5px;font-size:12px;background:#f9fafb">{key}</kbd>'
+        f"border:1px solid var(--motm-line);border-radius:4px;padding:0 5px;font-size:12px;"
+        f'background:var(--motm-soft)">{key}</kbd>'
         f'<span style="margin-left:8px">{label}</span></div>'
         for label, key in keys
     )
     return (
-        '<div style="font-size:13px;line-height:1.7;padding:6px 12px 10px 12px;border-top:1px solid #e5e7eb;'
+        '<div style="font-size:13px;line-height:1.7;padding:6px 12px 10px 12px;border-top:1px solid var(--motm-line);'
         'display:grid;grid-template-columns:1fr 1fr;gap:2px 16px">' + cells + "</div>"
     )
 
@@ -121,7 +126,7 @@ warnings.filterwarnings("ignore", message="Queued a .* on a closed connection")
 WIDTH = 330  # [px]
 TOP = '<i class="motm-top"></i>'  # its block stays in sight when the panel is scrolled
 CROSSHAIR = "<style>canvas, div:has(> canvas) {cursor: crosshair !important}</style>"  # the floor is clicked next
-PAST = "#334155"  # looking back
+PAST = "var(--motm-past)"  # looking back
 _STATES = {
     "playing": ("Running", GREEN),
     "paused": ("Paused", MUTED),
@@ -254,7 +259,7 @@ def status_card(
         now = status.time if looked_at is None else looked_at
         clock = f'<span style="font-size:17px;font-weight:600{past}">{now:.2f} s</span>'
         where = text(f"{status.scene}{f' / {status.variant}' if status.variant else ''}, seed {status.seed}")
-        rows = [f'<div class="mu" style="{line};margin-top:3px">{where} &middot; {_speed(state, status)}</div>']
+        rows = [f'<div class="mu one" style="{line};margin-top:3px">{where} &middot; {_speed(state, status)}</div>']
     rows.append(says or '<div class="big two"></div>')
     alarm = _STATES[state][1] if state in {"error", "lost", "done"} else AMBER
     rows.append(f'<div class="alert" title="{text(note)}" style="color:{alarm}">{text(note)}</div>')
@@ -268,8 +273,8 @@ def _speed(state: str, status: StatusMessage) -> str:
     wanted = f"{status.speed:g}&times;"
     if state != "playing" or status.actual_speed <= 0.0:  # not known yet
         return wanted
-    capped = f' <b style="color:{AMBER}">CAPPED</b>' if status.capped else ""
-    return f"{wanted}, actual {status.actual_speed:.2f}&times;{capped}"
+    capped = f' <b style="color:{AMBER}">(all it can)</b>' if status.capped else ""
+    return f"{wanted}, really {status.actual_speed:.2f}&times;{capped}"
 
 
 class Wheel(Block):
@@ -316,7 +321,7 @@ def driver_line(status: StatusMessage | None, sender: str) -> str:
     if status is None:
         return ""
     if not status.driver:
-        return _line("#9ca3af", "Nobody is driving: do anything to take the wheel")
+        return _line("var(--motm-edge)", "Nobody is driving: do anything to take the wheel")
     if status.driver == sender:
         return _line(GREEN, "<b>You</b> are driving")
     name = text(clean_name(status.driver_name) or "Somebody")
@@ -325,7 +330,7 @@ def driver_line(status: StatusMessage | None, sender: str) -> str:
 
 def asked_line(name: str) -> str:
     """The note for a driver that somebody wants to drive, as HTML."""
-    return _line("#2563a6", f"<b>{text(name)}</b> asks for the wheel")
+    return _line("var(--motm-brand)", f"<b>{text(name)}</b> asks for the wheel")
 
 
 def _line(colour: str, content: str) -> str:

@@ -7,7 +7,7 @@ few kilobytes.
 import math
 import threading
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import viser
@@ -17,6 +17,7 @@ from motm_twin.bus.messages import TickMessage
 from motm_twin.control.arm.parameters import AvoidanceParameters
 from motm_twin.model.edits import ParameterValue
 from motm_twin.model.joint_limits import DQ_MAX
+from motm_twin.model.physics import REFLEXES
 from motm_twin.model.profile import BaseLimits
 from motm_twin.ui.history import Sample
 from motm_twin.ui.hub import Hub, Shown, Visitor
@@ -34,20 +35,21 @@ LETTERS = 11.0  # units that the name of a region needs
 _FAR = 1.5  # [m] top of the plot of distances
 _MOST_SLACK = 500.0  # [mm/s, deg/s] and of slack, which may be large while driving
 _MOST_TIME = 100.0  # [ms] and of the period
-_LIMIT, _ZERO = "#dc2626", "#d1d5db"
-JOINTS = ("#2563eb", "#0891b2", "#0d9488", "#65a30d", "#d97706", "#db2777", "#7c3aed")
+_LIMIT, _ZERO = "var(--motm-red)", "var(--motm-line)"
+JOINTS = ("var(--motm-blue)", "#0891b2", "#0d9488", "#65a30d", "#d97706", "#db2777", "#7c3aed")
 
 STYLE = """<style>
-.mp{font-size:11px;line-height:1.3;padding:1px 12px 4px 10px;font-variant-numeric:tabular-nums;color:#6b7280}
-.mp b{color:#111827;font-weight:600;font-size:12px}
+.mp{font-size:11px;line-height:1.3;padding:1px 12px 4px 10px;font-variant-numeric:tabular-nums;color:var(--motm-mute)}
+.mp b{color:var(--motm-ink);font-weight:600;font-size:12px}
 .mp .t{display:flex;justify-content:space-between;align-items:baseline;white-space:nowrap}
-.mp .n{color:#111827}
-.mp .f{position:relative;height:74px;margin:4px 0 2px 32px;border:solid #9ca3af;border-width:0 0 1px 1px}
+.mp .n{color:var(--motm-ink)}
+.mp .f{position:relative;height:74px;margin:4px 0 2px 32px;border:solid var(--motm-edge);border-width:0 0 1px 1px}
 .mp svg{position:absolute;inset:0;width:100%;height:100%}
 .mp path{fill:none;vector-effect:non-scaling-stroke;stroke-linejoin:round}
 .mp .y{position:absolute;right:calc(100% + 4px);transform:translateY(-50%);font-size:10px}
-.mp .r{position:absolute;left:4px;transform:translateY(-50%);font-size:10px;line-height:1;color:#9a3412}
-.mp .c{position:absolute;left:3px;font-size:10px;line-height:1;color:#374151;background:#fff;padding:1px 2px}
+.mp .r{position:absolute;left:4px;transform:translateY(-50%);font-size:10px;line-height:1;color:var(--motm-amber)}
+.mp .c{position:absolute;left:3px;font-size:10px;line-height:1;color:var(--motm-ink);padding:1px 2px;
+ background:var(--motm-paper)}
 .mp .x{position:relative;height:13px;margin-left:32px;font-size:10px}
 .mp .x span{position:absolute;transform:translateX(-50%);white-space:nowrap}
 .mp .k{display:inline-block;width:14px;border-top:1.5px solid;vertical-align:middle;margin-right:3px}
@@ -88,6 +90,7 @@ def plots_html(samples: NDArray[np.float64], base: BaseLimits, parameters: Mappi
         joint_plot(samples),
         slack_plot(samples),
         period_plot(samples),
+        *(force_plots(samples) if np.isfinite(_column(samples, "torque")).any() else ()),
     ]
     time = samples[:, 0]
     return STYLE + _key() + "".join(draw(plot, time) for plot in drawn) + _time_axis(float(time[-1]))
@@ -114,10 +117,10 @@ def distance_plot(samples: NDArray[np.float64], parameters: Mapping[str, Paramet
         now=number(distance[-1], ".2f", none="none seen near"),
         low=0.0,
         high=_FAR,
-        curves=(Curve(values=distance, colour="#111827"),),
+        curves=(Curve(values=distance, colour="var(--motm-ink)"),),
         regions=(
-            (0.0, d_s, "#fecaca", "&lt; d<sub>s</sub> too near"),
-            (d_s, d_i, "#ffedd5", "&lt; d<sub>i</sub> slows down"),
+            (0.0, d_s, "var(--motm-near)", "&lt; d<sub>s</sub> too near"),
+            (d_s, d_i, "var(--motm-slow)", "&lt; d<sub>i</sub> slows down"),
         ),
         labels=((d_s, f"{d_s:g}"), (d_i, f"{d_i:g}"), (_FAR, f"{_FAR:g}"), (1.0, "1"), (0.0, "0")),
     )
@@ -126,7 +129,7 @@ def distance_plot(samples: NDArray[np.float64], parameters: Mapping[str, Paramet
 def base_plots(samples: NDArray[np.float64], base: BaseLimits) -> tuple[Plot, Plot]:
     """Forward speed and yaw rate of the base with their limits."""
     speed, turn = _column(samples, "speed"), np.degrees(_column(samples, "yaw_rate"))
-    moves, turns = (Curve(values=values, colour="#2563eb", extremes=False) for values in (speed, turn))
+    moves, turns = (Curve(values=values, colour="var(--motm-blue)", extremes=False) for values in (speed, turn))
     spin, now = math.degrees(base.yaw_rate), number(speed[-1], "+.2f")
     return (
         _limited("Base speed", "m/s", now, (moves,), (-base.reverse_speed, base.forward_speed), "g"),
@@ -164,12 +167,12 @@ def slack_plot(samples: NDArray[np.float64]) -> Plot:
     high = min(_round_up(np.nanmax(np.concatenate([linear, angular, [20.0]]))), _MOST_SLACK)
     parts = (number(linear[-1], ".0f"), number(angular[-1], ".0f"))
     return Plot(
-        title='Slack <span style="color:#2563eb">linear</span>, <span style="color:#d97706">angular</span>',
+        title='Slack <span style="color:var(--motm-blue)">linear</span>, <span style="color:#d97706">angular</span>',
         unit="mm/s, &deg;/s",
         now=", ".join(filter(None, parts)),
         low=0.0,
         high=high,
-        curves=(Curve(values=angular, colour="#d97706"), Curve(values=linear, colour="#2563eb")),
+        curves=(Curve(values=angular, colour="#d97706"), Curve(values=linear, colour="var(--motm-blue)")),
         labels=((0.0, "0"), (high, f"{high:g}"), (high / 2, f"{high / 2:g}")),
     )
 
@@ -188,6 +191,32 @@ def period_plot(samples: NDArray[np.float64]) -> Plot:
         limits=((BUDGET, _LIMIT),),
         labels=((0.0, "0"), (BUDGET, f"{BUDGET:.0f}"), (high, f"{high:g}")),
     )
+
+
+def force_plots(samples: NDArray[np.float64]) -> tuple[Plot, Plot, Plot]:
+    """Under contact dynamics: forces of the fingers, external torque with the Panda's reflexes, force at the wrist."""
+    left, right, torque, wrist = (_column(samples, name) for name in ("left", "right", "torque", "wrist"))
+    colours = ("#2563eb", "#d97706")
+    fingers = tuple(Curve(values=each, colour=colour) for each, colour in zip((left, right), colours, strict=True))
+    now = ", ".join(filter(None, (number(left[-1], ".0f"), number(right[-1], ".0f"))))
+    title = f'Fingers <span style="color:{colours[0]}">left</span>, <span style="color:{colours[1]}">right</span>'
+    feels = _upwards("External torque, largest joint", "Nm", (Curve(values=torque, colour="#7c3aed"),), (10.0, 30.0))
+    reflexes = tuple(REFLEXES.values())
+    return (
+        replace(_upwards(title, "N", fingers, (20.0, 40.0)), now=now),
+        replace(feels, limits=tuple((limit, _LIMIT) for limit in reflexes)),
+        _upwards("Force at the wrist", "N", (Curve(values=wrist, colour="#0d9488"),), (10.0, 20.0)),
+    )
+
+
+def _upwards(title: str, unit: str, curves: tuple[Curve, ...], marks: tuple[float, float]) -> Plot:
+    """A plot from 0 to the upper mark, or as far as the curves go."""
+    most = max((float(np.nanmax(one.values)) for one in curves if np.isfinite(one.values).any()), default=0.0)
+    high = max(marks[1], _round_up(most))
+    return Plot(
+        title=title, unit=unit, now=number(curves[0].values[-1], ".1f"), low=0.0, high=high, curves=curves,
+        labels=((0.0, "0"), (high, f"{high:g}"), (marks[0], f"{marks[0]:g}")),
+    )  # fmt: skip
 
 
 def number(value: float, form: str, *, none: str = "") -> str:
@@ -214,7 +243,9 @@ def draw(plot: Plot, time: NDArray[np.float64]) -> str:
         for low, high, colour, _ in plot.regions
     ]
     parts += [
-        f'<path d="M{_x(ago):.0f} 0v{HEIGHT}" stroke="#e5e7eb" stroke-width="1"/>' for ago in TICKS if 0 < ago < WINDOW
+        f'<path d="M{_x(ago):.0f} 0v{HEIGHT}" stroke="var(--motm-line)" stroke-width="1"/>'
+        for ago in TICKS
+        if 0 < ago < WINDOW
     ]
     parts += [
         f'<path d="M0 {_y(plot, value):.0f}h{WIDTH}" stroke="{colour}" stroke-width="1" stroke-dasharray="4 3"/>'

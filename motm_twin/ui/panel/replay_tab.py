@@ -21,7 +21,7 @@ SPEEDS = {"1/4": 0.25, "1/2": 0.5, "1x": 1.0, "2x": 2.0, "4x": 4.0}
 EXPORTS = {"10 s": 10.0, "30 s": 30.0, "60 s": 60.0}
 PICTURE = (1200, 1920)  # [px] height, width
 RENDER_TIME = 60.0  # [s] for a browser to draw one picture
-_CODE = "background:#f3f4f6;border-radius:3px;padding:0 4px"
+_CODE = "background:var(--motm-soft);border-radius:3px;padding:0 4px"
 
 
 class ReplayTab(Block):

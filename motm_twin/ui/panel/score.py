@@ -8,19 +8,35 @@ from motm_twin.control.task_list import kind_of, name_of
 from motm_twin.measures.published import REFERENCE_TOUR_NOTE, published
 from motm_twin.model.scene import Scene
 from motm_twin.ui.history import STAGES, Sample
-from motm_twin.ui.panel.widgets import AMBER, GREEN, RED, bar, card, heading, mark, metres, piece, table, text
+from motm_twin.ui.panel.widgets import (
+    AMBER,
+    GREEN,
+    RED,
+    bar,
+    card,
+    explained,
+    heading,
+    mark,
+    metres,
+    piece,
+    table,
+    text,
+)
 
 BUDGET = 50.0  # [ms] of one period
 WINDOW = 10.0  # [s]
+_PERIOD_NAME = f"Computing, last {WINDOW:.0f} s"
+_PERIOD_WORDS = "Time from the sensors to the commands of one control period of 50 ms."
 _SCALE = 1.2 * BUDGET  # [ms] length of the bars
 COLOURS = {"map": "#0d9488", "place": "#65a30d", "plan": "#2563eb", "arm": "#9333ea", "monitor": "#f59e0b"}
 TITLES = {
     "map": "map from the scan",
     "place": "places to stand",
-    "plan": "global and local plan",
-    "arm": "arm and its QP",
-    "monitor": "monitor",
+    "plan": "way and plan",
+    "arm": "arm",
+    "monitor": "checks",
 }
+_COLUMNS = ("ms", explained("half", "p50: half of the periods take less"), explained("99 %", "p99"), "max")
 _FIRST, _PERIOD = Sample._fields.index(STAGES[0]), Sample._fields.index("period")
 
 
@@ -30,7 +46,7 @@ def score_card(tick: TickMessage, status: StatusMessage | None, scene: Scene | N
     score = tick.score
     if score is not None:
         rows += _count(tick, score)
-    return card(heading("Score"), *_compared(rows, tick, status, scene))
+    return card(heading(explained("Score", "as the referee counts", "referee")), *_compared(rows, tick, status, scene))
 
 
 def result_card(tick: TickMessage, status: StatusMessage | None, scene: Scene | None = None) -> str:
@@ -103,7 +119,7 @@ def _tour(tick: TickMessage, status: StatusMessage | None) -> list[tuple[str, ..
     tour = None if status is None else status.reference_tour
     if tour is None or tour <= 0.0:
         return []
-    name = f'<span title="{text(REFERENCE_TOUR_NOTE)}" style="border-bottom:1px dotted">reference tour</span>'
+    name = explained("reference tour", REFERENCE_TOUR_NOTE, "tour")
     ratio = f"{_time(tick) / tour:.2f}" if tick.done else f"{tick.time / tour:.2f} so far"
     return [(name, f"{tour:.1f} s"), ("time / reference tour", ratio)]
 
@@ -136,13 +152,14 @@ def timing_card(samples: NDArray[np.float64]) -> str:
     worst = int(np.argmax(period))
     over = int((period > BUDGET).sum())
     colour = GREEN if over == 0 else RED if over > 0.01 * len(period) else AMBER
+    name = explained(_PERIOD_NAME, _PERIOD_WORDS, "period")
     head = (
-        f'<div style="display:flex;justify-content:space-between">{heading(f"Period, last {WINDOW:.0f} s")}'
+        f'<div style="display:flex;justify-content:space-between">{heading(name)}'
         f'<span style="color:{colour};font-weight:600">{over} of {len(period)} over {BUDGET:.0f} ms</span></div>'
     )
     bars = _labelled("typical", _stack([(name, float(np.nanmedian(values))) for name, values in stages]))
     bars += _labelled("slowest", _stack([(name, float(values[worst])) for name, values in stages]))
-    cells: list[tuple[str, ...]] = [tuple(f'<span class="mu">{name}</span>' for name in ("ms", "p50", "p99", "max"))]
+    cells: list[tuple[str, ...]] = [tuple(f'<span class="mu">{name}</span>' for name in _COLUMNS)]
     for name, values in stages:
         dot = f'<span style="color:{COLOURS[name]}">&#9632;</span> {TITLES[name]}'
         low, high = np.nanpercentile(values, (50, 99))

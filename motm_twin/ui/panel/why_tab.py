@@ -14,6 +14,7 @@ from motm_twin.ui import colours
 from motm_twin.ui.hub import Hub, Shown, Visitor
 from motm_twin.ui.panel import explain
 from motm_twin.ui.panel.explain import avoided, limited_by, strange
+from motm_twin.ui.panel.forces import forces_card
 from motm_twin.ui.panel.plots import PlotsPanel, bands
 from motm_twin.ui.panel.score import WINDOW, score_card, timing_card
 from motm_twin.ui.panel.widgets import (
@@ -34,24 +35,36 @@ from motm_twin.ui.panel.widgets import (
     piece,
     seconds,
     sentence,
-    signed,
     text,
 )
 
 FAST, SLOW = 2, 10  # updates (of 0.1 s) between refreshes of live text, and of statistics
 NEXT_WEIGHT = "next_weight"  # parameter: weight of the cost C_N
 ROUNDED = 0.05  # [s] tolerance of the sum of a message's costs
+_PLACE = "Of the places where the base could stand for its target, the one with the least cost."
 READY_MANIPULABILITY = 0.0838  # of the Panda's ready pose
 BEST_MANIPULABILITY = 0.127  # largest of 20,000 random poses
 RULER = 1.0  # [m] length of the bar of distances
 EVENTS = 8
-_LOCAL = "Motion of the base in the next seconds: to the goal, or only part of the way when the search must stop."
-_T_H = "Time that the local plan needs from here to its goal."
-_K = "How much driving near obstacles costs: 1 on the way, less shortly before the goal, so that it may come close."
+_LOCAL = "Local plan: motion of the base to its goal, or only part of the way when the search must stop."
+_T_H = "t_h: time that the local plan needs from here to its goal."
+_K = "k: what driving near obstacles costs, 1 on the way, less shortly before the goal, so that it may come close. Now"
 _NODES = "Short motions that the search for the local plan tried in this period (nodes expanded)."
-_SLACK = "By how much the hand's velocity may miss the wanted one, because limits come first: straight and turning."
-_MANIPULABILITY = "How freely the hand can move in every direction; 0: stretched out or locked. The mark: ready pose."
-_REFERENCE = "How far the fingers are from where the program of the arm wants them now."
+_CUT = "The search ended when its time was over; the robot drives the best plan found until then."
+_SLACK = (
+    "Slack: by how much the hand's velocity misses the wanted one, because limits come first. Straight and turning:"
+)
+_MANIPULABILITY = "Manipulability: how freely the hand can move; 0: stretched out or locked. The mark: ready pose. Now"
+_REFERENCE = "From the fingers to where they are to be (the reference of the arm's program):"
+_FREELY, _SLIGHTLY = 0.999, 0.05  # of k
+_NEGLIGIBLE = 2e-3  # [m/s], [rad/s] of slack
+PROGRAMS = {  # outcome of the arm's program: word, and what it means
+    ProgramStatus.SOLVED: ("moves as wanted", "The arm's program (a quadratic program) keeps all limits."),
+    ProgramStatus.GAVE_WAY: ("gives way", "Something is too near the arm: it moves off."),
+    ProgramStatus.DAMPED_STOP: ("stops", "No motion keeps all limits (damped stop): the arm slows down to a stop."),
+    ProgramStatus.STANDING: ("stands", "Something stands where the arm is: it does not move."),
+    ProgramStatus.WITHDRAWING: ("withdraws", "The arm draws back."),
+}  # fmt: skip
 _EVENT_COLOURS = {
     "picked": GREEN, "placed": GREEN, "arrived": GREEN, "missed": AMBER, "lost": AMBER,
     "postponed": AMBER, "failed": RED, "contact": RED,
@@ -66,7 +79,7 @@ class WhyTab(Block):
         self._count = 0
         self._now = gui.add_html("")
         self._plots = PlotsPanel(gui, hub)
-        self._task, self._candidate, self._arm, self._events = (gui.add_html("") for _ in range(4))
+        self._task, self._candidate, self._arm, self._forces, self._events = (gui.add_html("") for _ in range(5))
         with gui.add_folder("Timing"):
             self._timing = gui.add_html("")
         with gui.add_folder("Score"):
@@ -86,6 +99,7 @@ class WhyTab(Block):
             weight = float(parameters.get(NEXT_WEIGHT, 1.05))
             self._candidate.content = candidate_card(tick.placement, picked, weight)
             self._arm.content = arm_card(tick, parameters, shown.scene)
+            self._forces.content = forces_card(tick)
         if history is None:
             return
         index = None if shown.live else tick.index
@@ -99,7 +113,7 @@ class WhyTab(Block):
 
 def headline(tick: TickMessage, scene: Scene | None = None) -> str:
     """One big sentence: the robot's activity, and with the scene the body that it avoids."""
-    colour = GREEN if tick.done and tick.success else "#111827"
+    colour = GREEN if tick.done and tick.success else "var(--motm-ink)"
     return f'<div class="big two" style="color:{colour}">{text(says(tick, scene))}</div>'
 
 
@@ -125,7 +139,7 @@ def now_card(tick: TickMessage, scene: Scene | None = None, status: StatusMessag
     rows = [sentence(why, AMBER if held_up else MUTED) for why, held_up in reasons]
     if tick.done and explain.stands(tick):
         return card(*rows, _driven_by(status))
-    motion = f"base {signed(speed, 2)} m/s, {signed(math.degrees(turn), 0)}&deg;/s"
+    motion = moving(speed, turn)
     reach, task = tick.plan.time_to_range, explain.active_task(tick)
     planned = task is not None and not (tick.preview and task.status == "waiting")  # for the task in hand
     if reach is not None and planned and not tick.done:
@@ -134,13 +148,23 @@ def now_card(tick: TickMessage, scene: Scene | None = None, status: StatusMessag
     return card(*rows, _driven_by(status))
 
 
+def moving(speed: float, turn: float) -> str:
+    """Forward speed [m/s] and yaw rate [rad/s] of the base in words, as HTML."""
+    parts = []
+    if abs(speed) >= explain.STANDS[0]:
+        parts.append(f"{'drives' if speed > 0.0 else 'backs up'} at {abs(speed):.2f} m/s")
+    if abs(turn) >= explain.STANDS[1]:
+        parts.append(f"turns {'left' if turn > 0.0 else 'right'} at {abs(math.degrees(turn)):.0f}&deg;/s")
+    return "base " + (", ".join(parts) or "stands")
+
+
 def _driven_by(status: StatusMessage | None) -> str:
     """The method that decides, HTML."""
     if status is None or not status.method:
         return ""
     about = next((choice.summary for choice in status.methods if choice.name == status.method), "")
     title = f"<b>{text(explain.method_title(status, status.method))}</b>"
-    return f'<div class="mu">method {explained(title, about) if about else title}</div>'
+    return f'<div class="mu">method {explained(title, about, "method") if about else title}</div>'
 
 
 def task_card(tick: TickMessage) -> str:
@@ -153,15 +177,20 @@ def task_card(tick: TickMessage) -> str:
     rows = [(f"task {number}", f"<b>{text(task.kind.replace('_', ' '))} {text(task.target)}</b>{tries}")]
     mode = text(explain.MODES.get(placement.mode, placement.mode))
     if placement.mode == "ring":
-        mode = f"ring of {placement.radius:.2f} m"
+        mode = f"{placement.radius:.2f} m from the target"
     chosen = 0 <= placement.chosen < len(placement.poses)
-    rows.append((f"is to stand at candidate no. {placement.chosen + 1}" if chosen else "is to stand at", mode))
+    number = f" Candidate no. {placement.chosen + 1} of {len(placement.poses)}." if chosen else ""
+    rows.append((explained("where the base is to stand", _PLACE + number, "place"), mode))
     colour = {"goal": GREEN, "aborted": BLUE, "braking": RED}.get(plan.status, MUTED)
-    cut = ", cut by the clock" if plan.cut_by_clock else ""
-    rows.append((explained("local plan", _LOCAL), chip(explain.PLANS.get(plan.status, plan.status), colour)))
-    rows.append((explained("time to the goal, t<sub>h</sub>", _T_H), seconds(plan.t_h)))
-    rows.append((explained("penalty of nearness, k", _K), f"{plan.k:.2f}"))
-    rows.append((explained("motions tried (nodes)", _NODES), f"{plan.expansions}{cut}"))
+    cut = explained(", time was over", _CUT, "end of search") if plan.cut_by_clock else ""
+    shy = (
+        "as usual" if plan.k > _FREELY else "hardly, it is there" if plan.k < _SLIGHTLY else "less, it is nearly there"
+    )
+    words = chip(explain.PLANS.get(plan.status, plan.status), colour)
+    rows.append((explained("plan of the next seconds", _LOCAL, "plan"), words))
+    rows.append((explained("time to get there", _T_H, "plan"), seconds(plan.t_h)))
+    rows.append((explained("shuns obstacles", f"{_K}: {plan.k:.2f}.", "penalty"), shy))
+    rows.append((explained("motions tried", _NODES, "plan"), f"{plan.expansions}{cut}"))
     return card(heading("Task in hand"), pairs(rows))
 
 
@@ -174,15 +203,19 @@ def arm_card(tick: TickMessage, parameters: Mapping[str, ParameterValue], scene:
         return ""
     step = tick.arm[-1]
     solved = step.program == ProgramStatus.SOLVED
-    title = f'<div style="display:flex;justify-content:space-between">{heading("Arm")}'
-    title += chip(step.program, GREEN if solved else RED) + "</div>"
+    word, words = PROGRAMS.get(step.program, (step.program, ""))  # type: ignore[call-overload]
+    name = explained(chip(word, GREEN if solved else RED), words, "program") if words else chip(word, RED)
+    title = f'<div style="display:flex;justify-content:space-between">{heading("Arm")}{name}</div>'
     parts = [title]
     if not solved:
         parts.append(sentence(step.qp_status, RED))
     parts.append(_distance(tick.arm, parameters, limited_by(tick, scene)))
     parts.append(_manipulability(step))
-    error = "unknown" if step.error is None else f"{1e3 * step.error:.0f} mm"
-    parts.append(pairs([(explained("hand off its reference", _REFERENCE), error), *_slack(step.slack)]))
+    error = (
+        ("unknown", "unknown") if step.error is None else (f"{100 * step.error:.0f} cm", f"{1e3 * step.error:.0f} mm")
+    )
+    off = explained("hand still to go", f"{_REFERENCE} {error[1]}.", "phases")
+    parts.append(pairs([(off, error[0]), *_slack(step.slack)]))
     held = [(what, f"{by}{strange(by, tick, scene)}") for what, by in explain.constraints(tick.arm, tick.robot.q)]
     lines = "".join(f"<div>{text(what)} <span class='mu'>{text(by)}</span></div>" for what, by in held)
     parts.append("<hr>" + (lines or '<div class="mu">no limit is active: the hand moves as it wants</div>'))
@@ -194,13 +227,14 @@ def _distance(steps: Sequence[ArmMessage], parameters: Mapping[str, ParameterVal
     step = steps[-1]
     d_s, d_i, _ = bands(parameters)
     distance = step.obstacle_distance
-    pieces = [piece(0.0, d_s / RULER, "#fca5a5"), piece(d_s / RULER, d_i / RULER, "#fed7aa")]
+    pieces = [piece(0.0, d_s / RULER, "var(--motm-near)"), piece(d_s / RULER, d_i / RULER, "var(--motm-slow)")]
     if distance is not None:
         pieces.append(mark(distance / RULER))
-    rows = [("gripper to obstacle", f"<b>{metres(distance)}</b>")]
+    rows = [(explained("gripper to obstacle", "by the lidar", "arm"), f"<b>{metres(distance)}</b>")]
     ruler = (
-        f"{bar(*pieces)}<div class='mu' style='font-size:11px'>red: comes no nearer, d<sub>s</sub> {d_s:g} m &middot; "
-        f"orange: slower and slower, d<sub>i</sub> {d_i:g} m</div>"
+        f"{bar(*pieces)}<div class='mu' style='font-size:11px'>"
+        f"{explained(f'red: no nearer than {d_s:g} m', 'd_s, the stopping distance', 'avoidance')} &middot; "
+        f"{explained(f'orange: slows down within {d_i:g} m', 'd_i, the influence distance', 'avoidance')}</div>"
     )
     if not step.limiter:
         return pairs(rows) + ruler
@@ -217,7 +251,8 @@ def _manipulability(step: ArmMessage) -> str:
     colour = GREEN if value > 0.5 * READY_MANIPULABILITY else AMBER if value > 0.2 * READY_MANIPULABILITY else RED
     pieces = piece(0.0, value / BEST_MANIPULABILITY, colour), mark(READY_MANIPULABILITY / BEST_MANIPULABILITY)
     share = 100.0 * value / READY_MANIPULABILITY
-    row = explained("manipulability", _MANIPULABILITY), f"{value:.3f}, {share:.0f} % of the ready pose"
+    name = explained("freedom of the arm", f"{_MANIPULABILITY} {value:.3f}.", "program")
+    row = name, f"{share:.0f} % of the ready pose"
     return f'<div style="margin-top:4px">{pairs([row])}{bar(*pieces, height=6)}</div>'
 
 
@@ -226,9 +261,9 @@ def _slack(slack: Sequence[float | None]) -> list[tuple[str, str]]:
     if len(known) != 6:
         return []
     linear, angular = math.hypot(*known[:3]), math.hypot(*known[3:])
-    return [
-        (explained("velocity missed (slack)", _SLACK), f"{1e3 * linear:.1f} mm/s, {math.degrees(angular):.1f}&deg;/s")
-    ]
+    words = f"{_SLACK} {1e3 * linear:.1f} mm/s, {math.degrees(angular):.1f} deg/s."
+    missed = "by nothing" if max(linear, angular) < _NEGLIGIBLE else f"by {100 * linear:.1f} cm/s"
+    return [(explained("slower than wanted", words, "program"), missed)]
 
 
 def events_card(tick: TickMessage, events: Sequence[EventMessage]) -> str:
@@ -262,29 +297,38 @@ def candidate_card(placement: PlacementMessage, index: int | None, next_weight: 
         f'<div class="mu">x {x:.2f} m, y {y:.2f} m, heading {math.degrees(heading_):.0f}&deg;</div>',
     ]
     if placement.rejected[index]:
-        rows.append(sentence(f"rejected: {placement.rejected[index]}", MUTED))
+        rows.append(sentence(f"Not possible: {placement.rejected[index]}", MUTED))
     else:
         rows += _costs(placement, index, next_weight)
     return card(*rows)
 
 
 def _title(placement: PlacementMessage, index: int) -> str:
-    """Number, rank and choice; candidates are numbered round the target, not by rank."""
-    place = "" if placement.cost[index] is None else f", rank {rank(placement, index)}"
+    """Rank and choice, with its number on hover; candidates are numbered round the target."""
+    viable = sum(cost is not None for cost in placement.cost)
+    place = "" if placement.cost[index] is None else f", {_nth(rank(placement, index))} best of {viable}"
     chosen = ", <b>chosen</b>" if index == placement.chosen else ""
-    return f"Candidate no. {index + 1} (of {len(placement.poses)}){place}{chosen}"
+    return explained("Place to stand", f"Candidate no. {index + 1} of {len(placement.poses)}", "place") + place + chosen
+
+
+def _nth(number: int) -> str:
+    ending = "th" if number % 100 in (11, 12, 13) else {1: "st", 2: "nd", 3: "rd"}.get(number % 10, "th")
+    return f"{number}{ending}"
 
 
 def _costs(placement: PlacementMessage, index: int, weight: float) -> list[str]:
     here, onward, total = (cost[index] for cost in (placement.cost_current, placement.cost_next, placement.cost))
-    viable = sum(cost is not None for cost in placement.cost)
     paper = here is None or onward is None or total is None or abs(here + weight * onward - total) < ROUNDED
-    rule = f"cost C = C<sub>C</sub> + {weight:g} C<sub>N</sub>" if paper else "cost C by the rule of this method"
+    sum_ = "The cost C, by the rule of this method."
+    if paper:
+        sum_ = f"The cost C = C_C + {weight:g} C_N: the way on counts {weight:g} times. The least cost is chosen."
     rows = [
-        ("current cost C<sub>C</sub>: to it", seconds(here)),
-        ("next cost C<sub>N</sub>: on to the next target", seconds(onward)),
-        (rule, f"<b>{seconds(total)}</b>"),
-        ("rank by C among the free", f"{rank(placement, index)} of {viable}{_dearer(placement, index)}"),
+        (explained("time to get there", "Current cost C_C.", "place"), seconds(here)),
+        (explained("and on to the next target", "Next cost C_N.", "place"), seconds(onward)),
+        (
+            explained("together" if paper else "cost", sum_, "place"),
+            f"<b>{seconds(total)}</b>{_dearer(placement, index)}",
+        ),
     ]
     if not paper:
         return [pairs(rows)]
@@ -302,7 +346,7 @@ def _dearer(placement: PlacementMessage, index: int) -> str:
     best = placement.cost[chosen] if 0 <= chosen < len(placement.cost) else None
     if own is None or best is None or index == chosen:
         return ""
-    return f"<br>{own - best:+.1f} s against the chosen"
+    return f", {abs(own - best):.1f} s {'more' if own > best else 'less'} than the chosen"
 
 
 def rank(placement: PlacementMessage, index: int) -> int:
@@ -321,7 +365,7 @@ def _hint(placement: PlacementMessage) -> str:
     rows = [f"<div><b>Click one of the coloured places</b> to read its costs. {count - out} of {count} are free</div>"]
     if out:
         most = ", ".join(f"{number} {text(why)}" for why, number in reasons.most_common(3))
-        rows.append(f'<div class="mu">out: {most}</div>')
+        rows.append(f'<div class="mu">not possible: {most}</div>')
     return card(heading("Places to stand"), *rows) + legend(placement)
 
 

@@ -20,12 +20,13 @@ from motm_twin.model.scene_shapes import outline
 from motm_twin.ui.scene.picking import Ray, Surroundings
 
 FIELD_OF_VIEW = math.radians(40.0)  # vertical
+FROM_FAR = math.radians(9.0)  # of the plan view, in which upright lines are to be points
 ASPECT = 1.18  # width / height of the picture beside the panel on a 1280 x 800 screen
 SAME_ASPECT = 0.03  # share by which an aspect ratio may differ without another pose
 _EDGE = 0.93  # share of the picture that is used
 BELOW = 0.12  # share of its height that timeline and legend take
 _FROM = np.array([-0.40, -0.72, 0.60])  # direction of the overview from the scene
-_ABOVE = np.array([0.0, -0.012, 1.0])
+_ABOVE = np.array([0.0, -0.002, 1.0])
 _ROBOT = 0.45  # [m] kept free round the start
 _TALL = 1.0  # [m] height of what may be anywhere
 View = tuple[Array, Array]  # position and look-at point [m]
@@ -36,6 +37,8 @@ RIDES = {  # eye and look-at point [m] in a frame that is level, has its x axis 
 }
 EASE = 0.7  # [s] of a move from one view to another
 SWING = 1.6  # [1/s] how fast a ride turns with the robot
+FRAMED = 1.2  # [m] from the hand to its target, within which the camera of the hand shows both
+UNFRAMED = 0.25  # [m] between them that the camera shows without going back
 REST = 0.5  # [s] after the hand's last move the ride goes on
 ECHO = 0.03  # [m] a reported camera this near to a sent one was not moved by hand
 PANEL = 334  # [px] that the docked panel takes from the picture; a page tells its size before it is docked
@@ -56,8 +59,8 @@ def overview(scene: Scene, aspect: float = ASPECT, *, below: float = BELOW) -> V
 
 
 def from_above(scene: Scene, aspect: float = ASPECT) -> View:
-    """Position and look-at point [m] for a plan view, x to the right."""
-    return _fitted(extent(scene), _ABOVE, aspect, BELOW)
+    """Position and look-at point [m] for a plan view from far, with `FROM_FAR`; x to the right."""
+    return _fitted(extent(scene), _ABOVE, aspect, BELOW, FROM_FAR)
 
 
 def extent(scene: Scene) -> Array:
@@ -81,7 +84,7 @@ def extent(scene: Scene) -> Array:
     return np.array(points)
 
 
-def _fitted(points: Array, direction: Array, aspect: float, below: float) -> View:
+def _fitted(points: Array, direction: Array, aspect: float, below: float, fov: float = FIELD_OF_VIEW) -> View:
     """The nearest eye in a direction that has all points within the picture, centred; and its look-at point."""
     aspect = ASPECT if abs(aspect / ASPECT - 1.0) <= SAME_ASPECT else aspect
     forward = -direction / np.linalg.norm(direction)
@@ -89,7 +92,7 @@ def _fitted(points: Array, direction: Array, aspect: float, below: float) -> Vie
     right /= np.linalg.norm(right)
     up = np.cross(right, forward)
     across, high, deep = points @ right, points @ up, points @ forward
-    tangent = math.tan(FIELD_OF_VIEW / 2)
+    tangent = math.tan(fov / 2)
     side = (across, deep, _EDGE * tangent * aspect)
     ends = (high, deep, (_EDGE - 2.0 * below) * tangent), (high, deep, _EDGE * tangent)
     back = min(_farthest(side, side), _farthest(*ends))
@@ -127,6 +130,8 @@ class _Eye:
     page_width: int = 0  # [px] when it came
     ease_from: View | None = None
     ease_start: float = 0.0
+    ease_fov: float = FIELD_OF_VIEW  # at the start of the move
+    aside: Array = field(default_factory=lambda: np.zeros(3))  # [m] from the hand to the middle of what a ride frames
     heading: float | None = None  # [rad] of the ride's frame
     offset: View | None = None  # in the ride's frame, when a hand chose it
     hand_at: float = -math.inf  # when a hand moved it last
@@ -139,7 +144,7 @@ class Cameras:
         self._server, self._lock = server, threading.Lock()
         self._eyes: dict[int, _Eye] = {}
         self._scene: Scene | None = None
-        self._base, self._hand = np.zeros(3), np.eye(4)
+        self._base, self._hand, self._target = np.zeros(3), np.eye(4), None
         self._beginnings = (_MADE, np.array(server.initial_camera.position))  # a slow page tells them late
         server.initial_camera.fov = FIELD_OF_VIEW
         server.on_client_connect(self._enter)
@@ -164,7 +169,7 @@ class Cameras:
             eye.mode, eye.target, eye.offset, eye.heading = preset, None, None, None
             eye.hand_at, eye.arrived = -math.inf, True
             eye.ease_from = (np.array(client.camera.position), np.array(client.camera.look_at))
-            eye.ease_start = time.monotonic()
+            eye.ease_start, eye.ease_fov = time.monotonic(), client.camera.fov
 
     def mode(self, client: viser.ClientHandle) -> str:
         """Preset that a visitor has now."""
@@ -172,29 +177,37 @@ class Cameras:
             eye = self._eyes.get(client.client_id)
             return "Free" if eye is None else eye.mode
 
-    def update(self, pose: Array, hand: Array, dt: float, *, ride: bool = True) -> None:
+    def update(self, pose: Array, hand: Array, dt: float, *, ride: bool = True, target: Array | None = None) -> None:
         """Advance moves and rides; base pose, transform of the hand (4, 4), and time [s] since the last call.
 
-        ``ride``: those that ride along go on now, with a new picture.
+        ``ride``: those that ride along go on now, with a new picture; ``target``: place [m] that the hand is to reach.
         """
         now = time.monotonic()
         clients = self._server.get_clients()
-        wanted: dict[int, View] = {}
+        wanted: dict[int, tuple[View, float]] = {}
         with self._lock:
-            self._base, self._hand = pose, hand
+            self._base, self._hand, self._target = pose, hand, target
             for number, eye in self._eyes.items():
                 if number not in clients:
                     continue
                 view = self._view(eye, clients[number], now, dt)
                 if view is not None and (ride or eye.mode not in RIDES or eye.ease_from is not None):
-                    wanted[number] = view
+                    wanted[number] = view, self._fov(eye, clients[number], now)
                     eye.sent.append(view[0])
                     eye.look_at = view[1]
-        for number, (position, look_at) in wanted.items():
+        for number, ((position, look_at), fov) in wanted.items():
             client = clients[number]
             with client.atomic():
                 client.camera.position = position  # takes the look-at point along, so this comes first
                 client.camera.look_at = look_at
+                client.camera.fov = fov
+
+    def _fov(self, eye: _Eye, client: viser.ClientHandle, now: float) -> float:
+        """Field of view [rad]; during a move between both, so that the middle of the picture keeps its size."""
+        if eye.mode == "Free":
+            return client.camera.fov
+        goal = FROM_FAR if eye.mode == "Top" else FIELD_OF_VIEW
+        return goal if eye.ease_from is None else _between(eye.ease_fov, goal, _eased(eye, now))
 
     def _view(self, eye: _Eye, client: viser.ClientHandle, now: float, dt: float) -> View | None:
         """The pose to send, or None when there is nothing new."""
@@ -207,14 +220,15 @@ class Cameras:
             goal = self._fixed(eye, client)
         if goal is None or eye.ease_from is None:
             return goal
-        part = min(1.0, (now - eye.ease_start) / EASE)
-        smooth = part * part * (3.0 - 2.0 * part)
-        start = eye.ease_from
+        part, start, fov = _eased(eye, now), eye.ease_from, self._fov(eye, client, now)
         if part >= 1.0:
             eye.ease_from = None
             if eye.mode not in RIDES:
                 eye.target = goal
-        return start[0] + (goal[0] - start[0]) * smooth, start[1] + (goal[1] - start[1]) * smooth
+        look_at = start[1] + (goal[1] - start[1]) * part
+        ends = ((start, eye.ease_fov), (goal, FROM_FAR if eye.mode == "Top" else FIELD_OF_VIEW))
+        near = [(view[0] - view[1]) * math.tan(end / 2) for view, end in ends]  # as from where everything has its size
+        return look_at + (near[0] + (near[1] - near[0]) * part) / math.tan(fov / 2), look_at
 
     def _fixed(self, eye: _Eye, client: viser.ClientHandle) -> View | None:
         if self._scene is None:
@@ -241,7 +255,13 @@ class Cameras:
             )  # fmt: skip
             return None
         position, look_at = eye.offset or RIDES[eye.mode]
-        return place + R @ position, place + R @ look_at
+        if eye.mode != "Gripper":
+            return place + R @ position, place + R @ look_at
+        way = np.zeros(3) if self._target is None else self._target - place
+        wanted = 0.5 * way if np.linalg.norm(way) < FRAMED else np.zeros(3)
+        eye.aside = eye.aside + (wanted - eye.aside) * min(1.0, SWING * dt)
+        span = 2.0 * float(np.linalg.norm(eye.aside))  # of hand and target, which both are to be seen
+        return place + eye.aside + (1.0 + span / UNFRAMED) * (R @ position), place + eye.aside + R @ look_at
 
     def _frame(self, mode: str) -> tuple[Array, float]:
         """Origin [m] and heading [rad] of the frame that a ride is fixed to: base or hand."""
@@ -293,6 +313,17 @@ class Cameras:
     async def _leave(self, client: viser.ClientHandle) -> None:
         with self._lock:
             self._eyes.pop(client.client_id, None)
+
+
+def _eased(eye: _Eye, now: float) -> float:
+    """Share of a move that is done, from 0 to 1, with a smooth start and end."""
+    part = min(1.0, (now - eye.ease_start) / EASE)
+    return part * part * (3.0 - 2.0 * part)
+
+
+def _between(start: float, goal: float, part: float) -> float:
+    """Field of view [rad] between two, of which the distances that show the same go on evenly."""
+    return 2.0 * math.atan(1.0 / (1.0 / math.tan(start / 2) * (1.0 - part) + part / math.tan(goal / 2)))
 
 
 def _aspect(eye: _Eye, client: viser.ClientHandle) -> float:

@@ -21,7 +21,7 @@ from viser.transforms import SO3
 
 from motm_twin.bus.messages import TickMessage
 from motm_twin.model.furniture import Piece, pieces
-from motm_twin.model.scene import Bin, Box, Cylinder, PlanarPose, Scene, Solid
+from motm_twin.model.scene import Bin, Box, Bump, Cylinder, PlanarPose, Scene, Solid
 from motm_twin.ui.scene.drag import SIGN, Drag
 from motm_twin.ui.scene.light import (
     NO_SHADOW,
@@ -82,6 +82,18 @@ def bin_mesh(box: Bin, centre: tuple[float, float] = (0.0, 0.0)) -> trimesh.Scen
     rim = _extrude(ring.buffer(0.006, join_style="mitre"), box.rim_z - 0.012, box.rim_z)
     parts: list[Part] = [(floor, "bin"), (walls, "bin"), (rim, "rim")]
     return _assemble(_placed(parts, (box.centre[0] - centre[0], box.centre[1] - centre[1]), box.yaw))
+
+
+def bump_mesh(bumps: Iterable[Bump]) -> trimesh.Scene:
+    """Ridges on the floor."""
+    parts: list[Part] = []
+    for bump in bumps:
+        radius = (0.25 * bump.width**2 + bump.height**2) / (2.0 * bump.height)
+        disc = shapely.Point(0.0, bump.height - radius).buffer(radius, quad_segs=256)
+        mesh = _extrude(disc.intersection(shapely.box(-radius, 0.0, radius, radius)), 0.0, bump.length)
+        mesh.apply_transform([[0, 0, 1, -0.5 * bump.length], [1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 0, 1]])
+        parts += _placed([(mesh, "dark")], bump.centre, bump.yaw)
+    return _assemble(parts)
 
 
 def loose_box_mesh(size: tuple[float, float, float]) -> trimesh.Scene:
@@ -289,6 +301,8 @@ class FixedView:
         fixed = [solid for solid in scene.solids if solid.name not in movable]
         if fixed:
             meshes |= {"fixed": glb(solids_mesh(fixed)), "shadow": shadow_glb(blocks(fixed))}
+        if scene.bumps:
+            meshes["bumps"] = glb(bump_mesh(scene.bumps))
         for name, mesh in meshes.items():
             height = SHADOW_HEIGHT if name == "shadow" else 0.0
             self._scene.add_glb(f"{FIXED}/{name}", mesh, position=(0.0, 0.0, height), **NO_SHADOW)

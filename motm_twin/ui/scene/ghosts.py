@@ -1,4 +1,4 @@
-"""The plan as ghosts: a few silhouettes of the base on its way, and one whole robot where it will grasp or let go.
+"""Ghosts: silhouettes of the base on its way, one whole robot at its next grasp or release, a base where a click was.
 
 Each silhouette is one convex hull of which only the front is drawn, so nothing shines through itself. The arm of the
 whole robot reaches for the target from the chosen place of the base.
@@ -25,6 +25,7 @@ FREE = 0.8  # [m] round the robot without any: the robot itself is to be seen
 APART = 0.55  # [m] between two
 FADES_IN = (0.10, 0.18, 0.26)  # opacity, the nearest first
 ARRIVAL_OPACITY = 0.34
+PROPOSED_OPACITY = 0.45
 ARRIVAL_LINKS = LINKS[:-2]  # fingers are too small to matter there
 OVER_BIN = 0.22  # [m] of the tool over the floor of a bin
 _STEPS, _DAMPING, _MOST = 80, 0.05, 0.2  # iterations; [m]; [rad] of one
@@ -47,6 +48,11 @@ class GhostView:
             )
             for link in ARRIVAL_LINKS
         ]  # fmt: skip
+        self._proposed = add_batch(
+            scene, f"{ROOT}/proposed", hull_mesh(LINKS[0]), 1, colours.TARGET, opacity=PROPOSED_OPACITY, side="front",
+            visible=False,
+        )  # fmt: skip
+        self._going: tuple[float, float] | None = None
         self._kinematics: Frankie | None = None
         self._known: tuple[tuple[float, ...], Array] | None = None  # arrival that was computed last, and its joints
         self.on = True
@@ -54,6 +60,16 @@ class GhostView:
     def configure(self, profile: RobotProfile) -> None:
         """Another robot profile."""
         self._kinematics = Frankie(profile)
+
+    def propose(self, going: tuple[float, float] | None, tick: TickMessage) -> None:
+        """A base at the place [m] where a drive is proposed, heading as it would come straight there; None hides it."""
+        if going == self._going or self._kinematics is None:
+            return
+        self._going, self._proposed.visible = going, going is not None
+        if going is not None:
+            way = np.subtract(going, tick.robot.true_pose[:2])
+            pose = np.array([*going, np.arctan2(way[1], way[0])])
+            put_batch([self._proposed], 1, {0: self._kinematics.link_transforms(pose, READY)[:1]})
 
     def update(self, tick: TickMessage, spot: Spot | None) -> None:
         """Set the ghosts along the plan of the tick; ``spot``: believed place of the target."""

@@ -16,6 +16,7 @@ import viser
 
 from motm_twin.bus.commands import Command
 from motm_twin.bus.messages import BodyMessage, TaskMessage, TickMessage
+from motm_twin.control.task_list import name_of
 from motm_twin.model.edits import InsertTask, MoveBody, RemoveTask, SendAgent
 from motm_twin.model.furniture import moved_scene, pieces
 from motm_twin.model.geometry import Array
@@ -28,6 +29,7 @@ SELECTABLE = ("object", "bin", "body", "piece")
 SLACK = 0.014  # [rad] tolerance for small things
 SLACK_NEAR = 0.015  # [m] the same close to the eye
 CANDIDATE_HEIGHT = 0.035  # [m]
+SAME_PLACE = 0.4  # [m] from the place that the first click proposed, the second confirms it
 _ROBOT = ((0.36, 0.0, 0.4), (0.2, 0.4, 1.0))  # radius, lower and upper end [m] of base and arm
 _NO_HIT = math.inf
 
@@ -194,8 +196,8 @@ class Clicks:
 
     Candidate: its costs and paths. Body, furniture, bin, cube: it is selected, or let go when it is; but a cube stays
     picked up, for a bin after a cube means that it is to be delivered there. Floor: a body that was just added is
-    put there, an agent is sent there, what is selected is let go, or else the robot drives there now. Any click takes a
-    wheel that is free.
+    put there, an agent is sent there, what is selected is let go, or else a drive there is proposed, which a second
+    click confirms. Any click takes a wheel that is free.
     """
 
     def __init__(self, server: viser.ViserServer, hub: Hub) -> None:
@@ -217,7 +219,7 @@ class Clicks:
         hit = self.surroundings.first(ray, tick, candidates=PLACES not in visitor.hidden and not aiming)
         kind = "" if hit is None else hit.kind
         if kind != "floor":
-            view.sending = view.placing = ""  # cancelled
+            view.aim_at_nothing()
         if hit is None or kind in ("robot", "fixed"):
             view.selected = ""
         elif kind == "candidate":
@@ -252,10 +254,23 @@ class Clicks:
                 view.placing = ""
         elif view.selected:
             view.selected = view.placing = ""
+        elif view.going is not None and math.dist(view.going, (x, y)) < SAME_PLACE:
+            await self.drive(visitor)
+        elif reason := self._hub.refusal(visitor):
+            self._hub.tell(visitor, reason)
         else:
-            index = min(tick.task_index, len(tick.tasks))
-            if await self._order(visitor, InsertTask(tasks=(DriveTo(point=(x, y)),), index=index)) and tick.preview:
-                self._hub.tell(visitor, f"drive to ({x:.2f}, {y:.2f}) is added when time goes on", "Task", "green")
+            view.going = (x, y)
+
+    async def drive(self, visitor: Visitor) -> None:
+        """Have the robot drive to the proposed place, before anything else."""
+        view, tick = self._hub.view, self.tick
+        if view.going is None or tick is None:
+            return
+        task, index = DriveTo(point=view.going), min(tick.task_index, len(tick.tasks))
+        if await self._order(visitor, InsertTask(tasks=(task,), index=index)):
+            view.going, view.sent_to = None, name_of(task)
+            if tick.preview:
+                self._hub.tell(visitor, f"drive to {view.sent_to} is added when time goes on", "Task", "green")
 
     async def _order(self, visitor: Visitor, command: Command) -> bool:
         """Have a command carried out; a refusal is told by the hub."""

@@ -24,6 +24,7 @@ from motm_twin.ui.scene.plan_view import MarksView, PlanView, target_spot
 from motm_twin.ui.scene.robot_view import ComparisonView, RobotView
 
 CLOCK = "/clock"  # node whose position is the time [s] and run of a picture, for the page's script
+MAP = "/map"  # node of the ground
 MAP_HEIGHT = 0.002  # [m] above the floor
 
 
@@ -38,7 +39,7 @@ class SceneView:
         self._bodies, self._map = BodyView(server, self._drag), MapView(server)
         self._plan, self._marks, self._others = PlanView(server), MarksView(server), ComparisonView(server)
         self._selection = SelectionView(server, hub, self._drag)
-        self._clicks = Clicks(server, hub)
+        self.clicks = Clicks(server, hub)
         self.cameras = Cameras(server)
         self._scene: Scene | None = None
         self._surroundings: Surroundings | None = None
@@ -63,7 +64,7 @@ class SceneView:
         if tick is None or surroundings is None:
             return
         surroundings.update(tick)
-        self._clicks.surroundings, self._clicks.tick = surroundings, tick
+        self.clicks.surroundings, self.clicks.tick = surroundings, tick
         fresh = tick is not self._drawn
         live = self._hub.what_if.watched is None  # else two other runs are watched, and their Temis
         if live != self._live:
@@ -75,12 +76,15 @@ class SceneView:
                 self._robot.update(tick)
             self._bodies.update(tick)
             self._furniture.update(tick)
+            self._ghosts.propose(shown.view.going if shown.live else None, tick)
             self._selection.update(shown.view.selected, tick, surroundings, live=shown.live)
             if fresh or slow:
                 self._draw_plan(shown, tick, surroundings)
             self._clock.position = (tick.time, tick.run, 0.0)  # the last: what has come before it is one picture
         self._drawn = tick
-        self.cameras.update(np.array(tick.robot.true_pose), self._robot.hand, dt, ride=fresh)
+        spot = target_spot(tick, surroundings)
+        target = None if spot is None else np.array([spot.x, spot.y, spot.z + 0.5 * spot.height])
+        self.cameras.update(np.array(tick.robot.true_pose), self._robot.hand, dt, ride=fresh, target=target)
 
     def _draw_plan(self, shown: Shown, tick: TickMessage, surroundings: Surroundings) -> None:
         if self._hub.shows(STAA) != self._plan.staa_on:
@@ -105,6 +109,7 @@ class SceneView:
         self._ghosts.configure(scene.robot)
         self._others.configure(scene.robot)
         self._hub.view.picked, self._hub.view.selected = None, ""
+        self._hub.view.aim_at_nothing()
 
 
 class LidarView:
@@ -159,4 +164,4 @@ class MapView:
         self._key = key
         width, height = info.width * info.resolution, info.height * info.resolution
         middle = (info.origin[0] + width / 2, info.origin[1] + height / 2, MAP_HEIGHT)
-        self._handle = self._scene.add_image("/map", picture, width, height, format="png", position=middle, **NO_SHADOW)
+        self._handle = self._scene.add_image(MAP, picture, width, height, format="png", position=middle, **NO_SHADOW)

@@ -1,0 +1,284 @@
+"""Moving out of the way of what is about to meet the base, and learning who makes way for it.
+
+A dynamic obstacle goes on straight at its measured velocity for a few seconds; the room that it is given grows with
+time, as does the error of that prediction. Where the plan of the period comes into this room, or the base stands in it,
+the motion that stays out of it best is driven instead: 25 twists for a second, and 25 others after that.
+
+Those who yield brake in time, and moving out of their way would only cost time. So the horizon is short until somebody
+has come so near at speed that it can no longer brake before the base; then it is long for a while.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple, Protocol
+
+import msgspec
+import numpy as np
+
+from motm_twin.model.geometry import Array, frozen
+from motm_twin.model.known import KnownWorld
+from motm_twin.model.motion import kernel, step
+from motm_twin.model.passive_safety import Stop, met_in_stop, stop_of
+from motm_twin.model.profile import BaseLimits
+from motm_twin.model.reason import Kind, Reason
+from motm_twin.model.state import Stateful
+from motm_twin.perception.still_map import StillMap
+from motm_twin.planning.braking import stopping_clearance
+from motm_twin.planning.collision import Body, Field, clearance, field_of
+from motm_twin.planning.parameters import EvasionParameters
+from motm_twin.planning.prediction import gap_to, gap_to_point
+from motm_twin.planning.types import BasePlan, BaseProblem, PlanStatus
+
+STEP = 0.1  # [s] between two looks
+LOOKS, LOOKED = 3, 15  # steps between two tests of the stop, and the last with one
+UNSAFE = 0.3  # [s] what a state costs that is not passively safe
+
+
+class Room(NamedTuple):
+    """Room that dynamic obstacles are given."""
+
+    now: float  # [m]
+    grows: float  # [m/s]
+
+
+@dataclass
+class EvasionState:
+    """State between periods."""
+
+    wary_until: float = -math.inf  # [s]
+    out_of_way: bool = False  # the last plan was an evasion
+
+
+class Motion(NamedTuple):
+    """A motion that was tried."""
+
+    cost: float
+    states: Array  # x, y, heading, v, w every `STEP`, shape (n, 5)
+
+
+class Evasion(Protocol):
+    """A policy of what is done about dynamic obstacles that come too near."""
+
+    def instead(self, problem: BaseProblem, plan: BasePlan, body: Body, limits: BaseLimits) -> BasePlan:
+        """The plan that is driven."""
+        ...
+
+
+class StandsItsGround:
+    """Nothing: dynamic obstacles are obstacles where they are (Paper)."""
+
+    def instead(self, problem: BaseProblem, plan: BasePlan, body: Body, limits: BaseLimits) -> BasePlan:
+        """The plan as it is."""
+        return plan
+
+
+class MakesWay(Stateful[EvasionState]):
+    """Moves out of the way of what would meet the base."""
+
+    def __init__(self, known: KnownWorld, parameters: EvasionParameters | None = None) -> None:
+        self._p, self._still = parameters or EvasionParameters(), StillMap(known)
+        self._stop = stop_of(known.robot, self._p.room)
+        self._state = EvasionState()
+
+    @property
+    def wary(self) -> float:
+        """Time [s] until which nobody is expected to yield."""
+        return self._state.wary_until
+
+    def instead(self, problem: BaseProblem, plan: BasePlan, body: Body, limits: BaseLimits) -> BasePlan:
+        """The plan, or a motion that stays out of the way of what moves, where that is clearly better."""
+        p, state = self._p, self._state
+        movers = problem.world.tracks
+        movers = movers[np.hypot(movers[:, 2], movers[:, 3]) >= p.moves]
+        out_of_way, state.out_of_way = state.out_of_way, False
+        if not len(movers) or plan.status in (PlanStatus.BY_HAND, PlanStatus.ESCAPING):
+            return plan
+        here = np.array([*problem.pose, *problem.twist], dtype=np.float64)
+        if cannot_brake(here[:3], movers, p.brakes, body):
+            state.wary_until = problem.time + p.wary_for
+        horizon = p.horizon if problem.time < state.wary_until else p.horizon_trusting
+        movers = near(movers, here, horizon, limits.forward_speed, body)
+        around = Around(movers, Room(p.room, p.room_growth), self._stop, body)
+        planned = sampled(plan, here, horizon)
+        met = meeting(planned, around)
+        least = p.engaged if problem.engaged else p.stays_out if out_of_way else p.least
+        if met <= least:
+            return plan
+        states, best = planned.copy(), np.empty_like(planned)
+        reach = Reach(
+            limits.linear_acceleration, limits.yaw_acceleration, round(p.first / STEP), p.travel, p.clearance, p.floor
+        )
+        states[0] = here
+        if (
+            not best_evasion(twists(limits), around, reach, field_of(self._still.of(problem.world)), states, best)
+            < met - p.gain
+        ):
+            return plan
+        state.out_of_way = True
+        return evading(problem, plan, best, movers)
+
+
+def near(movers: Array, here: Array, horizon: float, speed: float, body: Body) -> Array:
+    """Those of the movers (k, 5 or more) that can meet the base within the horizon [s]."""
+    apart = np.hypot(movers[:, 0] - here[0], movers[:, 1] - here[1]) - movers[:, 4] - body.reach
+    return movers[apart < horizon * (speed + np.hypot(movers[:, 2], movers[:, 3])) + 0.5, :5]
+
+
+def cannot_brake(pose: Array, movers: Array, deceleration: float, body: Body) -> bool:
+    """Something drives at the base and is too near to brake before it at a deceleration [m/s^2]."""
+    for x, y, vx, vy, radius in movers[:, :5]:
+        speed = math.hypot(vx, vy)
+        way = speed * speed / (2.0 * deceleration)
+        c, s = math.cos(pose[2]), math.sin(pose[2])
+        now = gap_to(pose[0], pose[1], c, s, np.array([[x, y, radius]]), body)
+        there = np.array([[x + way * vx / speed, y + way * vy / speed, radius]])
+        if 0.0 < now and gap_to(pose[0], pose[1], c, s, there, body) < 0.0:
+            return True
+    return False
+
+
+def sampled(plan: BasePlan, here: Array, horizon: float) -> Array:
+    """Poses and twists of a plan every `STEP` until the horizon [s], shape (n, 5); beyond its end the base stands."""
+    times = np.arange(0.0, horizon + 0.5 * STEP, STEP)
+    if len(plan.local_poses) < 2:
+        return np.repeat(here[None], len(times), axis=0)
+    columns = plan.local_poses.copy()
+    columns[:, 2] = np.unwrap(columns[:, 2])
+    return np.column_stack([np.interp(times, plan.local_times, column) for column in columns.T])
+
+
+def twists(limits: BaseLimits) -> Array:
+    """Twists (v, w) that are tried, shape (25, 2) or less."""
+    speeds = [0.0, 0.5 * limits.forward_speed, limits.forward_speed]
+    speeds += [-0.5 * limits.reverse_speed, -limits.reverse_speed] if limits.reverse_speed > 0.0 else []
+    turning = [0.0, 0.3 * limits.yaw_rate, -0.3 * limits.yaw_rate, 0.8 * limits.yaw_rate, -0.8 * limits.yaw_rate]
+    return np.array([(v, w) for v in speeds for w in turning])
+
+
+def evading(problem: BaseProblem, plan: BasePlan, states: Array, movers: Array) -> BasePlan:
+    """The plan that drives these states (n, 5)."""
+    nearest = movers[np.argmin(np.hypot(movers[:, 0] - states[0, 0], movers[:, 1] - states[0, 1]))]
+    speed = float(math.hypot(nearest[2], nearest[3]))
+    return msgspec.structs.replace(
+        plan,
+        status=PlanStatus.ESCAPING,
+        why=Reason(kind=Kind.MAKES_WAY, subject="base", value=speed, unit="m/s"),
+        acceleration=frozen((states[1, 3:] - states[0, 3:]) / STEP),
+        local_poses=frozen(states),
+        local_times=frozen(np.arange(len(states)) * STEP),
+        local_to_go=frozen(np.zeros(0)),
+        time_to_range=math.inf if plan.time_to_range > 0.0 else 0.0,
+    )
+
+
+class Around(NamedTuple):
+    """What a motion is judged by."""
+
+    movers: Array  # x, y [m], velocity [m/s], radius [m], shape (k, 5)
+    room: Room
+    stop: Stop
+    body: Body
+
+
+class Reach(NamedTuple):
+    """What a motion may do."""
+
+    linear: float  # [m/s^2]
+    turning: float  # [rad/s^2]
+    first: int  # steps of the first of the two twists
+    travel: float  # cost of the way [s/m]
+    clearance: float  # [m] from what stands
+    floor: float  # [m] the same of a base that is nearer already
+
+
+@kernel
+def risk(x: float, y: float, heading: float, time: float, around: Around) -> float:
+    """Share of its room that a mover loses to the footprint at a time [s]: 0 outside of it, 1 at a touch; the most."""
+    c, s = math.cos(heading), math.sin(heading)
+    movers, body = around.movers, around.body
+    wide, most = around.room.now + around.room.grows * time, 0.0
+    for k in range(movers.shape[0]):
+        px, py = movers[k, 0] + time * movers[k, 2], movers[k, 1] + time * movers[k, 3]
+        most = max(most, (wide - gap_to_point(x, y, c, s, px, py, body) + movers[k, 4]) / wide)
+    return most
+
+
+@kernel
+def meeting(states: Array, around: Around) -> float:
+    """Seconds that states (n, 5) every `STEP` spend in the room of the movers, weighted by `risk`.
+
+    States from which the base could not stop in time count too.
+    """
+    total = 0.0
+    for i in range(1, states.shape[0]):
+        total += STEP * risk(states[i, 0], states[i, 1], states[i, 2], i * STEP, around) + unsafe(i, states[i], around)
+    return total
+
+
+@kernel
+def unsafe(i: int, state: Array, around: Around) -> float:
+    """Cost [s] of a state (5,) after i steps from which the base could not stop before the movers are there."""
+    if i % LOOKS != 0 or i > LOOKED:
+        return 0.0
+    x, y, heading, v, w = state[0], state[1], state[2], state[3], state[4]
+    return UNSAFE if met_in_stop(x, y, heading, v, w, False, i * STEP, around.movers, around.stop) >= 0 else 0.0
+
+
+@kernel
+def best_evasion(tried: Array, around: Around, reach: Reach, field: Field, states: Array, best: Array) -> float:
+    """Fill in the states (n, 5) of the cheapest motion of two of the tried twists (m, 2); its cost, inf: none is free.
+
+    ``states``: room for a motion, which begins with the first of them. It ends able to stop. From within the clearance
+    it may come as near to what stands as the floor of the reach while it leaves.
+    """
+    last = best.shape[0] - 1
+    first = min(last, reach.first)
+    root = clearance(states[0, 0], states[0, 1], states[0, 2], 1.0, field, around.body)
+    allowed = reach.clearance if root >= reach.clearance else min(reach.floor, root - 0.001)
+    lowest = math.inf
+    for i in range(tried.shape[0]):
+        start = _driven(states, 0, first, tried[i], (0.0, lowest, allowed), around, reach, field)
+        if start >= lowest:
+            continue
+        for k in range(tried.shape[0]):
+            cost = _driven(states, first, last, tried[k], (start, lowest, allowed), around, reach, field)
+            if cost >= lowest or not _can_stop(states[last], allowed, around, reach, field):
+                continue
+            lowest = cost
+            for j in range(best.shape[0]):
+                for m in range(5):
+                    best[j, m] = states[j, m]
+    return lowest
+
+
+@kernel
+def _can_stop(state: Array, allowed: float, around: Around, reach: Reach, field: Field) -> bool:
+    x, y, heading, v, w = state[0], state[1], state[2], state[3], state[4]
+    left = stopping_clearance(x, y, heading, v, w, reach.linear, reach.turning, allowed, field, around.body)
+    return left >= allowed
+
+
+@kernel
+def _driven(
+    states: Array, begin: int, end: int, twist: Array, costs: tuple[float, float, float], around: Around, reach: Reach,
+    field: Field,
+) -> float:  # fmt: skip
+    """Fill in the states after ``begin`` up to ``end`` of a base that takes up a twist; the cost of the whole motion.
+
+    ``costs``: the cost so far, the one from which on a motion is of no use, and the clearance that is kept [m]. inf: it
+    is not free, or too dear.
+    """
+    cost, limit, allowed = costs
+    for i in range(begin, end):
+        x, y, heading, v, w = states[i, 0], states[i, 1], states[i, 2], states[i, 3], states[i, 4]
+        v_end = v + min(reach.linear * STEP, max(-reach.linear * STEP, twist[0] - v))
+        w_end = w + min(reach.turning * STEP, max(-reach.turning * STEP, twist[1] - w))
+        x, y, heading = step(x, y, heading, v, w, v_end, w_end, STEP)
+        states[i + 1, 0], states[i + 1, 1], states[i + 1, 2], states[i + 1, 3], states[i + 1, 4] = (
+            x, y, heading, v_end, w_end,
+        )  # fmt: skip
+        cost += STEP * risk(x, y, heading, (i + 1) * STEP, around) + reach.travel * abs(v_end) * STEP
+        cost += unsafe(i + 1, states[i + 1], around)
+        if cost >= limit or clearance(x, y, heading, 0.25, field, around.body) < allowed:
+            return math.inf
+    return cost

@@ -1,0 +1,103 @@
+"""Tracks of dynamic obstacles: where they are, how fast, and who is who, from scans alone."""
+
+import math
+
+import numpy as np
+import pytest
+import shapely
+
+from motm_twin.model.known import KnownWorld
+from motm_twin.model.plant import Observation
+from motm_twin.model.profile import RobotProfile
+from motm_twin.model.state import state_hash
+from motm_twin.perception.mapper import Mapper
+from motm_twin.perception.movers import MoverTracker
+from motm_twin.perception.tracks import IDENTITY, RADIUS, SD, DynamicTracker
+from motm_twin.perception.world_map import WorldMap
+
+from .small_world import LIDAR, cast, scan_of
+
+STEP = 0.05  # [s]
+FLOOR = KnownWorld(
+    robot=RobotProfile(lidar=LIDAR), start=(0.0, 0.0, 0.0), solids=(), objects=(), object_sd=0.0, bins=(), tasks=(),
+    bounds=(-6.0, -6.0, 6.0, 6.0),
+)  # fmt: skip
+
+
+def follow(seconds, *discs, drive=0.0, walls=(), seed=1):
+    """Maps while discs ((x, y), (vx, vy), radius) go straight on past a robot that drives along x, and its tracker."""
+    mapper, movers, tracker = Mapper(FLOOR), MoverTracker(), DynamicTracker(FLOOR)
+    rng, maps = np.random.default_rng(seed), []
+    for k in range(round(seconds / STEP)):
+        time = k * STEP
+        pose = np.array([drive * time, 0.0, 0.0])
+        bodies = [
+            shapely.Point(x + time * vx, y + time * vy).buffer(radius, quad_segs=32)
+            for (x, y), (vx, vy), radius in discs
+        ]
+        observation = Observation(
+            time=time, pose=pose, odometry=pose, twist=np.zeros(2), q=np.zeros(7), dq=np.zeros(7), gripper_width=0.08,
+            gripper_moving=False, detections=(), scan=scan_of(cast(pose, [*bodies, *walls], rng), pose, time),
+        )  # fmt: skip
+        maps.append(tracker.update(observation, movers.sort(mapper.update(observation), pose)))
+    return maps, tracker
+
+
+@pytest.mark.parametrize(
+    ("start", "velocity"), [((3.0, -1.5), (-0.3, 0.4)), ((2.5, 1.0), (0.1, -0.6)), ((4.5, 0.5), (-1.2, 0.0))]
+)
+@pytest.mark.parametrize("radius", [0.2, 0.25, 0.3])
+def test_a_disc_is_tracked_to_a_few_centimetres(start, velocity, radius):
+    maps, _ = follow(2.0, (start, velocity, radius), drive=0.2)
+    (row,) = maps[-1].tracks
+    at = np.array(start) + maps[-1].stamp * np.array(velocity)
+    assert math.dist(row[:2], at) < 0.06
+    assert math.dist(row[2:4], velocity) < 0.12
+    assert row[RADIUS] == pytest.approx(radius, abs=0.06)
+    assert 0.0 < row[SD] < 0.06
+
+
+def test_two_side_by_side_stay_two():
+    """One cluster of cells was one wide thing, and no mover, for as long as they stood beside each other."""
+    maps, _ = follow(3.0, ((4.0, 0.45), (-0.5, -0.15), 0.25), ((2.5, -0.45), (0.5, 0.15), 0.25))
+    names = [sorted(row[IDENTITY] for row in world.tracks) for world in maps[20:]]
+    assert names == [names[0]] * len(names)
+    assert len(names[0]) == 2
+
+
+def test_the_number_survives_being_hidden():
+    """Somebody walks behind somebody else who comes nearer."""
+    maps, _ = follow(5.0, ((3.5, -1.6), (0.0, 0.6), 0.2), ((2.6, 0.1), (-0.12, 0.0), 0.25))
+    seen = [{row[IDENTITY]: row[:2] for row in world.tracks} for world in maps]
+    walker = [name for name, place in seen[25].items() if place[1] < -0.4]
+    assert len(walker) == 1
+    at = np.array([3.5, -1.6 + maps[-1].stamp * 0.6])
+    assert math.dist(seen[-1][walker[0]], at) < 0.1
+
+
+def test_one_that_is_gone_is_forgotten_at_once_where_the_beams_pass():
+    maps, tracker = follow(2.0, ((2.0, 0.0), (0.3, 0.0), 0.25))
+    assert len(maps[-1].tracks) == 1
+    world, empty = maps[-1], np.full(LIDAR.beams, np.inf)
+    for k in range(10):
+        time = 2.0 + k * STEP
+        observation = Observation(
+            time=time, pose=np.zeros(3), odometry=np.zeros(3), twist=np.zeros(2), q=np.zeros(7), dq=np.zeros(7),
+            gripper_width=0.08, gripper_moving=False, detections=(), scan=scan_of(empty, np.zeros(3), time),
+        )  # fmt: skip
+        world = tracker.update(observation, world)
+    assert len(world.tracks) == 0
+
+
+def test_what_stands_is_no_track_and_what_starts_is_one():
+    wall = shapely.box(3.0, -2.0, 3.2, 2.0)
+    maps, _ = follow(3.0, ((2.0, 1.0), (0.0, 0.0), 0.25), drive=0.3, walls=(wall,))
+    assert all(len(world.tracks) == 0 for world in maps)
+
+
+def test_the_tracker_can_be_copied():
+    maps, tracker = follow(1.5, ((3.0, -0.8), (-0.4, 0.3), 0.25))
+    other = DynamicTracker(FLOOR)
+    other.restore(tracker.snapshot())
+    assert state_hash(other.snapshot()) == state_hash(tracker.snapshot())
+    assert isinstance(maps[-1], WorldMap)
