@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import msgspec
 import numpy as np
 
-from motm_twin.control.method import BaseChoices, Materials, Method
+from motm_twin.control.method import BaseChoices, Materials, Method, Policies
 from motm_twin.model.geometry import Array, frozen, wrap_angle
 from motm_twin.model.known import KnownWorld
 from motm_twin.model.motion import drive
@@ -26,7 +26,6 @@ from motm_twin.model.reason import Kind, Reason
 from motm_twin.model.rvo import Neighbours, require_pyrvo
 from motm_twin.model.state import HasState
 from motm_twin.perception.still_map import StillMap
-from motm_twin.planning.commitment import Commitment
 from motm_twin.planning.global_path import GraphCache, shortest_path
 from motm_twin.planning.parameters import PlanningParameters, room_for
 from motm_twin.planning.reach import ReachModel
@@ -124,8 +123,8 @@ class OrcaController:
         velocity = (v * c - ahead * w * s, v * s + ahead * w * c)
         around.add((x + ahead * c, y + ahead * s), velocity, self._radius, self._limits.forward_speed)
         around.prefer(0, preferred.tolist())
-        for mover in problem.world.movers.tolist():
-            around.add(mover[:2], mover[2:4], mover[4], math.hypot(*mover[2:4]))
+        for track in problem.world.tracks.tolist():
+            around.add(track[:2], track[2:4], track[4], math.hypot(*track[2:4]))
         around.stand(problem.world.polygons)
         return around.chosen(1)[0]
 
@@ -179,7 +178,7 @@ def _along(path: Array, way: float) -> Array:
     return path[-1]
 
 
-def orca_control(materials: Materials, commitment: Commitment) -> BaseController:
+def orca_control(materials: Materials, policies: Policies) -> BaseController:
     """Velocity obstacles."""
     parts = materials.parts
     return OrcaController(parts.known, parts.parameters, materials.graphs)

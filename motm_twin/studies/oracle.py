@@ -10,14 +10,13 @@ import math
 import numpy as np
 from numba import njit
 
-from motm_twin.control.method import BaseChoices, Materials, Method
+from motm_twin.control.method import BaseChoices, Materials, Method, Policies
 from motm_twin.measures.agents import Body, base_gap, body_of
 from motm_twin.model.geometry import Array, frozen
 from motm_twin.model.profile import RobotProfile
 from motm_twin.model.reason import Kind, Reason
 from motm_twin.model.scene import Scene
 from motm_twin.perception.base_map import read_only
-from motm_twin.planning.commitment import Commitment
 from motm_twin.planning.types import (
     BaseController,
     BasePlan,
@@ -202,7 +201,7 @@ def oracle(scene: Scene, tracks: Array) -> Method:
     places = read_only(np.ascontiguousarray(tracks))
     radii = np.array([agent.radius for agent in scene.agents])
 
-    def controller(materials: Materials, commitment: Commitment) -> BaseController:
+    def controller(materials: Materials, policies: Policies) -> BaseController:
         return OracleController(materials.parts.known.robot, places, radii)
 
     return Method(
