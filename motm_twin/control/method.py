@@ -90,7 +90,7 @@ class Materials(NamedTuple):
 
 
 class Policies(NamedTuple):
-    """What a base controller does about its earlier plans, and about those who come too near."""
+    """Policies of a base controller: what it keeps of earlier plans, and what it does about those who come too near."""
 
     commitment: Commitment
     evasion: Evasion

@@ -204,13 +204,14 @@ class Monitor(Stateful[MonitorState]):
         """That the base would not stand, nor move away, when something that moves gets to it; None: it would."""
         if not self.parameters.passive_safety or not len(world.tracks) or not twist.any():
             return None
-        state = (*observation.pose.tolist(), *twist.tolist())
+        x, y, heading = observation.pose.tolist()
+        state = x, y, heading, float(twist[0]), float(twist[1])
         since, tracks = observation.time - world.stamp, np.ascontiguousarray(world.tracks)
-        met = met_in_stop(*state, False, since, tracks, self._stop)
-        if met < 0 or met_in_stop(*state, True, since, tracks, self._stop) < 0:
+        met = met_in_stop(state, False, since, tracks, self._stop)
+        if met < 0 or met_in_stop(state, True, since, tracks, self._stop) < 0:
             return None
-        x, y, vx, vy, radius = tracks[met, :5].tolist()
-        away = math.dist((x, y), state[:2]) - radius
+        there_x, there_y, vx, vy, radius = tracks[met, :5].tolist()
+        away = math.hypot(there_x - x, there_y - y) - radius
         return Reason(kind=Kind.MEETS_MOVER, subject="lidar", value=away, limit=math.hypot(vx, vy), unit="m")
 
     def _on_seen_floor(self, twist: Array, floor: Floor, pose: Array, dt: float) -> tuple[Array, Reason | None]:

@@ -16,8 +16,11 @@ STEP = 0.05  # [s]
 ROUNDING = 1e-6  # [m]
 
 
+State = tuple[float, float, float, float, float]  # x, y [m], heading [rad], v [m/s], w [rad/s]
+
+
 class Stop(NamedTuple):
-    """How a base stops, and the room that it keeps."""
+    """Deceleration and size of a base that stops, and the room that it keeps."""
 
     linear: float  # deceleration [m/s^2]
     turning: float  # [rad/s^2]
@@ -38,15 +41,14 @@ def stop_of(robot: RobotProfile, margin: float) -> Stop:
 
 
 @kernel
-def met_in_stop(
-    x: float, y: float, heading: float, v: float, w: float, hold_yaw_rate: bool, time: float, movers: Array, stop: Stop
-) -> int:
+def met_in_stop(state: State, hold_yaw_rate: bool, time: float, movers: Array, stop: Stop) -> int:
     """Index of the first of the movers that a base which stops from a state moves towards within the margin; -1: none.
 
     ``movers``: x, y [m], velocity [m/s], radius [m], shape (k, 5 or more), ``time`` [s] before this state. With
     ``hold_yaw_rate`` the turn goes on until the base has come to rest. What comes nearer to a base that stands, or that
     moves away from it, is not met.
     """
+    x, y, heading, v, w = state
     passed = 0.0
     while True:
         x_before, y_before, heading_before = x, y, heading

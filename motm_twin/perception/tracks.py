@@ -154,10 +154,10 @@ class DynamicTracker(Stateful[TrackState]):
         at = scan.origin + reach[:, None] * scan.directions[beam]
         known = base_map(self._known, world.resolution)
         cell = known.grid.cell_of(at)
-        inside = ((cell >= 0) & (cell < known.grid.shape)).all(axis=1)
+        inside = ((cell >= 0) & (cell < np.array(known.grid.shape))).all(axis=1)
         at, beam, reach, cell = at[inside], beam[inside], reach[inside], cell[inside]
         free = known.visible_distance[cell[:, 0], cell[:, 1]] > p.explained + p.explained_per_range * reach
-        stands = np.zeros(np.array(world.occupied.shape) + 2, dtype=bool)
+        stands = np.zeros((world.occupied.shape[0] + 2, world.occupied.shape[1] + 2), dtype=bool)
         row, column = _cells(world.seen_points[world.seen_static], world)
         for down in range(3):
             for right in range(3):

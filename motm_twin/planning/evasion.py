@@ -172,7 +172,7 @@ def evading(problem: BaseProblem, plan: BasePlan, states: Array, movers: Array) 
 
 
 class Around(NamedTuple):
-    """What a motion is judged by."""
+    """Surroundings that motions are judged by."""
 
     movers: Array  # x, y [m], velocity [m/s], radius [m], shape (k, 5)
     room: Room
@@ -181,7 +181,7 @@ class Around(NamedTuple):
 
 
 class Reach(NamedTuple):
-    """What a motion may do."""
+    """Limits of the motions that are tried."""
 
     linear: float  # [m/s^2]
     turning: float  # [rad/s^2]
@@ -220,8 +220,8 @@ def unsafe(i: int, state: Array, around: Around) -> float:
     """Cost [s] of a state (5,) after i steps from which the base could not stop before the movers are there."""
     if i % LOOKS != 0 or i > LOOKED:
         return 0.0
-    x, y, heading, v, w = state[0], state[1], state[2], state[3], state[4]
-    return UNSAFE if met_in_stop(x, y, heading, v, w, False, i * STEP, around.movers, around.stop) >= 0 else 0.0
+    here = (state[0], state[1], state[2], state[3], state[4])
+    return UNSAFE if met_in_stop(here, False, i * STEP, around.movers, around.stop) >= 0 else 0.0
 
 
 @kernel

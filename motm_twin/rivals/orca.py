@@ -123,8 +123,8 @@ class OrcaController:
         velocity = (v * c - ahead * w * s, v * s + ahead * w * c)
         around.add((x + ahead * c, y + ahead * s), velocity, self._radius, self._limits.forward_speed)
         around.prefer(0, preferred.tolist())
-        for track in problem.world.tracks.tolist():
-            around.add(track[:2], track[2:4], track[4], math.hypot(*track[2:4]))
+        for mover in problem.world.tracks.tolist():
+            around.add(mover[:2], mover[2:4], mover[4], math.hypot(*mover[2:4]))
         around.stand(problem.world.polygons)
         return around.chosen(1)[0]
 

@@ -3,7 +3,6 @@
 import io
 import json
 import math
-from types import SimpleNamespace
 
 import msgspec
 import numpy as np
@@ -13,7 +12,7 @@ from rich.console import Console
 from motm_twin.cli.bench import main
 from motm_twin.model.plant import Scan
 from motm_twin.model.scene_file import load_scene
-from motm_twin.studies.tracker import Movers, Score, Tracks, beams_on, bench_tracker, matched
+from motm_twin.studies.tracker import Score, beams_on, bench_tracker, matched
 from motm_twin.twin import Twin
 
 
@@ -43,33 +42,16 @@ def test_most_pairs_within_the_gate_are_matched():
     assert len(matched(np.zeros((0, 2)), np.zeros((3, 2)))[0]) == 0
 
 
-def test_movers_without_numbers_keep_that_of_the_nearest_one():
-    tracker = Movers()
-
-    def world(*places):
-        return SimpleNamespace(movers=np.array([[x, y, 0, 0, 0.25, 1] for x, y in places], dtype=float).reshape(-1, 6))
-
-    assert tracker.of(world((0, 0), (3, 0)))[1].tolist() == [0, 1]
-    assert tracker.of(world((3.1, 0), (0.1, 0)))[1].tolist() == [1, 0]
-    assert tracker.of(world((0.2, 0)))[1].tolist() == [0]
-    assert tracker.of(world((0.3, 0), (3.2, 0)))[1].tolist() == [0, 2]
-
-
-def test_tracks_have_numbers_of_their_own():
-    places, numbers = Tracks().of(SimpleNamespace(tracks=np.array([[1.0, 2.0, 0.1, 0.2, 0.25, 0.03, 7.0]])))
-    assert (places.tolist(), numbers.tolist()) == ([[1.0, 2.0, 0.1, 0.2]], [7])
-
-
 def test_a_perfect_tracker_scores_one_and_one_that_sees_nothing_zero():
     scene = load_scene("people", "crossing")
-    perfect, blind, twin = Score(scene, Movers()), Score(scene, Movers()), Twin(scene)
+    perfect, blind, twin = Score(scene), Score(scene), Twin(scene)
     places = [agent.start[:2] for agent in scene.agents]
     for _ in range(60):
         tick = twin.advance()
-        movers = np.array([(x, y, 0.0, 0.0, 0.25, 1.0) for x, y in places])
+        tracks = np.array([(x, y, 0.0, 0.0, 0.25, 0.02, number) for number, (x, y) in enumerate(places)])
         places = [body.position[:2] for body in tick.truth.agents]
-        perfect.add(msgspec.structs.replace(tick, map=msgspec.structs.replace(tick.map, movers=movers)))
-        blind.add(msgspec.structs.replace(tick, map=msgspec.structs.replace(tick.map, movers=movers[:0])))
+        perfect.add(msgspec.structs.replace(tick, map=msgspec.structs.replace(tick.map, tracks=tracks)))
+        blind.add(msgspec.structs.replace(tick, map=msgspec.structs.replace(tick.map, tracks=tracks[:0])))
     best, worst = perfect.report(), blind.report()
     assert best["num_objects"] > 100
     assert (best["mota"], best["num_switches"]) == (1.0, 0)
@@ -81,8 +63,7 @@ def test_a_run_is_scored_and_makes_a_table(tmp_path):
     said = io.StringIO()
     assert bench_tracker(["turns"], 1, 1, tmp_path, Console(file=said, width=200))
     report = json.loads((tmp_path / "tracker.json").read_text(encoding="utf-8"))
-    (row, other), (whole, everything, *movers) = report["rows"], report["whole"]
-    assert (row["tracker"], other["tracker"], len(movers)) == ("tracks", "movers", 2)
+    (row,), (whole, everything) = report["rows"], report["whole"]
     assert whole["mota"] == pytest.approx(row["mota"])
     assert everything["situation"] == "all"
     assert 0.0 < row["scan_ms"]["p50"] < 50.0
