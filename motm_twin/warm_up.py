@@ -7,6 +7,7 @@ time, in separate processes.
 from multiprocessing import get_context
 from pathlib import Path
 
+import msgspec
 import numpy as np
 
 from motm_twin.control.arm.controller import Manipulator
@@ -18,6 +19,7 @@ from motm_twin.control.arm.types import ArmGoal, ArmInputs, ArmObstacles
 from motm_twin.control.monitor import Monitor
 from motm_twin.interrupts import deaf
 from motm_twin.measures.agents import compile_gaps
+from motm_twin.measures.people import compile_meetings
 from motm_twin.methods.registry import find_method
 from motm_twin.model.joint_limits import READY
 from motm_twin.model.kinematics import manipulability_gradient
@@ -60,10 +62,13 @@ def compile_kernels() -> None:
 
 
 def _plant() -> None:
-    plant = SimulatedPlant(load_scene("exp2"))  # with agents
-    for _ in range(PERIODS):
-        plant.observe()
-        plant.step(ARM_STEP)
+    driving = load_scene("exp2")
+    walking = tuple(msgspec.structs.replace(agent, behaviour="social_force") for agent in driving.agents)
+    for scene in (driving, msgspec.structs.replace(driving, agents=walking)):
+        plant = SimulatedPlant(scene)
+        for _ in range(PERIODS):
+            plant.observe()
+            plant.step(ARM_STEP)
 
 
 def _perception() -> None:
@@ -142,6 +147,7 @@ def main() -> None:
     """Compile everything, by running the twin."""
     compile_kernels()
     compile_gaps()
+    compile_meetings()
     for name in METHODS:
         for scene, periods in DRIVES:
             twin = Twin(load_scene(scene), method=find_method(name))

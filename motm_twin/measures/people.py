@@ -39,6 +39,11 @@ def time_to_collision(body: Body, pose: Array, twist: tuple[float, float], agent
     return np.inf
 
 
+def compile_meetings() -> None:
+    """Compile now, not at the first meeting."""
+    time_to_collision((0.0, 1.0, 1.0), np.zeros(3), (0.1, 0.1), np.ones(4), 0.1)
+
+
 @dataclass
 class _Conflict:
     """Base and agent that would have come too close, had both kept their motion of ``time``."""

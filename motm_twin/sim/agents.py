@@ -135,8 +135,9 @@ class Agents:
         """
         discs = self.discs(states) if look else _NO_DISCS
         expected = self._expected(states, slides) if look else _NO_DISCS
-        for behaviour in {state.agent.behaviour for state in states if look and state.walks}:
-            self._choose(states, behaviour, robot, obstacles, slides)
+        for behaviour in WALKS if look else ():
+            if any(state.agent.behaviour == behaviour for state in states):
+                self._choose(states, behaviour, robot, obstacles, slides)
         for i, state in enumerate(states):
             if state.held or state.frozen or state.agent.name in slides:
                 state.mode = "held" if state.held else "sliding" if state.agent.name in slides else "frozen"
