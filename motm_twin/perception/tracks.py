@@ -56,6 +56,7 @@ class TrackParameters(msgspec.Struct, frozen=True, kw_only=True):
     unseen: Annotated[float, Number("s", OWN, "the same where nothing hides it")] = 0.3
     moves: Annotated[float, Number("m/s", OWN, "from which a track moves")] = 0.10
     leaves: Annotated[float, Number("m", OWN, "from its place, beyond which it does")] = 0.15
+    sure: Annotated[float, Number("", OWN, "standard deviations of the speed beyond which it does, too")] = 2.5
     rests: Annotated[float, Number("s", OWN, "slower than that after which it is furniture, and no track")] = 12.0
 
 
@@ -200,11 +201,12 @@ class DynamicTracker(Stateful[TrackState]):
         self._judge(track, scan.stamp)
 
     def _judge(self, track: Track, now: float) -> None:
-        """Say if it moves: it has left its place, and is fast enough, or was just now."""
+        """Say if it moves: it is fast enough, and has left its place or is surely fast; or it was just now."""
         p = self.parameters
-        fast = math.hypot(track.state[2], track.state[3]) >= p.moves
+        speed = math.hypot(track.state[2], track.state[3])
+        sure = speed > p.sure * math.sqrt(max(track.covariance[2, 2], track.covariance[3, 3]))
         away = math.hypot(track.state[0] - track.place[0], track.state[1] - track.place[1]) > p.leaves
-        if fast and away:
+        if speed >= p.moves and (away or sure):
             track.moving, track.moved = True, now
         elif now - track.moved > p.rests:
             if track.moving or track.hits <= p.hits:

@@ -155,7 +155,7 @@ ALL = "all"
 PUBLISHED = 10  # arrangements of Experiment 1 in the paper, "trial1" to "trial10"
 MOST_TRIALS = 1_000_000
 NAMES_OF_ABLATIONS = tuple(method.name for method in ABLATIONS)
-NOT_COMPARED = (*NAMES_OF_ABLATIONS, "open_loop")  # executes a plan blindly: only for contrast in robustness
+NOT_COMPARED = (*NAMES_OF_ABLATIONS, "open_loop", "orca")  # for contrast: a plan carried out blindly; a base alone
 
 SWEEPS: dict[str, tuple[float, ...]] = {  # parameter of `control.tuning`: values besides the shipped one
     "next_weight": (0.0, 0.5, 2.0, 3.0),

@@ -95,6 +95,12 @@ def test_what_stands_is_no_track_and_what_starts_is_one():
     assert all(len(world.tracks) == 0 for world in maps)
 
 
+def test_somebody_who_comes_into_sight_at_speed_counts_at_once():
+    """Passive safety has no time to wait until they have left the place where they were seen first."""
+    maps, _ = follow(0.3, ((3.0, 0.5), (-1.0, 0.0), 0.25))
+    assert len(maps[-1].tracks) == 1
+
+
 def test_the_tracker_can_be_copied():
     maps, tracker = follow(1.5, ((3.0, -0.8), (-0.4, 0.3), 0.25))
     other = DynamicTracker(FLOOR)
