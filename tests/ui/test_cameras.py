@@ -120,6 +120,23 @@ def test_a_page_that_put_its_camera_back_when_it_began_is_sent_there_again(enter
     assert np.allclose(page.camera.position, first), "nothing is sent to a page that is there"
 
 
+def test_a_slow_page_that_cuts_the_corners_of_a_move_has_not_moved_its_camera(entered) -> None:
+    """It shows one of several poses that were sent, and glides from there to the newest one."""
+    page, cameras = entered
+    page.camera.fov = FIELD_OF_VIEW
+    pictures(cameras)
+    start = page.camera.position.copy()
+    page.tells(start)
+    cameras.choose(page, "Top")
+    time.sleep(0.3)
+    pictures(cameras)
+    part = page.camera.position.copy()
+    page.tells(0.5 * (start + part) + np.array([0.0, 0.02, 0.0]) * np.linalg.norm(part))
+    assert cameras.mode(page) == "Top"
+    page.tells(part + np.array([3.0, 0.0, 0.0]))
+    assert cameras.mode(page) == "Free", "a hand moves it"
+
+
 @pytest.mark.parametrize("arrived", [False, True])
 @pytest.mark.parametrize("place", [LIBRARY, np.array([-5.0, 0.0, 0.0])])
 def test_a_slow_page_that_tells_late_where_it_began_is_sent_to_its_view_again(arrived, place) -> None:

@@ -41,6 +41,8 @@ FRAMED = 1.2  # [m] from the hand to its target, within which the camera of the 
 UNFRAMED = 0.25  # [m] between them that the camera shows without going back
 REST = 0.5  # [s] after the hand's last move the ride goes on
 ECHO = 0.03  # [m] a reported camera this near to a sent one was not moved by hand
+TOLD = 3.0  # [s] after its beginning, in which a slow page reports its way of a move
+CORNERS = 0.05  # share of the distance to what is looked at by which it may leave that way
 PANEL = 334  # [px] that the docked panel takes from the picture; a page tells its size before it is docked
 NARROW = 700  # [px] of a page on which the panel lies over the picture
 _SIGHT_EDGE = 0.9  # share of the picture in which a body is seen
@@ -129,7 +131,7 @@ class _Eye:
     seen: float = 0.0  # aspect of the picture at the last update
     page_width: int = 0  # [px] when it came
     ease_from: View | None = None
-    ease_start: float = 0.0
+    ease_start: float = -math.inf
     ease_fov: float = FIELD_OF_VIEW  # at the start of the move
     aside: Array = field(default_factory=lambda: np.zeros(3))  # [m] from the hand to the middle of what a ride frames
     heading: float | None = None  # [rad] of the ride's frame
@@ -282,7 +284,11 @@ class Cameras:
                 eye.look_at is None or bool(np.linalg.norm(eye.look_at - camera.look_at) < ECHO)
             )
             own = np.vstack([sent, self._beginnings])
-            if not eye.arrived or np.linalg.norm(own - position, axis=1).min() < ECHO or _on_the_way(sent, position):
+            if (
+                not eye.arrived
+                or np.linalg.norm(own - position, axis=1).min() < ECHO
+                or _on_the_way(sent, position, _near(eye, position))
+            ):
                 eye.arrived |= there
                 if not there and eye.mode not in RIDES and eye.ease_from is None:
                     # A page that begins puts its camera back after what it was sent; and Viser does not send what it
@@ -342,13 +348,20 @@ def _widened(client: viser.ClientHandle, before: float, now: float) -> View | No
     return look_at + (np.asarray(client.camera.position) - look_at) * before / now, look_at
 
 
-def _on_the_way(sent: Array, position: Array) -> bool:
-    """True for a point between two poses that were sent one after the other."""
+def _near(eye: _Eye, position: Array) -> float:
+    """Distance [m] from the way of a move within which a report is an echo: a slow page cuts its corners."""
+    if eye.look_at is None or time.monotonic() - eye.ease_start > TOLD:
+        return ECHO
+    return max(ECHO, CORNERS * float(np.linalg.norm(position - eye.look_at)))
+
+
+def _on_the_way(sent: Array, position: Array, near: float) -> bool:
+    """True for a point that is near a line between two poses that were sent one after the other."""
     start, step = sent[:-1], np.diff(sent, axis=0)
     square = np.maximum((step**2).sum(axis=1), 1e-12)
     part = np.clip(((position - start) * step).sum(axis=1) / square, 0.0, 1.0)
     nearest = np.linalg.norm(start + part[:, None] * step - position, axis=1)
-    return bool(len(nearest) and nearest.min() < ECHO)
+    return bool(len(nearest) and nearest.min() < near)
 
 
 class Visibility:
