@@ -29,13 +29,13 @@ from motm_twin.model.profile import Lidar, RobotProfile
 from motm_twin.model.scene_file import load_scene
 from motm_twin.perception.mapper import Mapper
 from motm_twin.planning.staa import run_search
-from motm_twin.planning.warm_up import warm_up_placement, warm_up_search
+from motm_twin.planning.warm_up import warm_up_evasion, warm_up_placement, warm_up_search
 from motm_twin.sim.plant import SimulatedPlant
 from motm_twin.twin import Twin
 
 ARM_STEP = 0.01  # [s]
 PERIODS = 10
-METHODS = ("motm", "fast", "irm")  # that have all kernels of methods between them
+METHODS = ("motm", "foresight", "irm")  # that have all kernels of methods between them
 DRIVES = (("exp1", 250), ("exp2", 100))  # scenes and periods for the other kernels: a carried cube, Temis
 
 
@@ -76,6 +76,7 @@ def _perception() -> None:
     mapper = Mapper(known)
     for k in range(PERIODS):
         mapper.update(_observation(known.robot.lidar, 0.05 * k))
+    warm_up_evasion()
 
 
 def _arm() -> None:

@@ -6,14 +6,27 @@ Numba stores what it compiled, so that this takes time only once per installatio
 import msgspec
 import numpy as np
 
+from motm_twin.model.geometry import frozen
+from motm_twin.model.known import KnownWorld
 from motm_twin.model.profile import RobotProfile
 from motm_twin.model.reason import Kind, Reason
 from motm_twin.perception.world_map import WorldMap
+from motm_twin.planning.collision import body_of
 from motm_twin.planning.commitment import KeepPlans
 from motm_twin.planning.controller import StaaController
+from motm_twin.planning.evasion import MakesWay
 from motm_twin.planning.parameters import PlanningParameters
 from motm_twin.planning.placement import NextTargetPlacement
-from motm_twin.planning.types import BaseProblem, Mode, Placement, PlanStatus, SearchBudget, Target
+from motm_twin.planning.types import (
+    BasePlan,
+    BaseProblem,
+    Mode,
+    Placement,
+    PlanStatus,
+    SearchBudget,
+    Target,
+    no_placement,
+)
 
 
 def warm_up_placement() -> Placement:
@@ -50,6 +63,23 @@ def warm_up_search() -> None:
     committed = StaaController(RobotProfile(), PlanningParameters(), commitment=KeepPlans())
     for _ in range(2):  # the second time it keeps to the first plan, which does not arrive, in a tight place
         committed.plan(before_the_box, away, SearchBudget(expansions=4))
+
+
+def warm_up_evasion() -> BasePlan:
+    """Compile what moving out of somebody's way needs."""
+    robot = RobotProfile()
+    known = KnownWorld(
+        robot=robot, start=(0.0, 0.0, 0.0), solids=(), objects=(), object_sd=0.0, bins=(), tasks=(),
+        bounds=(-2.0, -2.0, 4.0, 2.0),
+    )  # fmt: skip
+    tracks = frozen(np.array([[0.9, 0.1, -0.5, 0.0, 0.25, 0.03, 1.0]]))
+    problem = _problem()
+    problem = msgspec.structs.replace(problem, world=msgspec.structs.replace(problem.world, tracks=tracks))
+    target = msgspec.structs.replace(problem, target=None)
+    idle = StaaController(robot, PlanningParameters()).plan(target, no_placement(problem.pose), SearchBudget())
+    found = MakesWay(known).instead(problem, idle, body_of(robot.footprint), robot.base)
+    assert found.status == PlanStatus.ESCAPING
+    return found
 
 
 def _problem() -> BaseProblem:
