@@ -31,6 +31,7 @@ from motm_twin.planning.types import BasePlan, BaseProblem, PlanStatus
 
 STEP = 0.1  # [s] between two looks
 LOOKS, LOOKED = 3, 15  # steps between two tests of the stop, and the last with one
+AROUND = 0.5  # [m] more than that movers are given room
 UNSAFE = 0.3  # [s] what a state costs that is not passively safe
 
 
@@ -47,13 +48,6 @@ class EvasionState:
 
     wary_until: float = -math.inf  # [s]
     out_of_way: bool = False  # the last plan was an evasion
-
-
-class Motion(NamedTuple):
-    """A motion that was tried."""
-
-    cost: float
-    states: Array  # x, y, heading, v, w every `STEP`, shape (n, 5)
 
 
 class Evasion(Protocol):
@@ -76,7 +70,8 @@ class MakesWay(Stateful[EvasionState]):
     """Moves out of the way of what would meet the base."""
 
     def __init__(self, known: KnownWorld, parameters: EvasionParameters | None = None) -> None:
-        self._p, self._still = parameters or EvasionParameters(), StillMap(known)
+        self._p = parameters or EvasionParameters()
+        self._still = StillMap(known)  # only its distances are read: nothing is remembered
         self._stop = stop_of(known.robot, self._p.room)
         self._state = EvasionState()
 
@@ -109,10 +104,9 @@ class MakesWay(Stateful[EvasionState]):
             limits.linear_acceleration, limits.yaw_acceleration, round(p.first / STEP), p.travel, p.clearance, p.floor
         )
         states[0] = here
-        if (
-            not best_evasion(twists(limits), around, reach, field_of(self._still.of(problem.world)), states, best)
-            < met - p.gain
-        ):
+        stands = field_of(self._still.of(problem.world))
+        cost = best_evasion(twists(limits), around, reach, stands, states, best)
+        if cost >= met - p.gain:
             return plan
         state.out_of_way = True
         return evading(problem, plan, best, movers)
@@ -121,7 +115,7 @@ class MakesWay(Stateful[EvasionState]):
 def near(movers: Array, here: Array, horizon: float, speed: float, body: Body) -> Array:
     """Those of the movers (k, 5 or more) that can meet the base within the horizon [s]."""
     apart = np.hypot(movers[:, 0] - here[0], movers[:, 1] - here[1]) - movers[:, 4] - body.reach
-    return movers[apart < horizon * (speed + np.hypot(movers[:, 2], movers[:, 3])) + 0.5, :5]
+    return movers[apart < horizon * (speed + np.hypot(movers[:, 2], movers[:, 3])) + AROUND, :5]
 
 
 def cannot_brake(pose: Array, movers: Array, deceleration: float, body: Body) -> bool:
