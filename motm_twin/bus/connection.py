@@ -7,6 +7,7 @@ address only, discovers nobody, and accepts messages of a bounded size.
 import contextlib
 import errno
 import json
+import math
 import random
 import socket
 import threading
@@ -113,14 +114,7 @@ def open_client(endpoint: str) -> zenoh.Session:
     Behind a router the configuration file must say mode "client": a router does not forward between peers. In this
     mode somebody must answer within `PATIENCE`, otherwise it raises ZError.
     """
-    until = time.monotonic() + PATIENCE
-    while True:
-        try:
-            return zenoh.open(session_config(listen=[], connect=[endpoint]))
-        except zenoh.ZError:  # Zenoh gives up at the first attempt, also when the router is only busy
-            if time.monotonic() > until:
-                raise
-        time.sleep(ATTEMPT)
+    return _let_in(lambda: session_config(listen=[], connect=[endpoint]), PATIENCE, threading.Event())
 
 
 def open_member(endpoint: str, *, wait: float | None = None, stop: threading.Event | None = None) -> zenoh.Session:
@@ -130,18 +124,33 @@ def open_member(endpoint: str, *, wait: float | None = None, stop: threading.Eve
     then raises TimeoutError. It reconnects by itself to a restarted server, with all its declarations.
     Raises ConfigError at once for an invalid endpoint.
     """
-    deadline = None if wait is None else time.monotonic() + wait
-    stop = stop or threading.Event()
+
+    def config() -> zenoh.Config:
+        made = session_config(listen=[], connect=[endpoint], mode="client")
+        made.insert_json5("connect/timeout_ms", json.dumps(round(ATTEMPT * 1000)))
+        return made
+
+    try:
+        return _let_in(config, wait, stop or threading.Event())
+    except zenoh.ZError as error:
+        raise TimeoutError(
+            f"nobody answers at {endpoint}: is the server running there, and does it let you in?"
+        ) from error
+
+
+def _let_in(config: Callable[[], zenoh.Config], wait: float | None, stop: threading.Event) -> zenoh.Session:
+    """A session by attempt after attempt; ``config`` is made anew for each, since it may ask for a password by then.
+
+    Zenoh alone gives up at the first attempt, also when the other side is only busy. Raises its ZError after ``wait``
+    [s] (None: never), and when ``stop`` is set.
+    """
+    deadline = math.inf if wait is None else time.monotonic() + wait
     while True:
         began = time.monotonic()
-        config = session_config(listen=[], connect=[endpoint], mode="client")  # it may ask for a password now
-        config.insert_json5("connect/timeout_ms", json.dumps(round(ATTEMPT * 1000)))
         try:
-            return zenoh.open(config)
-        except zenoh.ZError as error:
+            return zenoh.open(config())
+        except zenoh.ZError:
             now = time.monotonic()
-            if stop.is_set() or (deadline is not None and now >= deadline):
-                raise TimeoutError(
-                    f"nobody answers at {endpoint}: is the server running there, and does it let you in?"
-                ) from error
+            if stop.is_set() or now >= deadline:
+                raise
         stop.wait(max(0.0, began + ATTEMPT - now))

@@ -129,7 +129,7 @@ class ControlLoop(Stateful[LoopState]):
             self.self_check.begin_from(observation.twist)
         with stages.measure("map"):
             world = self.mapper.update(observation, self._whereabouts(observation) if self.mapper.large else ())
-            world = self.tracks.update(observation, self.movers.sort(world, observation.pose))
+            world = self.tracks.update(self.mapper.taken, self.movers.sort(world, observation.pose))
             self.tracker.update(observation, self.sequence.held)
         with stages.measure("place"):
             problem = self._problem(observation, world)

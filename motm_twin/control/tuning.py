@@ -1,7 +1,8 @@
 """Every parameter that a person can change while the twin runs: what it means, its bounds, and the paper's value.
 
 The ranges are narrower than what the parameter classes accept: within them, and in every combination, the robot keeps
-clear of what it knows and sees, and the period keeps its time. The monitor's limits cannot be changed here.
+clear of what it knows and sees, and the period keeps its time. The monitor's limits cannot be changed here; one that
+the paper does not have, passive safety, can be added.
 
 The table is made from the fields of the parameter classes that have a `Slider`.
 """

@@ -119,6 +119,7 @@ class Mapper(Stateful[MapperState]):
         self._marks: np.ndarray | None = None  # room for `_blank`
         self._fields_of: np.ndarray | None = None  # the seen cells that the fields below belong to
         self._fields: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
+        self.taken: CheckedScan | None = None  # the scan that the last update took in; None: there was no new good one
         self._state = MapperState(no_evidence(grid.shape), NO_CELLS, np.zeros(0, bool), (), None, None)
 
     @property
@@ -153,7 +154,7 @@ class Mapper(Stateful[MapperState]):
 
         Of a large map it returns the part round the robot and the ``targets`` (2,) [m].
         """
-        state = self._state
+        state, self.taken = self._state, None
         if observation.scan is not None and observation.scan.stamp != state.scan_stamp:
             self._take(observation.scan, observation.time)
         self._look_at(window_of(self.base.grid, [observation.pose[:2], *targets], max(AROUND, self._reach + 1.0)))
@@ -198,7 +199,7 @@ class Mapper(Stateful[MapperState]):
         if isinstance(checked, RefusedScan):
             state.refusal = checked.reason
             return
-        state.refusal, state.scan_stamp = None, checked.stamp
+        state.refusal, state.scan_stamp, self.taken = None, checked.stamp, checked
         cells, static = self._integrate(checked)
         if not np.array_equal(cells, state.cells):
             outlines = seen_outlines(cells, self.base.grid.resolution, self._origin, self._g)

@@ -19,10 +19,9 @@ from numpy.typing import NDArray
 from motm_twin.model.geometry import Array, frozen
 from motm_twin.model.known import KnownWorld
 from motm_twin.model.number import OWN, Number
-from motm_twin.model.plant import Observation
 from motm_twin.model.state import Stateful
-from motm_twin.perception.base_map import base_map
-from motm_twin.perception.scan import CheckedScan, RefusedScan, check_scan
+from motm_twin.perception.base_map import BaseMap, base_map
+from motm_twin.perception.scan import CheckedScan
 from motm_twin.perception.world_map import NO_TRACKS, WorldMap
 
 X, Y, VX, VY, RADIUS, SD, IDENTITY = range(7)  # columns of `WorldMap.tracks`
@@ -97,15 +96,13 @@ class DynamicTracker(Stateful[TrackState]):
 
     def __init__(self, known: KnownWorld, parameters: TrackParameters | None = None) -> None:
         self.parameters, self._known = parameters or TrackParameters(), known
+        self._base: BaseMap | None = None
         self._state = TrackState()
 
-    def update(self, observation: Observation, world: WorldMap) -> WorldMap:
-        """The map with its tracks at its time; a scan that is refused, or was taken in before, changes nothing."""
-        scan, state = observation.scan, self._state
-        if scan is not None and scan.stamp != state.stamp:
-            checked = check_scan(scan, self._known.robot.lidar, observation.time)
-            if not isinstance(checked, RefusedScan):
-                self._take(checked, world)
+    def update(self, scan: CheckedScan | None, world: WorldMap) -> WorldMap:
+        """The map with its tracks at its time. ``scan``: a new one that the map has taken in; None: there is none."""
+        if scan is not None:
+            self._take(scan, world)
         found = self._rows(world.stamp)
         return msgspec.structs.replace(world, tracks=frozen(np.array(found)) if found else NO_TRACKS)
 
@@ -151,7 +148,7 @@ class DynamicTracker(Stateful[TrackState]):
         beam = np.flatnonzero(scan.ranges < min(p.reach, scan.range_max))
         reach = scan.ranges[beam]
         at = scan.origin + reach[:, None] * scan.directions[beam]
-        known = base_map(self._known, world.resolution)
+        known = self._base = self._base or base_map(self._known, world.resolution)
         cell = known.grid.cell_of(at)
         inside = ((cell >= 0) & (cell < np.array(known.grid.shape))).all(axis=1)
         at, beam, reach, cell = at[inside], beam[inside], reach[inside], cell[inside]

@@ -1,5 +1,6 @@
 """Problems and answers of base placement and base control."""
 
+import math
 from enum import StrEnum
 from typing import Protocol
 
@@ -152,6 +153,16 @@ class BaseController(Protocol):
 def empty_path() -> Array:
     """A path without points, shape (0, 2)."""
     return np.zeros((0, 2))
+
+
+def bare_plan(problem: "BaseProblem", acceleration: Array, status: PlanStatus, why: Reason | None) -> BasePlan:
+    """A plan of this acceleration (2,) without paths, of a controller that looks no further."""
+    return BasePlan(
+        acceleration=frozen(acceleration), status=status, why=why, global_path=empty_path(), next_path=empty_path(),
+        intermediate_goal=frozen(problem.pose), local_poses=frozen([[*problem.pose, *problem.twist]]),
+        local_times=frozen([0.0]), bezier=empty_path(), expansions=0, cut_by_clock=False, t_h=0.0, k=1.0,
+        time_to_range=math.inf,
+    )  # fmt: skip
 
 
 def no_placement(pose: Array) -> Placement:

@@ -35,6 +35,7 @@ from motm_twin.planning.types import (
     PlanStatus,
     SearchBudget,
     Target,
+    bare_plan,
     empty_path,
     no_placement,
 )
@@ -263,22 +264,8 @@ class TangentController:
 
     def _rest(self, problem: BaseProblem) -> BasePlan:
         most = np.array([self._limits.linear_acceleration, self._limits.yaw_acceleration])
-        return BasePlan(
-            acceleration=frozen(np.clip(-problem.twist / problem.period, -most, most)),
-            status=PlanStatus.IDLE,
-            why=Reason(kind=Kind.NOTHING_TO_DO),
-            global_path=empty_path(),
-            next_path=empty_path(),
-            intermediate_goal=frozen(problem.pose),
-            local_poses=frozen([[*problem.pose, *problem.twist]]),
-            local_times=frozen([0.0]),
-            bezier=empty_path(),
-            expansions=0,
-            cut_by_clock=False,
-            t_h=0.0,
-            k=1.0,
-            time_to_range=math.inf,
-        )
+        braking = np.clip(-problem.twist / problem.period, -most, most)
+        return bare_plan(problem, braking, PlanStatus.IDLE, Reason(kind=Kind.NOTHING_TO_DO))
 
 
 def _leaving(line: Tangent, target: Target, following: Target | None) -> float | None:

@@ -12,7 +12,7 @@ from numba import njit
 
 from motm_twin.control.method import BaseChoices, Materials, Method, Policies
 from motm_twin.measures.agents import Body, base_gap, body_of
-from motm_twin.model.geometry import Array, frozen
+from motm_twin.model.geometry import Array
 from motm_twin.model.profile import RobotProfile
 from motm_twin.model.reason import Kind, Reason
 from motm_twin.model.scene import Scene
@@ -24,7 +24,7 @@ from motm_twin.planning.types import (
     Placement,
     PlanStatus,
     SearchBudget,
-    empty_path,
+    bare_plan,
 )
 
 NAME = "oracle"
@@ -142,7 +142,7 @@ class OracleController:
         target, most = problem.target, self._limits[3:]
         if target is None:
             push, why = np.clip(-problem.twist / problem.period, -most, most), Reason(kind=Kind.NOTHING_TO_DO)
-            return _plan(problem, push, PlanStatus.IDLE, why)
+            return bare_plan(problem, push, PlanStatus.IDLE, why)
         if self._left == 0:
             self._push, self._left = (
                 self._search(problem, np.array([*target.position, target.tolerance - INSIDE])),
@@ -151,7 +151,7 @@ class OracleController:
         self._left -= 1
         after = problem.twist + self._push * problem.period
         after = np.clip(after, [-self._limits[1], -self._limits[2]], [self._limits[0], self._limits[2]])
-        return _plan(problem, (after - problem.twist) / problem.period, PlanStatus.GOAL, None)
+        return bare_plan(problem, (after - problem.twist) / problem.period, PlanStatus.GOAL, None)
 
     def _search(self, problem: BaseProblem, goal: Array) -> Array:
         """Acceleration of the next piece, shape (2,); braking when there is none."""
@@ -166,26 +166,6 @@ class OracleController:
             return way[0]
         most = self._limits[3:]
         return np.clip(-problem.twist / (PIECE * PERIOD), -most, most)
-
-
-def _plan(problem: BaseProblem, push: Array, status: PlanStatus, why: Reason | None) -> BasePlan:
-    """The plan of a period that accelerates so."""
-    return BasePlan(
-        acceleration=frozen(push),
-        status=status,
-        why=why,
-        global_path=empty_path(),
-        next_path=empty_path(),
-        intermediate_goal=frozen(problem.pose),
-        local_poses=frozen([[*problem.pose, *problem.twist]]),
-        local_times=frozen([0.0]),
-        bezier=empty_path(),
-        expansions=0,
-        cut_by_clock=False,
-        t_h=0.0,
-        k=1.0,
-        time_to_range=math.inf,
-    )
 
 
 def require_known_future(scene: Scene) -> None:

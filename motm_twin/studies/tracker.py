@@ -26,9 +26,10 @@ from motm_twin.measures.agents import AGENT_MOVES
 from motm_twin.measures.interval import Interval, Sample, Sampler
 from motm_twin.methods.registry import FAST, find_method
 from motm_twin.model.geometry import Array, from_frame
-from motm_twin.model.plant import Observation, Scan
+from motm_twin.model.plant import Scan
 from motm_twin.model.scene import Scene
 from motm_twin.perception.mapper import MapSettings
+from motm_twin.perception.scan import CheckedScan
 from motm_twin.perception.tracks import IDENTITY, VX, VY, DynamicTracker
 from motm_twin.perception.world_map import WorldMap
 from motm_twin.perf.report import grid, load_average, machine, number, spread, write_report
@@ -135,10 +136,10 @@ class TimedTracker:
         """The tracker of a loop, which it takes the place of."""
         self._tracker, self.ms = tracker, []
 
-    def update(self, observation: Observation, world: WorldMap) -> WorldMap:
+    def update(self, scan: CheckedScan | None, world: WorldMap) -> WorldMap:
         """The map with its tracks."""
         began = time.thread_time()
-        found = self._tracker.update(observation, world)
+        found = self._tracker.update(scan, world)
         self.ms.append(1e3 * (time.thread_time() - began))
         return found
 

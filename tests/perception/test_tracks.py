@@ -39,7 +39,8 @@ def follow(seconds, *discs, drive=0.0, walls=(), seed=1):
             time=time, pose=pose, odometry=pose, twist=np.zeros(2), q=np.zeros(7), dq=np.zeros(7), gripper_width=0.08,
             gripper_moving=False, detections=(), scan=scan_of(cast(pose, [*bodies, *walls], rng), pose, time),
         )  # fmt: skip
-        maps.append(tracker.update(observation, movers.sort(mapper.update(observation), pose)))
+        world = movers.sort(mapper.update(observation), pose)
+        maps.append(tracker.update(mapper.taken, world))
     return maps, tracker
 
 
@@ -78,14 +79,15 @@ def test_the_number_survives_being_hidden():
 def test_one_that_is_gone_is_forgotten_at_once_where_the_beams_pass():
     maps, tracker = follow(2.0, ((2.0, 0.0), (0.3, 0.0), 0.25))
     assert len(maps[-1].tracks) == 1
-    world, empty = maps[-1], np.full(LIDAR.beams, np.inf)
+    world, mapper, empty = maps[-1], Mapper(FLOOR), np.full(LIDAR.beams, np.inf)
     for k in range(10):
         time = 2.0 + k * STEP
         observation = Observation(
             time=time, pose=np.zeros(3), odometry=np.zeros(3), twist=np.zeros(2), q=np.zeros(7), dq=np.zeros(7),
             gripper_width=0.08, gripper_moving=False, detections=(), scan=scan_of(empty, np.zeros(3), time),
         )  # fmt: skip
-        world = tracker.update(observation, world)
+        mapper.update(observation)
+        world = tracker.update(mapper.taken, world)
     assert len(world.tracks) == 0
 
 

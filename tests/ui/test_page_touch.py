@@ -59,7 +59,7 @@ def way(place, *ends):
 
 
 def box(twin):
-    """Where the box stands [m]."""
+    """Place of the box [m]."""
     return next((tuple(body.position[:2]) for body in twin.client.tick().obstacles if body.name == "box"), None)
 
 
@@ -70,7 +70,7 @@ def eye(visitor):
 
 
 def nearer(before, after):
-    """How far [m] the camera went ahead."""
+    """Way [m] of the camera ahead."""
     return float((after[0] - before[0]) @ before[1])
 
 

@@ -54,7 +54,7 @@ def test_the_page_is_as_dark_as_the_browser_prefers_until_somebody_chooses(brows
 
 
 def pierced(visitor, place):
-    """Whether the picture has holes round a point of the world [m]."""
+    """True when the picture has holes round a point of the world [m]."""
     picture = visitor.picture()
     canvas = visitor.page.locator("canvas[data-engine]").bounding_box()
     x, y = visitor.page.evaluate("(place) => motm.pixel(place)", list(place))

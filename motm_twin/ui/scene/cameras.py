@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import viser
+from scipy.optimize import nnls
 
 from motm_twin.bus.messages import TickMessage
 from motm_twin.model.geometry import Array
@@ -42,7 +43,7 @@ UNFRAMED = 0.25  # [m] between them that the camera shows without going back
 REST = 0.5  # [s] after the hand's last move the ride goes on
 ECHO = 0.03  # [m] a reported camera this near to a sent one was not moved by hand
 TOLD = 3.0  # [s] after its beginning, in which a slow page reports its way of a move
-CORNERS = 0.05  # share of the distance to what is looked at by which it may leave that way
+FIRM = 1e3  # [m] weight of the sum of shares beside the place: it is exact
 PANEL = 334  # [px] that the docked panel takes from the picture; a page tells its size before it is docked
 NARROW = 700  # [px] of a page on which the panel lies over the picture
 _SIGHT_EDGE = 0.9  # share of the picture in which a body is seen
@@ -133,6 +134,7 @@ class _Eye:
     ease_from: View | None = None
     ease_start: float = -math.inf
     ease_fov: float = FIELD_OF_VIEW  # at the start of the move
+    way: list[Array] = field(default_factory=list)  # poses of the move, its start first
     aside: Array = field(default_factory=lambda: np.zeros(3))  # [m] from the hand to the middle of what a ride frames
     heading: float | None = None  # [rad] of the ride's frame
     offset: View | None = None  # in the ride's frame, when a hand chose it
@@ -172,6 +174,7 @@ class Cameras:
             eye.hand_at, eye.arrived = -math.inf, True
             eye.ease_from = (np.array(client.camera.position), np.array(client.camera.look_at))
             eye.ease_start, eye.ease_fov = time.monotonic(), client.camera.fov
+            eye.way = [eye.ease_from[0]]
 
     def mode(self, client: viser.ClientHandle) -> str:
         """Preset that a visitor has now."""
@@ -192,11 +195,14 @@ class Cameras:
             for number, eye in self._eyes.items():
                 if number not in clients:
                     continue
+                moves = eye.ease_from is not None
                 view = self._view(eye, clients[number], now, dt)
                 if view is not None and (ride or eye.mode not in RIDES or eye.ease_from is not None):
                     wanted[number] = view, self._fov(eye, clients[number], now)
                     eye.sent.append(view[0])
                     eye.look_at = view[1]
+                    if moves:
+                        eye.way.append(view[0])
         for number, ((position, look_at), fov) in wanted.items():
             client = clients[number]
             with client.atomic():
@@ -287,7 +293,8 @@ class Cameras:
             if (
                 not eye.arrived
                 or np.linalg.norm(own - position, axis=1).min() < ECHO
-                or _on_the_way(sent, position, _near(eye, position))
+                or _on_the_way(sent, position)
+                or (time.monotonic() - eye.ease_start < TOLD and _among(np.array(eye.way), position))
             ):
                 eye.arrived |= there
                 if not there and eye.mode not in RIDES and eye.ease_from is None:
@@ -348,20 +355,22 @@ def _widened(client: viser.ClientHandle, before: float, now: float) -> View | No
     return look_at + (np.asarray(client.camera.position) - look_at) * before / now, look_at
 
 
-def _near(eye: _Eye, position: Array) -> float:
-    """Distance [m] from the way of a move within which a report is an echo: a slow page cuts its corners."""
-    if eye.look_at is None or time.monotonic() - eye.ease_start > TOLD:
-        return ECHO
-    return max(ECHO, CORNERS * float(np.linalg.norm(position - eye.look_at)))
+def _among(sent: Array, position: Array) -> bool:
+    """True for a point in the hull of poses (n, 3) that were sent: a slow page glides from what it shows to the newest.
+
+    It shows a mean of them with weights that are not negative, which add up to 1.
+    """
+    weights = np.vstack((sent.T, np.full(len(sent), FIRM)))
+    return bool(nnls(weights, np.append(position, FIRM))[1] < ECHO)
 
 
-def _on_the_way(sent: Array, position: Array, near: float) -> bool:
-    """True for a point that is near a line between two poses that were sent one after the other."""
+def _on_the_way(sent: Array, position: Array) -> bool:
+    """True for a point between two poses that were sent one after the other."""
     start, step = sent[:-1], np.diff(sent, axis=0)
     square = np.maximum((step**2).sum(axis=1), 1e-12)
     part = np.clip(((position - start) * step).sum(axis=1) / square, 0.0, 1.0)
     nearest = np.linalg.norm(start + part[:, None] * step - position, axis=1)
-    return bool(len(nearest) and nearest.min() < near)
+    return bool(len(nearest) and nearest.min() < ECHO)
 
 
 class Visibility:
