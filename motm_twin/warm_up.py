@@ -1,14 +1,19 @@
 """Compile the numeric kernels, once per installation: ``python -m motm_twin.warm_up``.
 
-Numba caches compiled kernels for later starts. The five big parts are compiled at the same
-time, in separate processes.
+Numba caches compiled kernels for later starts. The five big parts are compiled at the same time, in separate
+processes; what is left is compiled where it is called, and `program_clock` does not count it.
 """
 
-from multiprocessing import get_context
+import os
+import sys
+import time
+from collections.abc import Callable
+from multiprocessing import connection, get_context
 from pathlib import Path
 
 import msgspec
 import numpy as np
+from numba.core import event
 
 from motm_twin.control.arm.controller import Manipulator
 from motm_twin.control.arm.geometry import rotation_error
@@ -17,7 +22,7 @@ from motm_twin.control.arm.parameters import ArmParameters
 from motm_twin.control.arm.program import base_bounds, joint_bounds
 from motm_twin.control.arm.types import ArmGoal, ArmInputs, ArmObstacles
 from motm_twin.control.monitor import Monitor
-from motm_twin.interrupts import deaf
+from motm_twin.interrupts import deaf, end_with_parent
 from motm_twin.measures.agents import compile_gaps
 from motm_twin.measures.people import compile_meetings
 from motm_twin.methods.registry import find_method
@@ -39,26 +44,79 @@ METHODS = ("motm", "foresight", "irm")  # that have all kernels of methods betwe
 DRIVES = (("exp1", 250), ("exp2", 100))  # scenes and periods for the other kernels: a carried cube, Temis
 
 
+class _Compilation(event.Listener):
+    """Time [s] that this process has spent compiling kernels."""
+
+    def __init__(self) -> None:
+        """None yet."""
+        self.seconds, self._depth, self._began = 0.0, 0, 0.0
+
+    def on_start(self, event: event.Event) -> None:
+        """A kernel, or one that it calls."""
+        if not self._depth:
+            self._began = time.perf_counter()
+        self._depth += 1
+
+    def on_end(self, event: event.Event) -> None:
+        """It is compiled."""
+        self._depth -= 1
+        if not self._depth:
+            self.seconds += time.perf_counter() - self._began
+
+
+_compilation = _Compilation()
+event.register("numba:compile", _compilation)
+
+
+def program_clock() -> float:
+    """`time.perf_counter` [s], which stands while this process compiles a kernel."""
+    return time.perf_counter() - _compilation.seconds
+
+
 def is_warm() -> bool:
     """The largest kernel is in numba's cache; after a change it is not (`drop_stale_kernels`)."""
     return any(Path(run_search.stats.cache_path).glob(f"*{run_search.__name__}*.nbi"))
 
 
-def compile_kernels() -> None:
-    """Compile the big parts in processes of their own, unless they are compiled already."""
+def can_keep() -> bool:
+    """Compiled kernels can be written to numba's cache."""
+    return os.access(run_search.stats.cache_path, os.W_OK)
+
+
+def _tell(text: str) -> None:
+    print(text, file=sys.stderr, flush=True)
+
+
+def compile_kernels(tell: Callable[[str], None] = _tell) -> None:
+    """Compile the big parts in processes of their own, unless they are compiled already; ``tell`` how far it is."""
     if is_warm():
         return
-    context = get_context("spawn")
-    parts = [context.Process(target=part) for part in (warm_up_search, _plant, _arm, _perception, warm_up_placement)]
+    if not can_keep():
+        tell(
+            f"Compiled kernels cannot be kept in {run_search.stats.cache_path}: every start compiles for a minute. "
+            "Set NUMBA_CACHE_DIR to a folder of yours."
+        )
+        return
+    parts = (warm_up_search, _plant, _arm, _perception, warm_up_placement)
+    tell("Compiling the numeric kernels, once per installation: half a minute on a quick machine, two on a slow one.")
+    context, began = get_context("spawn"), time.monotonic()
+    processes = [context.Process(target=_ends_with_parent, args=(part,)) for part in parts]
     with deaf():
-        for part in parts:
-            part.start()
+        for process in processes:
+            process.start()
     try:
-        for part in parts:
-            part.join()
+        waiting = {process.sentinel for process in processes}
+        while waiting:
+            waiting -= set(connection.wait(waiting))
+            tell(f"  {len(parts) - len(waiting)} of {len(parts)} parts after {time.monotonic() - began:.0f} s")
     finally:
-        for part in parts:
-            part.kill()
+        for process in processes:
+            process.kill()
+
+
+def _ends_with_parent(part: Callable[[], object]) -> None:
+    end_with_parent()
+    part()
 
 
 def _plant() -> None:

@@ -23,6 +23,7 @@ from motm_twin.studies.pool import BACKENDS
 from motm_twin.studies.run import Results, kept_text, run
 from motm_twin.studies.settings import BenchSettings
 from motm_twin.studies.summary import published_beside, reasons_table, rows, summary_table, write_summary
+from motm_twin.warm_up import compile_kernels
 
 TABLE_WIDTH = 132  # characters; a narrower table is not readable
 
@@ -113,6 +114,7 @@ def run_bench(given: BenchSettings) -> int:
         return BAD_INPUT
     console = table_console()
     console.width = max(console.width, TABLE_WIDTH)
+    compile_kernels()
     if given.groups[0] in ALONE:
         return ALONE[given.groups[0]](given, console)
     experiments = [name for name in given.groups if name in ONLY_EXPERIMENTS or given.experiment]

@@ -78,7 +78,9 @@ def _run(given: PaperSettings, plan, console: Console) -> dict:
     from motm_twin.studies.paper.data import COMMAND, PLAN, keys, of_plan, stored, write_completed
     from motm_twin.studies.paper.parts import needed
     from motm_twin.studies.run import run
+    from motm_twin.warm_up import compile_kernels
 
+    compile_kernels()
     experiments = needed(plan.experiments, given.only) if given.only else plan.experiments
     wanted = keys(experiments)
     _announce(given, wanted, console)
