@@ -29,9 +29,10 @@ SLOW = {"next_weight": 0.5, "bezier": False}
 
 
 def drive_scene(tasks=((1.2, 0.0), (1.2, -0.6))):
-    """A short job: two places to drive to."""
+    """A short job: two places to drive to, for a base without an arm, whose periods cost a third."""
     scene = load_scene("exp1", "trial1", 0)
-    return replace(scene, tasks=tuple(DriveTo(point=point) for point in tasks), time_limit=60.0)
+    robot = replace(scene.robot, has_arm=False)
+    return replace(scene, robot=robot, tasks=tuple(DriveTo(point=point) for point in tasks), time_limit=60.0)
 
 
 def saved(scene, periods=40, edits=None):
