@@ -1,7 +1,7 @@
 """For all tests: their helpers by name (twin_steps), and an order that leaves no worker alone with the long ones.
 
 Hypothesis draws the same examples in every run, so that a change is judged by what it changes; MOTM_EXAMPLES=fresh
-draws new ones.
+draws new ones. How long one takes is no finding on a busy machine: pytest's timeout ends what hangs.
 """
 
 import os
@@ -14,8 +14,8 @@ from hypothesis import settings
 
 sys.path.insert(0, str(Path(__file__).parent))
 
-settings.register_profile("same", derandomize=True, database=None)
-settings.register_profile("fresh", derandomize=False)
+settings.register_profile("same", derandomize=True, database=None, deadline=None)
+settings.register_profile("fresh", derandomize=False, deadline=None)
 settings.load_profile(os.environ.get("MOTM_EXAMPLES", "same"))
 
 
