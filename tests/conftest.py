@@ -4,6 +4,7 @@ Hypothesis draws the same examples in every run, so that a change is judged by w
 draws new ones. How long one takes is no finding on a busy machine: pytest's timeout ends what hangs.
 """
 
+import importlib.util
 import os
 import sys
 from pathlib import Path
@@ -32,6 +33,16 @@ def _allowed(item):
     """The time [s] that a browser test may take; 0 for the others, which stay in their order."""
     limit = item.get_closest_marker("timeout")
     return limit.args[0] if limit and item.get_closest_marker("browser") else 0
+
+
+@pytest.fixture(scope="module")
+def tool(request):
+    """The program of the folder tools that a test file names TOOL, as a module."""
+    path = Path(__file__).parents[1] / "tools" / f"{request.module.TOOL}.py"
+    spec = importlib.util.spec_from_file_location(f"tool_{path.stem}", path)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
 
 
 @pytest.fixture
