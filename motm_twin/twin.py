@@ -1,7 +1,7 @@
 """The twin: one scene, the simulated plant under the control loop, and everything needed to copy and rerun it."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
@@ -160,6 +160,14 @@ class Twin:
         elif budget is not None and budget.expansions < self._budget.expansions:
             self.cuts.append(Cut(index=index, expansions=budget.expansions))
         return tick
+
+    def ticks(self) -> Iterator[Tick]:
+        """Every period to the end of the task list, or to the time limit of the scene."""
+        while True:
+            tick = self.advance()
+            yield tick
+            if tick.done or tick.time >= self.scene.time_limit:
+                return
 
     def _period(self, edits: tuple[Edit, ...], budget: SearchBudget | None) -> Tick:
         index, before = self.loop.index, self.parameters

@@ -1,9 +1,10 @@
 """For all tests: their helpers by name (twin_steps), and an order that leaves no worker alone with the long ones.
 
 Hypothesis draws the same examples in every run, so that a change is judged by what it changes; MOTM_EXAMPLES=fresh
-draws new ones.
+draws new ones. How long one takes is no finding on a busy machine: pytest's timeout ends what hangs.
 """
 
+import importlib.util
 import os
 import sys
 from pathlib import Path
@@ -14,8 +15,8 @@ from hypothesis import settings
 
 sys.path.insert(0, str(Path(__file__).parent))
 
-settings.register_profile("same", derandomize=True, database=None)
-settings.register_profile("fresh", derandomize=False)
+settings.register_profile("same", derandomize=True, database=None, deadline=None)
+settings.register_profile("fresh", derandomize=False, deadline=None)
 settings.load_profile(os.environ.get("MOTM_EXAMPLES", "same"))
 
 
@@ -32,6 +33,16 @@ def _allowed(item):
     """The time [s] that a browser test may take; 0 for the others, which stay in their order."""
     limit = item.get_closest_marker("timeout")
     return limit.args[0] if limit and item.get_closest_marker("browser") else 0
+
+
+@pytest.fixture(scope="module")
+def tool(request):
+    """The program of the folder tools that a test file names TOOL, as a module."""
+    path = Path(__file__).parents[1] / "tools" / f"{request.module.TOOL}.py"
+    spec = importlib.util.spec_from_file_location(f"tool_{path.stem}", path)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
 
 
 @pytest.fixture

@@ -31,15 +31,15 @@ from motm_twin.bus.messages import (
     TaskMessage,
     TickMessage,
 )
+from motm_twin.bus.plant_messages import DetectionData, to_message
 from motm_twin.control.arm.types import ArmStep
 from motm_twin.control.tick import Tick
 from motm_twin.model.geometry import Array
-from motm_twin.model.plant import BodyTruth, Detection, Observation, Scan, Truth
+from motm_twin.model.plant import BodyTruth, Contact, CutIn, Detection, Observation, Scan, Truth
 from motm_twin.model.profile import RobotProfile
 from motm_twin.model.reason import Reason
 from motm_twin.model.scene import PlanarPose
 from motm_twin.perception.world_map import WorldMap
-from motm_twin.planning.types import BasePlan, Placement
 
 _DRAWN = 4  # decimals of values that are only drawn: 0.1 mm
 _EXACT = 9
@@ -61,114 +61,47 @@ def numbers(values: object, digits: int = _DRAWN) -> list:
     return (np.rint(np.asarray(values, dtype=float) * scale) / scale).tolist()
 
 
-def _robot(observation: Observation, truth: Truth | None) -> RobotMessage:
-    pose = numbers(observation.pose, _EXACT)
-    return RobotMessage(
-        pose=pose,
-        true_pose=pose if truth is None else numbers(truth.pose, _EXACT),
-        twist=numbers(observation.twist, _EXACT),
-        q=numbers(observation.q, _EXACT),
-        dq=numbers(observation.dq, _EXACT),
-        gripper_width=float(observation.gripper_width),
-    )
+def as_message(source: Any, target: Any, digits: int = _DRAWN, **others: Any) -> Any:
+    """The message ``target``: ``others``, and the fields of ``source`` with the same names, arrays rounded."""
+    names = (name for name in target.__struct_fields__ if name not in others)
+    return target(**{name: _sent(getattr(source, name), digits) for name in names}, **others)
+
+
+def _sent(value: Any, digits: int) -> Any:
+    if isinstance(value, float | int | str | None):
+        return value
+    if isinstance(value, np.ndarray):
+        return numbers(value, digits)
+    if isinstance(value, tuple):
+        kind = _OF_TRUTH.get(type(value[0])) if value else None
+        return [msgspec.convert(one, kind, from_attributes=True) for one in value] if kind else list(value)
+    return _typed(value) if isinstance(value, Reason) else value.item()
+
+
+_OF_TRUTH = {Contact: ContactMessage, CutIn: CutInMessage}
 
 
 def body_message(body: BodyTruth) -> BodyMessage:
     """One true body."""
-    return BodyMessage(
-        name=body.name,
-        kind=body.kind,
-        position=numbers(body.position),
-        yaw=float(body.yaw),
-        state=body.state,
-        size=numbers(body.size),
-    )
+    return as_message(body, BodyMessage, position=numbers(body.position), size=numbers(body.size))
 
 
-def _typed(why: Reason | None) -> Reason | None:
+def _typed(why: Reason) -> Reason:
     """A reason without infinite numbers, which JSON cannot carry."""
-    if why is None:
-        return None
     value, limit = (0.0 if math.isinf(number) else float(number) for number in (why.value, why.limit))
-    return msgspec.structs.replace(why, value=value, limit=limit, cause=_typed(why.cause))
-
-
-def _placement(placement: Placement) -> PlacementMessage:
-    return PlacementMessage(
-        mode=placement.mode,
-        radius=float(placement.radius),
-        poses=numbers(placement.poses),
-        cost_current=numbers(placement.cost_current),
-        cost_next=numbers(placement.cost_next),
-        cost=numbers(placement.cost),
-        rejected=list(placement.rejected),
-        chosen=int(placement.chosen),
-        goal=numbers(placement.goal),
-        goal_has_heading=bool(placement.goal_has_heading),
-        reason=placement.reason,
-        why=_typed(placement.why),
-        next_goal=None if placement.next_goal is None else numbers(placement.next_goal),
-    )
-
-
-def _plan(plan: BasePlan) -> PlanMessage:
-    return PlanMessage(
-        status=plan.status,
-        reason=plan.reason,
-        why=_typed(plan.why),
-        acceleration=numbers(plan.acceleration),
-        global_path=numbers(plan.global_path),
-        next_path=numbers(plan.next_path),
-        intermediate_goal=numbers(plan.intermediate_goal),
-        local_poses=numbers(plan.local_poses),
-        local_times=numbers(plan.local_times),
-        bezier=numbers(plan.bezier),
-        expansions=int(plan.expansions),
-        cut_by_clock=bool(plan.cut_by_clock),
-        t_h=float(plan.t_h),
-        k=float(plan.k),
-        time_to_range=float(plan.time_to_range),
-    )
+    return msgspec.structs.replace(why, value=value, limit=limit, cause=why.cause and _typed(why.cause))
 
 
 def _arm(step: ArmStep) -> ArmMessage:
-    return ArmMessage(
+    given = step.actuation
+    return as_message(
+        step,
+        ArmMessage,
         time=seconds(step.time),
-        phase=step.phase,
-        base_twist=numbers(step.actuation.twist),
-        joint_velocity=numbers(step.actuation.joint_velocity),
-        gripper=step.actuation.gripper,
-        reference=numbers(step.reference),
-        error=float(step.error),
-        tilt=float(step.tilt),
+        base_twist=numbers(given.twist),
+        joint_velocity=numbers(given.joint_velocity),
+        gripper=given.gripper,
         slack=numbers(step.slack, _EXACT),
-        manipulability=float(step.manipulability),
-        active=list(step.active),
-        limiter=step.limiter,
-        obstacle_distance=float(step.obstacle_distance),
-        allowed_approach=float(step.allowed_approach),
-        qp_status=step.qp_status,
-        program=step.program,
-        holding=bool(step.holding),
-        outcome=step.outcome,
-        reason=step.reason,
-        why=_typed(step.why),
-    )
-
-
-def _score(truth: Truth) -> ScoreMessage:
-    return ScoreMessage(
-        picks=int(truth.picks),
-        places=int(truth.places),
-        drops=int(truth.drops),
-        contacts=[msgspec.convert(contact, ContactMessage, from_attributes=True) for contact in truth.contacts],
-        min_base_clearance=float(truth.min_base_clearance),
-        min_arm_clearance=float(truth.min_arm_clearance),
-        min_ee_obstacle=float(truth.min_ee_obstacle),
-        ee_obstacle=float(truth.ee_obstacle),
-        path_length=float(truth.path_length),
-        cut_ins=[msgspec.convert(cut_in, CutInMessage, from_attributes=True) for cut_in in truth.cut_ins],
-        dropped=list(truth.dropped),
     )
 
 
@@ -192,24 +125,21 @@ def _rounded(values: Sequence[float]) -> list[float]:
     return [round(value, 3) for value in values]
 
 
-def path_message(points: Array) -> list[list[float]]:
-    """A polyline, shape (n, 2)."""
-    return numbers(points)
-
-
 def bodies(truth: Truth) -> dict[str, Any]:
     """Fields of a tick with the true bodies and the injected faults."""
-    return {
-        "objects": [body_message(body) for body in truth.objects],
-        "agents": [body_message(body) for body in truth.agents],
-        "obstacles": [body_message(body) for body in truth.obstacles],
-        "furniture": [body_message(body) for body in truth.furniture],
-        "removed": list(truth.removed),
-        "faults": list(truth.faults),
-    }
+    groups = ("objects", "agents", "obstacles", "furniture")
+    told = {group: [body_message(body) for body in getattr(truth, group)] for group in groups}
+    return {**told, "removed": list(truth.removed), "faults": list(truth.faults)}
 
 
-_NO_BODIES: dict[str, Any] = {"objects": [], "agents": [], "obstacles": []}
+_NO_BODIES: dict[str, Any] = {
+    "objects": [],
+    "agents": [],
+    "obstacles": [],
+    "furniture": [],
+    "removed": [],
+    "faults": [],
+}
 
 
 def tick_message(
@@ -228,7 +158,11 @@ def tick_message(
     ``ended`` [s]: completion time; ``announced``: places of furniture that the robot was told.
     """
     truth = tick.truth
-    return TickMessage(
+    seen = numbers(tick.observation.pose, _EXACT)
+    true_pose = seen if truth is None else numbers(truth.pose, _EXACT)
+    return as_message(
+        tick,
+        TickMessage,
         version=TICK_VERSION,
         run=run,
         began=began,
@@ -236,37 +170,22 @@ def tick_message(
         past=past,
         ended=ended,
         server_time=server_time,
-        index=tick.index,
         time=seconds(tick.time),
-        robot=_robot(tick.observation, truth),
+        robot=as_message(tick.observation, RobotMessage, _EXACT, true_pose=true_pose),
         **(_NO_BODIES if truth is None else bodies(truth)),
         announced={name: [*numbers(pose[:2]), float(pose[2])] for name, pose in (announced or {}).items()},
-        tasks=[TaskMessage(kind=t.kind, target=t.target, status=t.status, attempts=t.attempts) for t in tick.tasks],
-        task_index=tick.task_index,
-        beliefs=[
-            BeliefMessage(
-                name=belief.name,
-                position=numbers(belief.position),
-                yaw=float(belief.yaw),
-                position_sd=float(belief.position_sd),
-                seen=bool(belief.seen),
-                held=bool(belief.held),
-            )
-            for belief in tick.beliefs
-        ],
-        placement=_placement(tick.placement),
-        plan=_plan(tick.plan),
+        tasks=[as_message(task, TaskMessage) for task in tick.tasks],
+        beliefs=[as_message(belief, BeliefMessage) for belief in tick.beliefs],
+        placement=as_message(tick.placement, PlacementMessage),
+        plan=as_message(tick.plan, PlanMessage, staa_path=[]),
         arm=[_arm(step) for step in tick.arm],
-        stop_reason=tick.stop_reason,
-        why=_typed(tick.why),
-        events=[EventMessage(time=seconds(event.time), kind=event.kind, text=event.text) for event in tick.events],
+        events=[as_message(event, EventMessage, time=seconds(event.time)) for event in tick.events],
         stage_ms={name: round(float(value), 3) for name, value in tick.stage_ms.items()},
-        score=None if truth is None else _score(truth),
+        score=None if truth is None else as_message(truth, ScoreMessage),
         forces=_forces(truth),
-        done=bool(tick.done),
-        success=bool(tick.success),
         preview=False,
         edits=list(tick.edits),
+        inspected=None,
     )
 
 
@@ -304,37 +223,22 @@ class RobotEncoder:
 
     def state(self, observation: Observation, run: int, server_time: float) -> RobotStateMessage:
         """The robot at one instant."""
-        return RobotStateMessage(
+        return as_message(
+            observation,
+            RobotStateMessage,
+            _EXACT,
             version=ROBOT_VERSION,
             run=run,
             server_time=server_time,
             time=round(float(observation.time), _EXACT),
-            pose=numbers(observation.pose, _EXACT),
-            odometry=numbers(observation.odometry, _EXACT),
-            twist=numbers(observation.twist, _EXACT),
             joint_names=JOINT_NAMES,
-            q=numbers(observation.q, _EXACT),
-            dq=numbers(observation.dq, _EXACT),
-            gripper_width=float(observation.gripper_width),
-            gripper_moving=bool(observation.gripper_moving),
             frames=self._frames(observation),
         )
 
     def scan(self, scan: Scan, run: int, server_time: float) -> ScanMessage:
         """One sweep."""
-        return ScanMessage(
-            version=SCAN_VERSION,
-            run=run,
-            server_time=server_time,
-            stamp=float(scan.stamp),
-            pose=numbers(scan.pose, _EXACT),
-            origin=numbers(scan.origin, _EXACT),
-            angle_min=float(scan.angle_min),
-            angle_step=float(scan.angle_step),
-            range_min=float(scan.range_min),
-            range_max=float(scan.range_max),
-            ranges=numbers(scan.ranges),
-        )
+        about: dict[str, Any] = {"version": SCAN_VERSION, "run": run, "server_time": server_time}
+        return as_message(scan, ScanMessage, _EXACT, **about, ranges=numbers(scan.ranges))
 
     def _frames(self, observation: Observation) -> dict[str, list[float]]:
         from motm_twin.model.kinematics import LINKS  # as above
@@ -377,15 +281,8 @@ class ScanSample(msgspec.Struct, frozen=True, kw_only=True):
     pose: Vector
 
 
-class DetectionSample(msgspec.Struct, frozen=True, kw_only=True):
-    """One object seen, exactly; fields as in `model.plant.Detection`."""
-
-    stamp: float  # [s] simulated
-    name: str  # "" when the camera does not know which object it is
-    p_base: Vector  # [m] centre in the base frame, x, y, z
-    yaw_base: float  # [rad] in the base frame
-    position_sd: float  # [m] per axis
-    odometry: Vector  # pose of the base at the stamp, x, y, heading
+class DetectionSample(DetectionData, frozen=True, kw_only=True):
+    """One object seen, exactly."""
 
 
 class Sample(msgspec.Struct, frozen=True, kw_only=True):
@@ -439,21 +336,8 @@ class ObservationEncoder:
         )
 
     def _sample(self, seen: Observation) -> Sample:
-        scan = None if seen.scan is None or seen.scan is self._scan else _fields(seen.scan, ScanSample)
+        scan = None if seen.scan is None or seen.scan is self._scan else to_message(seen.scan, ScanSample)
         same = seen.detections is self._detections
-        found = None if same else [_fields(one, DetectionSample) for one in seen.detections]
+        found = None if same else [to_message(one, DetectionSample) for one in seen.detections]
         self._scan, self._detections = seen.scan, seen.detections
-        return _fields(seen, Sample, scan=scan, detections=found)
-
-
-def _fields(source: Any, target: Any, **others: Any) -> Any:
-    """The fields of ``target`` taken from ``source``, arrays as lists; infinite numbers in them as null."""
-    taken = {name: _plain(getattr(source, name)) for name in target.__struct_fields__ if name not in others}
-    return target(**taken, **others)
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, np.ndarray):
-        finite = np.isfinite(value)
-        return [item if ok else None for item, ok in zip(value.tolist(), finite.tolist(), strict=True)]
-    return value.item() if isinstance(value, np.generic) else value
+        return to_message(seen, Sample, scan=scan, detections=found)

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 
 from motm_twin.bus.commands import AddObstacle, Inspect, Refused
-from motm_twin.bus.encode import bodies, path_message, tick_message
+from motm_twin.bus.encode import bodies, numbers, tick_message
 from motm_twin.bus.interfaces import MakeTwin, SessionReply, Sink, TwinLike
 from motm_twin.bus.messages import InspectedMessage, SessionInfo, TaskMessage, TickMessage
 from motm_twin.control.tick import Tick
@@ -368,11 +368,11 @@ class LiveTwin:
 
     def _paths(self, wish: Inspect, candidates: int) -> tuple[InspectedMessage | None, list[list[float]]]:
         assert self.twin is not None
-        staa_path = path_message(self.twin.staa_path()) if wish.staa_path else []
+        staa_path = numbers(self.twin.staa_path()) if wish.staa_path else []
         paths = self.twin.candidate_paths(wish.candidate) if 0 <= wish.candidate < candidates else None
         if paths is None:
             return None, staa_path
-        path, next_path = (path_message(points) for points in paths)
+        path, next_path = (numbers(points) for points in paths)
         return InspectedMessage(candidate=wish.candidate, path=path, next_path=next_path), staa_path
 
 

@@ -4,7 +4,10 @@ Times are on the robot's clock, which may begin anywhere; ``life`` names one sta
 two lives have nothing to do with each other. Infinite numbers are ``null``. Fields may be added within a version.
 """
 
+from typing import Any
+
 import msgspec
+import numpy as np
 
 from motm_twin.model.edits import WorldEdit
 from motm_twin.model.plant import BodyTruth, Contact, CutIn
@@ -173,3 +176,29 @@ class PlantAnswer(msgspec.Struct, frozen=True, kw_only=True):
     ok: bool
     reason: str = ""
     life: str = ""  # reset: the new one
+
+
+def to_message(source: Any, target: Any, **others: Any) -> Any:
+    """The message ``target``: ``others``, and the fields of ``source`` with the same names; arrays as exact lists."""
+    taken = {name: _plain(getattr(source, name)) for name in target.__struct_fields__ if name not in others}
+    return target(**taken, **others)
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, np.ndarray):
+        finite = np.isfinite(value)
+        return [item if ok else None for item, ok in zip(value.tolist(), finite.tolist(), strict=True)]
+    return value.item() if isinstance(value, np.generic) else value
+
+
+def from_message(message: msgspec.Struct, target: Any, **others: Any) -> Any:
+    """The reverse: lists as arrays, null in them as infinite."""
+    names = [name for name in message.__struct_fields__ if name in target.__struct_fields__ and name not in others]
+    values = {name: getattr(message, name) for name in names}
+    return target(**{name: _array(value) for name, value in values.items()}, **others)
+
+
+def _array(value: Any) -> Any:
+    if not isinstance(value, list):
+        return value
+    return np.array([np.inf if one is None else one for one in value], dtype=float)

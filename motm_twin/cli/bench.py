@@ -14,9 +14,9 @@ from motm_twin.cli.outputs import folder_problem
 from motm_twin.generate.barn import PREFIX
 from motm_twin.perf import anytime, bus, growth, page, period, scale, soak
 from motm_twin.perf.report import machine
-from motm_twin.plants import require_mujoco
+from motm_twin.plants import MUJOCO, require_mujoco
 from motm_twin.program import BAD_INPUT, FAILED, INTERRUPTED, OK, plain_console, table_console
-from motm_twin.studies import barn, faults, grasping, mismatch, people, pool, screening, surprise, task, tracker
+from motm_twin.studies import barn, faults, grasping, people, pool, screening, surprise, task, tracker
 from motm_twin.studies.catalogue import EXPERIMENTS, experiment
 from motm_twin.studies.groups import GROUPS, bench_group
 from motm_twin.studies.pool import BACKENDS
@@ -56,7 +56,8 @@ def _grasp_rule(given: BenchSettings, console: Console) -> bool:
 
 def _grasping(study: grasping.Study) -> Run:
     def run_study(given: BenchSettings, console: Console) -> bool:
-        require_mujoco()
+        if any(setting.plant == MUJOCO for setting in study.settings):
+            require_mujoco()
         return grasping.bench_study(study, given.out, given.share, given.workers, console)
 
     return run_study
@@ -77,7 +78,6 @@ RUNS: dict[str, Run] = {
     faults.NAME: lambda given, console: faults.bench_faults(
         given.out, given.share, given.workers, console, kinds=given.kinds, scenes=given.scenes
     ),
-    mismatch.NAME: lambda given, console: mismatch.bench_mismatch(given.out, given.share, given.workers, console),
     screening.NAME: lambda given, console: screening.bench_screening(
         given.out, given.share, given.workers, console, given.numbers
     ),
@@ -90,7 +90,7 @@ ALL = (*(name for name in GROUPS if name != OF_EXTRA), task.NAME)  # of the name
 TRIAL = 0.12  # [min] of one trial on one of two processes
 MINUTES = {  # of the others, on two cores
     "period": 5, "page": 10, "bus": 6, "soak": 45, "scale": 12, "efficiency": 6, "growth": 5, "anytime": 7,
-    "solvers": 1, "task": 40, "faults": 120, "mismatch": 20, "surprise": 12, "screening": 900, "grasp_rule": 6,
+    "solvers": 1, "task": 40, "faults": 120, "surprise": 12, "screening": 900, "grasp_rule": 6,
     **{name: study.minutes for name, study in grasping.STUDIES.items()},
 }  # fmt: skip
 ONLY_EXPERIMENTS = tuple(name for name in EXPERIMENTS if name not in RUNS)
@@ -129,7 +129,7 @@ def _list_groups(console: Console) -> None:
     whole = {name: (round(len(GROUPS[name].trials) * TRIAL) or 1, GROUPS[name].title) for name in GROUPS}
     titles = {GRASP_RULE: GRASP_RULE_TITLE, "period": period.TITLE, "solvers": period.SOLVERS_TITLE} | {
         module.NAME: module.TITLE
-        for module in (page, bus, soak, scale, pool, growth, anytime, task, faults, mismatch, surprise, screening)
+        for module in (page, bus, soak, scale, pool, growth, anytime, task, faults, surprise, screening)
     }
     titles |= {name: study.title for name, study in grasping.STUDIES.items()}
     whole |= {name: (minutes, titles[name]) for name, minutes in MINUTES.items()}

@@ -14,9 +14,10 @@ from motm_twin.bus.plant_messages import (
     RobotCommand,
     RobotState,
     TaskNotice,
+    from_message,
 )
 from motm_twin.control.predictor import Motion, Predictor
-from motm_twin.external.messages import NAMES, array, detection_of, moved, scan_of, truth_of, vector
+from motm_twin.external.messages import NAMES, detection_of, scan_of, truth_of
 from motm_twin.external.robot_link import RESET_ANSWER, Obedience, RobotLink
 from motm_twin.external.timing import ClockOffset, Lead
 from motm_twin.model.edits import WorldEdit
@@ -190,7 +191,7 @@ class ZenohPlant(RemoteWorld):
         state: RobotState | None = self.link.newest("state")
         assert state is not None and self._origin is not None, "observe comes after ready"
         self._note_arrivals()
-        motion = self._motion(state)
+        motion: Motion = from_message(state, Motion)
         if self.mirror:
             now = until = max(motion.stamp, self._acts_at)
         else:
@@ -233,8 +234,8 @@ class ZenohPlant(RemoteWorld):
             sender=self._sender,
             seq=self._seq,
             act_at=self._acts_at,
-            twist=vector(twist),
-            joint_velocity=vector(np.clip(actuation.joint_velocity, -DQ_MAX, DQ_MAX)),
+            twist=twist.tolist(),
+            joint_velocity=np.clip(actuation.joint_velocity, -DQ_MAX, DQ_MAX).tolist(),
             gripper=actuation.gripper,
             lifetime=HOLD,
         )
@@ -314,17 +315,6 @@ class ZenohPlant(RemoteWorld):
             return max(0.0, time.monotonic() - self.link.last_sign)
         return max(0.0, max(self._at, self._robot_now()) - state.stamp)
 
-    def _motion(self, state: RobotState) -> Motion:
-        return Motion(
-            stamp=state.stamp,
-            pose=array(state.pose, 3, "pose of the robot"),
-            odometry=array(state.odometry, 3, "odometry of the robot"),
-            twist=array(state.twist, 2, "twist of the robot"),
-            q=array(state.q, 7, "q of the robot"),
-            dq=array(state.dq, 7, "dq of the robot"),
-            gripper_moving=state.gripper_moving,
-        )
-
     def _newest_scan(self, now: float) -> Scan | None:
         data, origin = self.link.newest("scan"), self._origin
         assert origin is not None
@@ -338,10 +328,8 @@ class ZenohPlant(RemoteWorld):
         data, origin = self.link.newest("detections"), self._origin
         assert origin is not None
         if data is not None and data is not self._detections[0]:
-            seen = tuple(detection_of(one, origin) for one in data.detections)
-            if self._to_odometry is not None:
-                seen = tuple(moved(one, self._to_odometry) for one in seen)
-            self._detections = (data, seen)
+            seen = (detection_of(one, origin, self._to_odometry) for one in data.detections)
+            self._detections = (data, tuple(seen))
         return self._detections[1]
 
     def _grant(self, until: float) -> None:

@@ -5,6 +5,7 @@ Time passes in steps of 10 ms; who calls `step` decides when.
 
 import secrets
 from collections.abc import Callable
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -12,16 +13,21 @@ import numpy as np
 from motm_twin.bus.plant_messages import (
     VERSION,
     ClockReached,
+    DetectionData,
+    DetectionList,
     EditRequest,
     Info,
     PlantAnswer,
     ResetRequest,
     RobotState,
+    ScanData,
     TaskNotice,
+    TruthData,
+    to_message,
 )
 from motm_twin.external.emulator import Link, LinkSpec
 from motm_twin.external.guard import CommandGuard
-from motm_twin.external.messages import detection_list, scan_data, truth_data, vector
+from motm_twin.model.plant import Detection
 from motm_twin.model.scene import Scene
 from motm_twin.plants import make_plant
 from motm_twin.sim.plant import SUBSTEP
@@ -138,22 +144,16 @@ class ReferenceRobot:
         now, plant, guard = self.time, self._plant, self._guard
         seen = plant.observe()
         if seen.scan is not None and seen.scan is not self._sent[0]:
-            self._down.send(("scan", encode(scan_data(seen.scan, self.life))), now)
+            self._down.send(("scan", encode(to_message(seen.scan, ScanData, **self._about()))), now)
         if seen.detections is not self._sent[1]:
-            self._down.send(("detections", encode(detection_list(seen.detections, now, self.life))), now)
+            self._down.send(("detections", encode(self._detections(seen.detections))), now)
         self._sent = (seen.scan, seen.detections)
-        state = RobotState(
-            version=VERSION,
-            life=self.life,
+        state = to_message(
+            seen,
+            RobotState,
+            **self._about(),
             seq=self._steps,
             stamp=now,
-            pose=vector(seen.pose),
-            odometry=vector(seen.odometry),
-            twist=vector(seen.twist),
-            q=vector(seen.q),
-            dq=vector(seen.dq),
-            gripper_width=seen.gripper_width,
-            gripper_moving=seen.gripper_moving,
             heard=guard.heard(),
             commander=guard.commander,
             refused=guard.refused,
@@ -165,7 +165,14 @@ class ReferenceRobot:
         if self._steps % TRUTH_STEPS == 0:
             self._truth()
         if self._clock == "shared":
-            self._send("clock", encode(ClockReached(version=VERSION, life=self.life, stamp=now)))
+            self._send("clock", encode(ClockReached(**self._about(), stamp=now)))
 
     def _truth(self) -> None:
-        self._send("truth", encode(truth_data(self._plant.truth(), self.time, self.life)))
+        self._send("truth", encode(to_message(self._plant.truth(), TruthData, **self._about(), stamp=self.time)))
+
+    def _about(self) -> dict[str, Any]:
+        return {"version": VERSION, "life": self.life}
+
+    def _detections(self, seen: tuple[Detection, ...]) -> DetectionList:
+        detections = [to_message(one, DetectionData) for one in seen]
+        return DetectionList(**self._about(), stamp=self.time, detections=detections)

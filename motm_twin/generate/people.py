@@ -16,7 +16,6 @@ from motm_twin.model.bounds import SEED
 from motm_twin.model.scene_error import SceneError
 from motm_twin.model.scene_format import FORMAT
 
-PREFIXES = ("circle:", "square:", "dynabarn:")
 PEOPLE, RADIUS, SPEED = 5, 0.3, 1.0  # [m], [m/s]
 CIRCLE, SQUARE = 4.0, 10.0  # [m] radius, side
 DISCOMFORT = 0.2  # [m] between bodies at start and goal

@@ -28,7 +28,6 @@ _OURS_TEN = Published("paper, ten trials, simulated", 95.9, "", _TABLE, real=Fal
 _OURS_TEN_REAL = Published("paper, ten trials, real robot", 100.4, "58/60", _TABLE, real=True)
 _SEQUENTIAL = Published("Reister, sequential, simulated", 172.3, "", f"{_TABLE}, from Reister; 40 s of it for grasping",
                         real=False)  # fmt: skip
-_SEQUENTIAL_REAL = Published("Reister, sequential, real robot", 176.0, "6/6", f"{_TABLE}, from Reister", real=True)
 _EXP2_TEMI_REAL = Published("paper, one Temi, real robot", 94.0, "", _EXP2, real=True)
 _EXP2_ALONE_REAL = Published("paper, without the Temi, real robot", 91.0, "", _EXP2, real=True)
 
@@ -100,4 +99,3 @@ REDUCTIONS = {  # of the task time against the sequential method of Reister et a
     "exp1a": (0.46, "Paper, Sec. VII-B, simulated, 50 trials"),
     "trial1": (0.48, "Paper, Sec. VII-A, real robot, one trial"),
 }
-GRASPING_S = 40.0  # [s] that the paper added to the times of Reister et al. for grasping six objects

@@ -6,8 +6,6 @@ from pathlib import Path
 import numpy as np
 import trimesh
 from numpy.typing import NDArray
-from trimesh.visual.color import ColorVisuals
-from trimesh.visual.texture import TextureVisuals
 
 from motm_twin.model.data_dirs import web_assets_dir
 from motm_twin.model.geometry import Array
@@ -41,25 +39,6 @@ def asset_path(table: dict[str, str], name: str) -> Path:
 
 
 @functools.cache
-def load_mesh(name: str) -> trimesh.Trimesh:
-    """Coloured mesh of a link or prop in its own frame, as one mesh; cached, so copy it before changing it."""
-    path = asset_path(VISUAL, name)
-    scene = trimesh.load_scene(path)
-    parts = []
-    for node in scene.graph.nodes_geometry:
-        transform, part_name = scene.graph[node]
-        part = scene.geometry[part_name]
-        if isinstance(part, trimesh.Trimesh) and isinstance(part.visual, TextureVisuals):
-            placed = trimesh.Trimesh(part.vertices, part.faces, process=False).apply_transform(transform)
-            placed.visual = ColorVisuals(placed, face_colors=_srgb(part.visual))
-            parts.append(placed)
-    merged = trimesh.util.concatenate(parts) if parts else None
-    if not isinstance(merged, trimesh.Trimesh):
-        raise ValueError(f"{path.name} holds no mesh: make it again with tools/make_assets.py")
-    return merged
-
-
-@functools.cache
 def glb_bytes(name: str) -> bytes:
     """The GLB file of a link or prop, as a viewer takes it; cached."""
     return asset_path(VISUAL, name).read_bytes()
@@ -87,13 +66,6 @@ def finger_boxes(link: str) -> tuple[tuple[Array, Array], ...]:
         raise KeyError(f"no finger {link!r}: choose one of {', '.join(sides)}")
     mirror = np.array([1.0, sides[link], 1.0])
     return tuple((np.array(centre) * mirror, np.array(size)) for centre, size in _FINGER_BOXES)
-
-
-def _srgb(visual: TextureVisuals) -> NDArray[np.uint8]:
-    """Colour as screens take it, from glTF's linear one; shape (4,)."""
-    colour = np.asarray(visual.material.main_color, dtype=float)
-    colour[:3] = 255.0 * (colour[:3] / 255.0) ** (1.0 / 2.2)
-    return np.round(colour).astype(np.uint8)
 
 
 def _shape(path: Path) -> tuple[Array, Faces]:

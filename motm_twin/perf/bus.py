@@ -1,6 +1,5 @@
 """Bus benchmark: latency of ticks and commands on Zenoh, and the cost of readers and recordings to the loop."""
 
-import importlib.util
 import random
 import signal
 import tempfile
@@ -67,7 +66,7 @@ def measured(scene: str, data: Path) -> Iterator[Measured]:
             yield Measured(server, client, data)
 
 
-def latency(twin: Measured, seconds: float) -> dict[str, Values]:
+def latency(twin: Measured, report: Report, seconds: float) -> None:
     """Time [ms] from the stamp of a tick to the callback in another process, and the same for Zenoh alone."""
     restart(twin.client, playing=True)
     with Worker(READER) as reader, Worker("bare") as bare:
@@ -81,10 +80,12 @@ def latency(twin: Measured, seconds: float) -> dict[str, Values]:
         time.sleep(seconds)
         delays = {name: reader.ask("delays", name=name, clock=twin.clock) for name in ("tick", "bare")}
     found = {name: percentiles([1000.0 * delay for delay in delays[name]]) for name in delays}
-    return found | {"bytes": {"mean": float(np.mean([len(text) for text in payloads]))}}
+    report.values["above_bare_ms"] = found["tick"]["p99"] - found["bare"]["p99"]
+    mean = float(np.mean([len(text) for text in payloads]))
+    report.details["tick_to_subscriber_ms"] = found | {"bytes": {"mean": mean}}
 
 
-def publishing(twin: Measured, seconds: float) -> dict[str, Values]:
+def publishing(twin: Measured, report: Report, seconds: float) -> None:
     """Time [ms] that publishing a period takes the loop, without subscribers and with 50 of which 10 never read."""
     keys = twin.client.keys
     wanted = [keys.tick, keys.robot, keys.scan, keys.grid, keys.scene, keys.status, keys.metrics, keys.event]
@@ -103,7 +104,8 @@ def publishing(twin: Measured, seconds: float) -> dict[str, Values]:
             received = [count for reader in readers for count in reader.ask("received")]
         finally:
             stopped.process.send_signal(signal.SIGCONT)
-    return {
+    report.values["sink_ms"] = with_readers["p99"]
+    report.details["publishing_in_the_loop_ms"] = {
         "0 subscribers": without,
         "50 subscribers": with_readers,
         "processor time, 0": alone,
@@ -139,7 +141,7 @@ def jams(port: int) -> int:
     return count
 
 
-def effect(twin: Measured, seconds: float) -> dict[str, Values]:
+def effect(twin: Measured, report: Report, seconds: float) -> None:
     """From a command to its effect [ms], at any moment of the period: three ways to look at it."""
     client = twin.client
     restart(client, playing=True)
@@ -161,7 +163,12 @@ def effect(twin: Measured, seconds: float) -> dict[str, Values]:
     leave()
     _do(client, RemoveBody(name=BODY))
     _do(client, HandOver())
-    return _effects(sent, heard, twin.clock)
+    found = _effects(sent, heard, twin.clock)
+    if found["never seen"]["count"]:
+        raise RuntimeError(f"{found['never seen']['count']:.0f} commands were accepted and never seen in a tick")
+    report.values["effect_ms"] = found["sent to start of its period"]["p99"]
+    report.values["shown_ms"] = found["answer to its tick"]["p99"]
+    report.details["command_to_effect_ms"] = found
 
 
 def _do(client: TwinClient, command: Command) -> int:
@@ -189,7 +196,7 @@ def _effects(
     return found | {"never seen": {"count": float(len(sent))}}
 
 
-def ages(twin: Measured, seconds: float) -> dict[str, Values]:
+def ages(twin: Measured, report: Report, seconds: float) -> None:
     """Age [ms] of the newest tick for readers of any speed."""
     restart(twin.client, playing=True)
     with Worker(READER) as reader:
@@ -202,10 +209,12 @@ def ages(twin: Measured, seconds: float) -> dict[str, Values]:
             seconds=seconds,
             clock=twin.clock,
         )
-    return {name: percentiles([1000.0 * age for age in values]) for name, values in found.items()}
+    spread = {name: percentiles([1000.0 * age for age in values]) for name, values in found.items()}
+    report.values["age_ms"] = max(values["p99"] for values in spread.values())
+    report.details["age_ms"] = spread
 
 
-def recording(twin: Measured, seconds: float) -> dict[str, Values]:
+def recording(twin: Measured, report: Report, seconds: float) -> None:
     """The loop with and without a recorder: the same ``seconds`` of the same run, again and again."""
     periods: dict[bool, list[list[float]]] = {False: [], True: []}
     sizes, shares = [], []
@@ -220,11 +229,13 @@ def recording(twin: Measured, seconds: float) -> dict[str, Values]:
             act(twin.client, Record(action="stop"))
             sizes.append(path.stat().st_size / 1e6 * 60.0 / spent)
     without, with_recorder = (np.concatenate([np.array(part) for part in periods[on]]) for on in (False, True))
-    return {
+    report.values["recording"] = 100.0 * (_paired(periods) - 1.0)
+    report.values["file_mb"] = float(max(sizes))
+    report.details["recording"] = {
         "period ms, without": percentiles(without.tolist()) | {"mean": float(without.mean())},
         "period ms, recorded": percentiles(with_recorder.tolist()) | {"mean": float(with_recorder.mean())},
-        "extra %": {"of the loop's time": 100.0 * (_paired(periods) - 1.0)},
-        "file": {"MB/min": float(max(sizes)), "recorder's share of a core": float(np.mean(shares))},
+        "extra %": {"of the loop's time": report.values["recording"]},
+        "file": {"MB/min": report.values["file_mb"], "recorder's share of a core": float(np.mean(shares))},
     }
 
 
@@ -253,7 +264,6 @@ def _recorder_seconds(twin: Measured) -> float:
 
 NAME = "bus"
 TITLE = "The bus: Experiment 1 at 1x on Zenoh, measured in other processes; all in one run"
-RECORDER = "motm_twin.record.recorder"
 PERIOD_MS = 1000.0 * PERIOD
 
 LIMITS = {
@@ -284,49 +294,11 @@ def bench_bus(out: Path, seconds: float, console: Console) -> bool:
     report, each = Report(), min(seconds, LONGEST)
     with tempfile.TemporaryDirectory() as folder, measured("exp1", Path(folder)) as twin:
         steps: Steps = [
-            ("tick to subscriber", lambda: _latency(twin, report, each)),
-            ("publishing", lambda: _publishing(twin, report, each)),
-            ("command to effect", lambda: _effect(twin, report, each)),
-            ("age of what readers get", lambda: _ages(twin, report, each)),
-            ("recording", lambda: _recording(twin, report, each / 4)),
+            ("tick to subscriber", lambda: latency(twin, report, each)),
+            ("publishing", lambda: publishing(twin, report, each)),
+            ("command to effect", lambda: effect(twin, report, each)),
+            ("age of what readers get", lambda: ages(twin, report, each)),
+            ("recording", lambda: recording(twin, report, each / 4)),
         ]
         measure(steps, report, console)
     return conclude(NAME, TITLE, LIMITS, report, out, console)
-
-
-def _latency(twin: Measured, report: Report, seconds: float) -> None:
-    found = latency(twin, seconds)
-    report.values["above_bare_ms"] = found["tick"]["p99"] - found["bare"]["p99"]
-    report.details["tick_to_subscriber_ms"] = found
-
-
-def _publishing(twin: Measured, report: Report, seconds: float) -> None:
-    found = publishing(twin, seconds)
-    report.values["sink_ms"] = found["50 subscribers"]["p99"]
-    report.details["publishing_in_the_loop_ms"] = found
-
-
-def _effect(twin: Measured, report: Report, seconds: float) -> None:
-    found = effect(twin, seconds)
-    if found["never seen"]["count"]:
-        raise RuntimeError(f"{found['never seen']['count']:.0f} commands were accepted and never seen in a tick")
-    report.values["effect_ms"] = found["sent to start of its period"]["p99"]
-    report.values["shown_ms"] = found["answer to its tick"]["p99"]
-    report.details["command_to_effect_ms"] = found
-
-
-def _ages(twin: Measured, report: Report, seconds: float) -> None:
-    found = ages(twin, seconds)
-    report.values["age_ms"] = max(values["p99"] for values in found.values())
-    report.details["age_ms"] = found
-
-
-def _recording(twin: Measured, report: Report, seconds: float) -> None:
-    if importlib.util.find_spec(RECORDER) is None:
-        reason = f"there is no {RECORDER}"
-        report.skipped |= {"recording": reason, "file_mb": reason}
-        return
-    found = recording(twin, seconds)
-    report.values["recording"] = found["extra %"]["of the loop's time"]
-    report.values["file_mb"] = found["file"]["MB/min"]
-    report.details["recording"] = found

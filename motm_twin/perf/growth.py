@@ -128,7 +128,6 @@ TITLE = "Growth: the period against the size of the world"
 PICTURE = Path("docs/performance_growth.png")
 QUICK_PERIODS = 20
 OFFICE = 200.0  # [m] side of the floor with the obstacles
-HALL = 50.0  # [m] side of the map where it does not grow
 WHOLE = 24  # targets beyond which a point is the first minute of the task, and says nothing about success
 MINUTE = 1200  # periods
 LIMIT = 2.0  # times the period of Experiment 1 that 1,000 obstacles on 200 m may take
@@ -215,15 +214,13 @@ def measured(point: Point, *, most: int | None = None) -> dict[str, Any]:
     twin = Twin(scene, numbers=point.planning and Parameters(planning=point.planning), clock=time.thread_time)
     built = time.perf_counter() - began
     stages: dict[str, list[float]] = {}
-    count, periods = 0, most or point.periods
+    periods = most or point.periods
     began = time.perf_counter()
-    while True:
-        tick = twin.advance()
-        count += 1
-        if count > WARM_UP or most is not None:
+    for tick in twin.ticks():
+        if twin.index > WARM_UP or most is not None:
             for stage, value in tick.stage_ms.items():
                 stages.setdefault(stage, []).append(value)
-        if tick.done or tick.time >= scene.time_limit or count == periods:
+        if twin.index == periods:
             break
     seconds = time.perf_counter() - began
     assert tick.truth is not None
@@ -233,8 +230,8 @@ def measured(point: Point, *, most: int | None = None) -> dict[str, Any]:
         "period_ms": spread(stages.pop("period")),
         "stages_ms": {stage: round(float(np.mean(values)), 3) for stage, values in stages.items()},
         "build_s": round(built, 2),
-        "factor": round(count * PERIOD / seconds, 2),
-        "periods": count,
+        "factor": round(twin.index * PERIOD / seconds, 2),
+        "periods": twin.index,
         "time_s": round(tick.time, 2) if tick.done else None,
         "contacts": len(tick.truth.contacts),
         "contacts_caused_by_robot": caused,

@@ -62,7 +62,7 @@ def all_layers(reader: PageReader) -> Iterator[None]:
         reader.set(ASK, json.dumps([2, "hide", sorted(OFF_AT_FIRST)]))
 
 
-def drawing(served: Served, seconds: float) -> dict[str, float]:
+def drawing(served: Served, report: Report, seconds: float) -> None:
     """Share of a core the viewer takes at 1x with all layers on, and how many scene nodes it moves meanwhile."""
     with PageReader(served.port, token=served.token) as reader:
         restart(served.client, playing=True)
@@ -73,31 +73,36 @@ def drawing(served: Served, seconds: float) -> dict[str, float]:
             time.sleep(seconds)
             spent = time.monotonic() - began
             share = (cpu_seconds(served.viewer) - used) / spent
-            return {"share": share, "nodes": float(reader.moved()), "rate": (reader.bytes - read) / spent}
+            report.values.update(share=100.0 * share, nodes=float(reader.moved()))
+            report.details["bytes_per_s_all_layers"] = (reader.bytes - read) / spent
 
 
-def joining(served: Served, count: int) -> list[float]:
-    """Time [s] that each of so many late joiners waits for the whole scene and its own panel."""
+def joining(served: Served, report: Report) -> None:
+    """Longest time [s] that a late joiner waits for the whole scene and its own panel."""
     restart(served.client, playing=True)
     waits = []
-    for _ in range(count):
+    for _ in range(JOINERS):
         with PageReader(served.port, token=served.token) as reader:
             whole = reader.wait(lambda reader: reader.replayed is not None and len(reader.options("Scene")) > 1, 30.0)
             waits.append(time.monotonic() - reader.started if whole else float("nan"))
-    return waits
+    report.values["join_s"] = float(np.max(waits))
 
 
-def scene_bytes(served: Served) -> float:
-    """Bytes that the websocket sends a new visitor until he has everything; the twin should be paused."""
+def loading(served: Served, report: Report) -> None:
+    """Bytes of a first load, by the websocket until a new visitor has everything, and by HTTP; and its picture."""
+    restart(served.client, playing=False)
     with PageReader(served.port, token=served.token) as reader:
         if not reader.wait(lambda reader: reader.replayed is not None and len(reader.options("Scene")) > 1, 30.0):
             raise TimeoutError("no whole scene within 30 s")
         time.sleep(1.0)  # the last of the panel
-        return float(reader.bytes)
+        by_websocket = float(reader.bytes)
+    load = page_reader.first_load(served.url)
+    report.values.update(load_mb=(load.http_bytes + by_websocket) / 1e6, picture_s=load.complete_at)
+    report.details["first_load_mb"] = {"http": load.http_bytes / 1e6, "websocket": by_websocket / 1e6}
 
 
-def drags(served: Served, count: int) -> list[float]:
-    """From sending the end of a drag to the tick [s] in which the body is there, so many times, while time runs."""
+def drags(served: Served, report: Report) -> None:
+    """From sending the end of a drag to the tick [ms] in which the body is there, while time runs."""
     client = served.client
     restart(client, playing=True)
     start = _open_place(client)
@@ -106,10 +111,11 @@ def drags(served: Served, count: int) -> list[float]:
     with PageReader(served.port, token=served.token) as reader:
         ours = lambda: next((node for node in reader.draggable if node.endswith(f"/{BODY}")), None)  # noqa: E731
         node = wait_for(ours, 20.0, "handle to drag the box by")
-        for sign in itertools.islice(itertools.cycle((1.0, -1.0)), count):
-            waits.append(_one_drag(client, reader, node, sign))
+        for sign in itertools.islice(itertools.cycle((1.0, -1.0)), DRAGS):
+            waits.append(1000.0 * _one_drag(client, reader, node, sign))
     act(client, RemoveBody(name=BODY))
-    return waits
+    report.values["drag_p95_ms"] = float(np.percentile(waits, 95))  # nan when one never arrived
+    report.details["drag_ms"] = {"p50": float(np.median(waits)), "max": float(np.max(waits)), "drags": len(waits)}
 
 
 def _one_drag(client: TwinClient, reader: PageReader, node: str, sign: float) -> float:
@@ -148,7 +154,7 @@ def memory(
     return {"time": time_min, "viewer": viewer, "page": heap}
 
 
-def visits(served: Served, most: int) -> dict[int, float]:
+def visits(served: Served, report: Report, most: int) -> None:
     """Memory [MB] of the viewer after so many pages in all, one after the other, that break off with a whole panel.
 
     Time stands. The first page has a row of its own: once it has left, what the start of the viewer needed is given
@@ -165,7 +171,8 @@ def visits(served: Served, most: int) -> dict[int, float]:
             reader.abort()
         time.sleep(SETTLE)
         done, rows[count] = count, memory_mb(served.viewer)
-    return rows
+    report.values["visits_mb"] = rows[most] - rows[1]
+    report.details["viewer_mb_after_visits"] = {str(number): value for number, value in rows.items()}
 
 
 class Slope(NamedTuple):
@@ -255,13 +262,13 @@ def bench_page(out: Path, seconds: float, minutes: float, pages: int, console: C
     with served("exp2") as twin:
         steps: Steps = [
             ("control period", lambda: _periods(twin, report, seconds)),
-            ("drawing", lambda: _drawing(twin, report, min(seconds, 20.0))),
-            ("drags", lambda: _drags(twin, report)),
-            ("late joiners", lambda: _joining(twin, report)),
-            ("first load", lambda: _loading(twin, report)),
+            ("drawing", lambda: drawing(twin, report, min(seconds, 20.0))),
+            ("drags", lambda: drags(twin, report)),
+            ("late joiners", lambda: joining(twin, report)),
+            ("first load", lambda: loading(twin, report)),
             ("motion", lambda: _motion(twin, report)),
             ("export", lambda: _exporting(twin, report)),
-            ("visits", lambda: _visits(twin, report, pages)),
+            ("visits", lambda: visits(twin, report, pages)),
             ("memory", lambda: _memory(twin, report, minutes)),
             ("stop", lambda: report.values.update(stop_s=twin.interrupt())),
         ]
@@ -282,30 +289,6 @@ def _periods(twin: Served, report: Report, seconds: float) -> None:
     report.values["ratio"] = with_readers["p99"] / without["p99"]
     report.details["period_ms"] = {"0 readers": without, f"{READERS} readers": with_readers}
     report.details["bytes_per_s_and_reader"] = float(np.mean(rates))
-
-
-def _drawing(twin: Served, report: Report, seconds: float) -> None:
-    cost = drawing(twin, seconds)
-    report.values.update(share=100.0 * cost["share"], nodes=cost["nodes"])
-    report.details["bytes_per_s_all_layers"] = cost["rate"]
-
-
-def _drags(twin: Served, report: Report) -> None:
-    waits = 1000.0 * np.array(drags(twin, DRAGS))
-    report.values["drag_p95_ms"] = float(np.percentile(waits, 95))  # nan when one never arrived
-    report.details["drag_ms"] = {"p50": float(np.median(waits)), "max": float(np.max(waits)), "drags": len(waits)}
-
-
-def _joining(twin: Served, report: Report) -> None:
-    report.values["join_s"] = float(np.max(joining(twin, JOINERS)))
-
-
-def _loading(twin: Served, report: Report) -> None:
-    restart(twin.client, playing=False)
-    by_websocket = scene_bytes(twin)
-    load = page_reader.first_load(twin.url)
-    report.values.update(load_mb=(load.http_bytes + by_websocket) / 1e6, picture_s=load.complete_at)
-    report.details["first_load_mb"] = {"http": load.http_bytes / 1e6, "websocket": by_websocket / 1e6}
 
 
 def _motion(twin: Served, report: Report) -> None:
@@ -331,12 +314,6 @@ def _exporting(twin: Served, report: Report) -> None:
     short, whole = (len(export_html(history, scene, seconds)) / 1e6 for seconds in (1.0, EXPORTED))
     report.values["export_mb"] = short + (whole - short) * 600.0 / (EXPORTED - 1.0)
     report.details["exported_mb"] = {"1 s": short, f"{EXPORTED:.0f} s": whole}
-
-
-def _visits(twin: Served, report: Report, count: int) -> None:
-    rows = visits(twin, count)
-    report.values["visits_mb"] = rows[count] - rows[1]
-    report.details["viewer_mb_after_visits"] = {str(number): value for number, value in rows.items()}
 
 
 def _memory(twin: Served, report: Report, minutes: float) -> None:

@@ -1,10 +1,12 @@
 """Cost of a control period by stage, from observation to command, alone on one core; and the QP solvers compared."""
 
 import gc
+import itertools
 import os
 import subprocess
 import sys
 import time
+from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from copy import deepcopy
@@ -101,18 +103,15 @@ def measured(
     found = Measured()
     steps = _timed_steps(twin, clock)
     began = time.perf_counter()
-    count = 0
-    while True:
-        tick = twin.advance()
-        count += 1
-        if count > WARM_UP or periods is not None:
+    for tick in twin.ticks():
+        if twin.index > WARM_UP or periods is not None:
             for stage in STAGES:
                 found.stages[stage].append(tick.stage_ms[stage])
             found.arm_steps += steps
         steps.clear()
-        if tick.done or tick.time >= scene.time_limit or count == periods:
+        if twin.index == periods:
             break
-    found.factor = count * PERIOD / (time.perf_counter() - began)
+    found.factor = twin.index * PERIOD / (time.perf_counter() - began)
     found.state_hash = twin.state_hash()
     return found
 
@@ -308,10 +307,7 @@ def _run(solver: str, programs: list[Program] | None, most: int | None) -> dict[
 
     controller.solve = kept
     try:
-        while True:
-            tick = twin.advance()
-            if tick.done or tick.time >= twin.scene.time_limit or twin.index == most:
-                break
+        (tick,) = deque(itertools.islice(twin.ticks(), most), maxlen=1)
     finally:
         controller.solve = solve
     cut_off = twin.index == most and not tick.done

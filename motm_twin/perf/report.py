@@ -172,10 +172,27 @@ def grid(*names: str, texts: Collection[str] | None = None, **options: Any) -> T
     return table
 
 
-def markdown(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """A table for a document."""
-    lines = [header, ("---",) * len(header), *rows]
-    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+@dataclass(frozen=True, kw_only=True)
+class Sheet:
+    """A table of rows: how each is written, and which are not good."""
+
+    head: Sequence[str]
+    cells: Callable[[Any], Sequence[str]]
+    texts: Collection[str] | None = None  # columns with text, as in `grid`
+    good: Callable[[Any], bool] = lambda _: True
+    bad: str = "yellow"  # style of the others
+
+    def table(self, rows: Iterable[Any], **options: Any) -> Table:
+        """For a console."""
+        table = grid(*self.head, texts=self.texts, **options)
+        for row in rows:
+            table.add_row(*self.cells(row), style=None if self.good(row) else self.bad)
+        return table
+
+    def write(self, target: Path, rows: Iterable[Any]) -> None:
+        """For a document."""
+        lines = [self.head, ("---",) * len(self.head), *map(self.cells, rows)]
+        target.write_text("".join(f"| {' | '.join(line)} |\n" for line in lines), encoding="utf-8")
 
 
 def goal_table(goals: Iterable[Mapping[str, Any]]) -> Table:

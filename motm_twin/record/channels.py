@@ -9,7 +9,7 @@ import msgspec
 from motm_twin.bus import messages as bus
 from motm_twin.bus.encode import ObservationsMessage
 from motm_twin.model.scene import Scene
-from motm_twin.record import foxglove_schemas as drawn
+from motm_twin.record import foxglove as drawn
 from motm_twin.sessions.session import Session
 
 RECORDED_SESSION_VERSION = "motm.recorded_session/1"

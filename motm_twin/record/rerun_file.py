@@ -7,13 +7,12 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 import msgspec
-import numpy as np
 
-from motm_twin.bus.encode import DetectionSample, ObservationsMessage, Sample, ScanSample, seconds, tick_message
+from motm_twin.bus.encode import ObservationsMessage, Sample, seconds, tick_message
+from motm_twin.bus.plant_messages import from_message
 from motm_twin.control.method import Method
 from motm_twin.control.tick import Tick
 from motm_twin.model.edits import Announce, WorldEdit
-from motm_twin.model.geometry import Array
 from motm_twin.model.plant import Actuation, Detection, Observation, Scan
 from motm_twin.model.scene import PlanarPose, Scene, Task
 from motm_twin.record.recording import Recording, Run, observations_of, ticks_of
@@ -51,10 +50,10 @@ class RecordedPlant:
                 self._restarts.add(len(self._samples))
             for sample in message.samples:
                 _check(sample, expected)
-                scan = scan if sample.scan is None else _scan(sample.scan)
+                scan = scan if sample.scan is None else from_message(sample.scan, Scan)
                 if sample.detections is not None:
-                    detections = tuple(_detection(one) for one in sample.detections)
-                self._samples.append(_observation(sample, scan, detections))
+                    detections = tuple(from_message(one, Detection) for one in sample.detections)
+                self._samples.append(from_message(sample, Observation, scan=scan, detections=detections))
             self.periods = expected + 1
         self._at = 0
 
@@ -107,22 +106,8 @@ class RecordedPlant:
         return self._at in self._restarts
 
 
-def _array(values: Sequence[float | None]) -> Array:
-    return np.array([np.inf if value is None else value for value in values], dtype=float)
-
-
-def _arrays(sample: msgspec.Struct, **others: Any) -> dict[str, Any]:
-    names = [name for name in sample.__struct_fields__ if name not in others]
-    values = {name: getattr(sample, name) for name in names}
-    return {name: _array(value) if isinstance(value, list) else value for name, value in values.items()} | others
-
-
 _LENGTHS = {"pose": 3, "odometry": 3, "twist": 2, "q": 7, "dq": 7}
-
-
 _LENGTHS_SEEN = {"p_base": 3, "odometry": 3}
-
-
 _LARGEST = 1e6  # of any number of a pose, a joint or a rate: what is more was not measured
 
 
@@ -136,18 +121,6 @@ def _check(sample: Sample, period: int) -> None:
                 raise ValueError(f"period {period}: {name} has {len(values)} numbers, or one that cannot be")
     if not abs(sample.time) <= _LARGEST or not abs(sample.gripper_width) <= 1.0:
         raise ValueError(f"period {period}: its time or the gripper's width cannot be")
-
-
-def _scan(sample: ScanSample) -> Scan:
-    return Scan(**_arrays(sample))
-
-
-def _detection(sample: DetectionSample) -> Detection:
-    return Detection(**_arrays(sample))
-
-
-def _observation(sample: Sample, scan: Scan | None, detections: tuple[Detection, ...]) -> Observation:
-    return Observation(**_arrays(sample, scan=scan, detections=detections))
 
 
 class RunReport(msgspec.Struct, frozen=True, kw_only=True):

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from motm_twin.model.data_dirs import web_assets_dir
 from motm_twin.model.profile import RobotProfile
 
-BASE, MOUNT, HAND = "base_link", "panda_link0", "panda_hand"
+BASE, HAND = "base_link", "panda_hand"
 LIDAR, CAMERA = "lidar", "camera"
 FINGERS = ("panda_finger_joint1", "panda_finger_joint2")
 FILES, PRIMITIVES = "file", "primitives"

@@ -190,7 +190,6 @@ MOVES = 1e-3  # [m/s] of the touching point from which a part of the robot moves
 PARTS = 0.2  # share of a motion that must increase the distance for it to count as parting
 FURTHEST = 3.0  # [m] up to which a way out of an overlap is searched
 STRIDE = 0.005  # [m] at least, between two looks along such a way
-TRAIL_PERIOD = 0.05  # [s] between two places that are remembered
 NO_TRAIL = np.zeros((0, 13))
 
 

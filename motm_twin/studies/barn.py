@@ -120,8 +120,7 @@ def cross(world: World) -> Result:
     twin = Twin(scene, method=find_method(world.method), clock=time.thread_time)
     start, place = np.array(scene.start[:2]), np.array(goal.point)
     begun, periods, reached, why, spent = math.nan, [], False, "", 0.0
-    while True:
-        tick = twin.advance()
+    for tick in twin.ticks():
         assert tick.truth is not None
         periods.append(tick.stage_ms["period"])
         at = tick.truth.pose[:2]
@@ -130,8 +129,9 @@ def cross(world: World) -> Result:
         spent = 0.0 if math.isnan(begun) else tick.time - begun
         reached = math.dist(at, place) <= goal.tolerance
         why = tick.stop_reason or tick.plan.reason or why
-        if reached or tick.truth.contacts or tick.done or spent > LIMIT or tick.time >= scene.time_limit:
+        if reached or tick.truth.contacts or spent > LIMIT:
             break
+    assert tick.truth is not None
     contacts = len(tick.truth.contacts)
     caused = sum(contact.caused_by_robot for contact in tick.truth.contacts)
     success = reached and not contacts

@@ -13,7 +13,6 @@ import joblib
 import msgspec
 import numpy as np
 from rich.console import Console
-from rich.table import Table
 
 from motm_twin.completion import Completion
 from motm_twin.control.arm.types import Phase
@@ -24,7 +23,7 @@ from motm_twin.model.faults import KINDS
 from motm_twin.model.geometry import from_frame
 from motm_twin.model.scene import Scene
 from motm_twin.model.scene_file import load_scene
-from motm_twin.perf.report import grid, machine, markdown, write_report
+from motm_twin.perf.report import Sheet, machine, write_report
 
 NAME = "faults"
 TITLE = "Faults of sensors and robot: contacts, the cause, and whether the work goes on"
@@ -222,7 +221,7 @@ def bench_faults(
             console.print(f"  {failure_line(one)}", style="yellow", markup=False)
         results.sort(key=lambda one: (chosen.index(one["kind"]), places.index(one["scene"]), one["seed"]))
         _written(out, results, whole=len(results) == len(cells))
-    console.print(table_of(results))
+    console.print(SHEET.table(rows_of(results), title=f"each {LASTS:g} s long, up to {len(TIMES)} times a trial"))
     console.print(f"{machine()}, {workers} processes; written to {out / f'{NAME}.json'} and {NAME}.md")
     return all(map(good, results))
 
@@ -231,7 +230,7 @@ def _written(out: Path, results: list[dict[str, Any]], *, whole: bool) -> None:
     """Write the results so far: a bench that takes hours may be stopped."""
     reached = whole and all(map(good, results))
     write_report(out, NAME, TITLE, whole=whole, reached=reached, trials=results)
-    (out / f"{NAME}.md").write_text(markdown(HEAD, rows_of(results)) + "\n", encoding="utf-8")
+    SHEET.write(out / f"{NAME}.md", rows_of(results))
 
 
 def good(one: dict[str, Any]) -> bool:
@@ -252,6 +251,7 @@ def failure_line(one: dict[str, Any]) -> str:
 
 
 HEAD = ("fault", "trials", "done", "placed", "contacts", "caused", "named in time", "slowest", "false", "time")
+SHEET = Sheet(head=HEAD, texts=("fault", "false"), cells=tuple)
 
 
 def rows_of(results: list[dict[str, Any]]) -> list[tuple[str, ...]]:
@@ -276,11 +276,3 @@ def rows_of(results: list[dict[str, Any]]) -> list[tuple[str, ...]]:
             )
         )
     return rows
-
-
-def table_of(results: list[dict[str, Any]]) -> Table:
-    """The same for a console."""
-    table = grid(*HEAD, texts=("fault", "false"), title=f"each {LASTS:g} s long, up to {len(TIMES)} times a trial")
-    for row in rows_of(results):
-        table.add_row(*row)
-    return table

@@ -1,7 +1,7 @@
 """Groups of trials with numbers to reach: the trials, how they are run, and their tables."""
 
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -9,10 +9,9 @@ from typing import Any
 import msgspec
 import numpy as np
 from rich.console import Console
-from rich.table import Table
 
 from motm_twin.external.emulator import LinkSpec
-from motm_twin.perf.report import Limit, goal_table, grid, machine, number, write
+from motm_twin.perf.report import Limit, Sheet, goal_table, machine, number, write
 from motm_twin.plants import PLANTS
 from motm_twin.studies.pool import Lost, local_pool, outcomes
 from motm_twin.studies.spec import TrialSpec, broken, job_of, run_job
@@ -146,7 +145,7 @@ def _published(scene: str, links: tuple[LinkSpec | None, ...] = (None,) * 10) ->
 
 
 def _mean_limit(limit: float) -> Goal:
-    return Goal(name="mean time", unit="s", relation="<=", limit=limit, measure=_mean_time, decimals=1)
+    return Goal(name="mean time", unit="s", limit=limit, measure=_mean_time, decimals=1)
 
 
 GROUPS: dict[str, Group] = {
@@ -159,7 +158,7 @@ GROUPS: dict[str, Group] = {
             goals=(
                 *_done(60),
                 _mean_limit(95.9),
-                Goal(name="trial 1", unit="s", relation="<=", limit=85.6, measure=_first_time, decimals=1),
+                Goal(name="trial 1", unit="s", limit=85.6, measure=_first_time, decimals=1),
                 Goal(
                     name="base speed while the fingers close",
                     unit="m/s",
@@ -197,7 +196,6 @@ GROUPS: dict[str, Group] = {
                 Goal(
                     name="mean time by in-process",
                     unit="",
-                    relation="<=",
                     limit=1.05,
                     measure=_share_of_in_process,
                     decimals=3,
@@ -233,25 +231,13 @@ GROUPS: dict[str, Group] = {
                 Goal(
                     name="mean time by the kinematic plant's",
                     unit="",
-                    relation="<=",
                     limit=1.05,
                     measure=_share_of_kinematic,
                     decimals=3,
                 ),
+                Goal(name="referee and forces disagree", unit="", relation="==", limit=0, measure=_disagreements),
                 Goal(
-                    name="referee and forces disagree",
-                    unit="",
-                    relation="==",
-                    limit=0,
-                    measure=_disagreements,
-                ),
-                Goal(
-                    name="simulated by real time",
-                    unit="x",
-                    relation=">=",
-                    limit=2,
-                    measure=_slowest_factor,
-                    decimals=1,
+                    name="simulated by real time", unit="x", relation=">=", limit=2, measure=_slowest_factor, decimals=1
                 ),
             ),
         ),
@@ -260,15 +246,10 @@ GROUPS: dict[str, Group] = {
             title="One period from observation to command, one core; the same trial three times, the first to warm up",
             trials=(Trial(scene="exp1", variant="trial1", seed=0),) * 3,
             goals=(
-                Goal(name="p50", unit="ms", relation="<=", limit=10, measure=_worst("tick_ms", "p50"), decimals=2),
-                Goal(name="p99", unit="ms", relation="<=", limit=25, measure=_worst("tick_ms", "p99"), decimals=2),
+                Goal(name="p50", unit="ms", limit=10, measure=_worst("tick_ms", "p50"), decimals=2),
+                Goal(name="p99", unit="ms", limit=25, measure=_worst("tick_ms", "p99"), decimals=2),
                 Goal(
-                    name="simulated by real time",
-                    unit="x",
-                    relation=">=",
-                    limit=4,
-                    measure=_slowest_factor,
-                    decimals=1,
+                    name="simulated by real time", unit="x", relation=">=", limit=4, measure=_slowest_factor, decimals=1
                 ),
                 Goal(name="different state hashes", unit="", relation="==", limit=1, measure=_different_hashes),
             ),
@@ -277,8 +258,6 @@ GROUPS: dict[str, Group] = {
     )
 }
 
-
-__all__ = ["LIMIT_S", "failed", "machine", "run_group", "run_one"]
 
 LIMIT_S = 1800.0  # [s] of wall time per group; trials not done by then count as failed
 
@@ -355,7 +334,7 @@ def bench_group(group: Group, out: Path, workers: int, console: Console) -> bool
         results.append(result)
         console.print(f"  {len(results)}/{len(group.trials)} {progress(result)}", markup=False)
     report = summary(group, results)
-    console.print(trial_table(results))
+    console.print(SHEET.table(results))
     console.print(goal_table(report["goals"]))
     target = out / f"{group.name}.json"
     write(target, report)
@@ -405,9 +384,4 @@ def row(result: Result) -> list[str]:
     ]
 
 
-def trial_table(results: Iterable[Result]) -> Table:
-    """All trials of a group."""
-    table = grid(*COLUMNS)
-    for result in results:
-        table.add_row(*row(result), style=None if result["success"] else "red")
-    return table
+SHEET = Sheet(head=COLUMNS, cells=row, good=lambda result: result["success"], bad="red")

@@ -10,12 +10,11 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from rich.console import Console
-from rich.table import Table
 
 from motm_twin.control.tuning import tuned
 from motm_twin.methods.registry import FAST
 from motm_twin.model.number import Found, numbers_of, replaced
-from motm_twin.perf.report import grid, machine, markdown, write_report
+from motm_twin.perf.report import Sheet, machine, write_report
 from motm_twin.studies import statistics
 from motm_twin.studies.groups import drove_into
 from motm_twin.studies.run import Result, Results, run_or_stop
@@ -99,8 +98,8 @@ def bench_screening(out: Path, share: float, workers: int, console: Console, giv
     if results is None:
         return False
     rows = rows_of(results, changes)
-    console.print(table_of(rows))
-    (out / f"{NAME}.md").write_text(markdown(HEAD, map(cells, rows)) + "\n", encoding="utf-8")
+    console.print(SHEET.table(rows))
+    SHEET.write(out / f"{NAME}.md", rows)
     target = write_report(out, NAME, TITLE, reached=True, rows=rows)
     console.print(f"{machine()}, {workers} processes; written to {target} and {NAME}.md")
     return True
@@ -109,7 +108,7 @@ def bench_screening(out: Path, share: float, workers: int, console: Console, giv
 def rows_of(results: Results, changes: Iterable[Change]) -> list[dict[str, Any]]:
     """A row for each change beside the runs without it. The change of time is that of the trials that both complete."""
     shipped = {_key(each): each for each in results.of(NAME, numbers={})}
-    rows = [_row(Change("as shipped", 1.0), list(shipped.values()), shipped)]
+    rows = [_row(Change(SHIPPED, 1.0), list(shipped.values()), shipped)]
     for change in changes:
         rows.append(_row(change, results.of(NAME, numbers={change.name: change.value}), shipped))
     return rows
@@ -150,11 +149,7 @@ def cells(row: dict[str, Any]) -> tuple[str, ...]:
     )  # fmt: skip
 
 
-def table_of(rows: Sequence[dict[str, Any]]) -> Table:
-    """Rows for a console; those that changed no run are yellow."""
-    table = grid(*HEAD, texts=HEAD[:1])
-    for row in rows[:1]:
-        table.add_row(*cells(row), style="bold")
-    for row in rows[1:]:
-        table.add_row(*cells(row), style="yellow" if row["same"] == row["trials"] else None)
-    return table
+SHIPPED = "as shipped"
+SHEET = Sheet(
+    head=HEAD, texts=HEAD[:1], cells=cells, good=lambda row: row["number"] == SHIPPED or row["same"] < row["trials"]
+)  # those that changed no run are yellow

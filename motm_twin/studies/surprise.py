@@ -109,8 +109,7 @@ def _before(case: Case) -> dict[str, Any]:
     base, body = scene.robot.base, scene.robot.footprint
     twin = Twin(scene, method=find_method(case.method))
     start, front, went, put = 0.0, 0.0, 0.0, False
-    while True:
-        tick = twin.advance()
+    for tick in twin.ticks():
         assert tick.truth is not None
         x, fast = float(tick.truth.pose[0]), float(tick.observation.twist[0])
         if not put and tick.index >= _PUT_AT and (fast > 0.97 * case.speed or tick.index > 4 * _PUT_AT):
@@ -120,10 +119,9 @@ def _before(case: Case) -> dict[str, Any]:
         for contact in tick.truth.contacts:
             if "base" in contact.bodies and contact.time + contact.duration >= tick.time - 1.01 * _LAG:
                 went = max(went, x - start)
-        if tick.done or tick.time >= scene.time_limit:
-            break
     v = case.speed
     allowed = v * v / (2.0 * base.linear_acceleration) + v * (_LAG + base.velocity_lag) + OVER
+    assert tick.truth is not None
     itself = [one for one in tick.truth.contacts if one.other.startswith("panda")]
     good = went <= allowed and tick.done and not itself
     return _result(tick, good=good, told=f"{went:.3f} of {allowed:.3f} m")
@@ -134,8 +132,7 @@ def _goal(case: Case) -> dict[str, Any]:
     scene = _open_floor(load_scene(SCENE).robot.base.forward_speed, ((3.0, 0.0), (0.0, 1.0)), 60.0)
     twin = Twin(scene, method=find_method(case.method))
     reversals, sign, given_up = 0, 0, math.nan
-    while True:
-        tick = twin.advance()
+    for tick in twin.ticks():
         if tick.index == _PUT_AT // 2:
             size = (case.size, case.size, 1.0) if case.size else (0.5, 0.5, 0.6)
             twin.post(AddObstacle(name="taken", shape=case.shape, x=3.0, y=0.0, size=size))
@@ -145,8 +142,6 @@ def _goal(case: Case) -> dict[str, Any]:
             reversals += bool(now and sign and now != sign)
             given_up = tick.time if tick.task_index else math.nan
         sign = now or sign
-        if tick.done or tick.time >= scene.time_limit:
-            break
     good = tick.done and reversals <= REVERSALS and not _caused(tick)
     return _result(tick, good=good, told=f"left at {given_up:.1f} s, {reversals} reversals")
 
@@ -156,8 +151,7 @@ def _hand(case: Case) -> dict[str, Any]:
     scene = load_scene("exp1", "trial1")
     twin = Twin(scene, method=find_method(case.method))
     put, gone = math.nan, False
-    while True:
-        tick = twin.advance()
+    for tick in twin.ticks():
         hand = to_frame(odometry_to_world(tick.observation), tick.arm[-1].reference[:2])
         out = math.dist(hand, tick.observation.pose[:2]) > _OUT
         if math.isnan(put) and tick.arm[-1].phase == case.what and out:
@@ -166,8 +160,6 @@ def _hand(case: Case) -> dict[str, Any]:
         elif tick.time > put + STAYS and not gone:
             gone = True
             twin.post(RemoveBody(name="box"))
-        if tick.done or tick.time >= scene.time_limit:
-            break
     return _result(tick, good=tick.success and not _caused(tick), told=f"{len(_caused(tick))} caused")
 
 

@@ -153,11 +153,8 @@ def follow(case: Case) -> Result:
     twin, score = Twin(scene, method=find_method(case.job.spec.method)), Score(scene)
     timed: Any = TimedTracker(twin.loop.tracks)
     twin.loop.tracks = timed
-    while True:
-        tick = twin.advance()
+    for tick in twin.ticks():
         score.add(tick)
-        if tick.done or tick.time >= scene.time_limit:
-            break
     return {
         "situation": case.situation,
         "seed": scene.seed,

@@ -12,6 +12,7 @@ from motm_twin.bus.commands import Speed, Step
 from motm_twin.bus.connection import open_client, open_member
 from motm_twin.perf import bus, soak
 from motm_twin.perf.processes import Worker, act, restart
+from motm_twin.perf.report import Report
 
 pytestmark = pytest.mark.timeout(600)
 
@@ -119,7 +120,9 @@ def test_readers_that_never_read_keep_nothing_from_the_others(twin):
 
 
 def test_every_accepted_command_is_in_a_tick(twin):
-    found = bus.effect(twin, 1.0)
+    report = Report()
+    bus.effect(twin, report, 1.0)
+    found = report.details["command_to_effect_ms"]
     assert found["never seen"]["count"] == 0.0
     assert found["answer to its tick"]["count"] > 0.0
 

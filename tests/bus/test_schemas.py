@@ -1,7 +1,6 @@
 """What was published about the messages stays true: the files in docs/schemas, and what really travels."""
 
 import copy
-import importlib.util
 import json
 from pathlib import Path
 
@@ -24,12 +23,7 @@ def published(name):
     return json.loads((FOLDER / file_name(name)).read_text(encoding="utf-8"))
 
 
-@pytest.fixture(scope="module")
-def tool():
-    spec = importlib.util.spec_from_file_location("schemas_tool", ROOT / "tools" / "schemas.py")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+TOOL = "schemas"  # of the fixture `tool`
 
 
 @pytest.mark.parametrize("name", PUBLISHED)

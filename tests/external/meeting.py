@@ -1,18 +1,29 @@
 """A router, and reference robots in threads of this process: with sessions of their own, as if they were elsewhere."""
 
+import functools
 import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
 
+import pytest
 import zenoh
 
+from motm_twin.bus.commands import Load
 from motm_twin.bus.connection import LOOPBACK, free_port, open_server
+from motm_twin.bus.interfaces import TwinSetup
+from motm_twin.bus.library import FileLibrary
+from motm_twin.bus.server import RobotChoice, TwinServer
 from motm_twin.external.emulator import LinkSpec
 from motm_twin.external.plant import ZenohPlant
 from motm_twin.external.robot_link import RobotLink
 from motm_twin.external.robot_server import RobotServer
+from motm_twin.methods import UNNAMED_METHOD
 from motm_twin.model.scene import Scene
+from motm_twin.planning.types import SearchBudget
+from motm_twin.server_process import make_external_twin
 from motm_twin.twin import Twin
 
 
@@ -74,3 +85,17 @@ def driven(router: Router, scene: Scene, *, twin: str = "frankie", mirror: bool 
         yield driven_twin
     finally:
         link.close()
+
+
+def server_for_a_robot(data: Path, method: str = UNNAMED_METHOD, **robot: Any) -> TwinServer:
+    """A server of Experiment 1 whose robot is in another program; ``robot``: fields of `RobotChoice`."""
+    make = functools.partial(make_external_twin, budget=SearchBudget(), sender="twin")
+    return TwinServer(
+        TwinSetup(
+            library=FileLibrary("exp1"),
+            make_twin=lambda scene, method: pytest.fail("the simulated robot was asked for"),
+            first=Load(scene="exp1", variant="trial1", method=method),
+        ),
+        data=data,
+        robot=RobotChoice(meet=RobotLink, make_twin=make, **robot),
+    )

@@ -1,28 +1,22 @@
 """Somebody on the same machine speaks in the twin's name to its robot: nothing of it arrives, and the work goes on."""
 
-import functools
 from collections.abc import Iterator
 from typing import Any
 
 import msgspec
 import pytest
 import zenoh
-from meeting import DeafenedRobot, Router, driven, running_robot, until
+from meeting import DeafenedRobot, Router, driven, running_robot, server_for_a_robot, until
 
 from motm_twin.bus.client import TwinClient
-from motm_twin.bus.commands import COMMAND_NAMES, Load
+from motm_twin.bus.commands import COMMAND_NAMES
 from motm_twin.bus.connection import open_member
-from motm_twin.bus.interfaces import TwinSetup
 from motm_twin.bus.keys import Keys, PlantKeys
-from motm_twin.bus.library import FileLibrary
 from motm_twin.bus.plant_messages import VERSION, ClockGrant, RobotCommand
-from motm_twin.bus.server import RobotChoice, TwinServer
+from motm_twin.bus.server import TwinServer
 from motm_twin.external.guard import MAX_JUMP, SILENCE
 from motm_twin.external.messages import NAMES
-from motm_twin.external.robot_link import RobotLink
 from motm_twin.model.scene import Scene
-from motm_twin.planning.types import SearchBudget
-from motm_twin.server_process import make_external_twin
 
 KEYS = PlantKeys()
 WILD = ("motm/**", "**", "motm/*/plant/*", "motm/frankie/plant/comm$*", "motm/frankie/plant/gr$*")
@@ -31,16 +25,7 @@ WILD = ("motm/**", "**", "motm/*/plant/*", "motm/frankie/plant/comm$*", "motm/fr
 @pytest.fixture(scope="module")
 def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[TwinServer]:
     """A server whose robot comes to its own port."""
-    make = functools.partial(make_external_twin, budget=SearchBudget(), sender="twin")
-    with TwinServer(
-        TwinSetup(
-            library=FileLibrary("exp1"),
-            make_twin=lambda scene, method: pytest.fail("the simulated robot was asked for"),
-            first=Load(scene="exp1", variant="trial1"),
-        ),
-        data=tmp_path_factory.mktemp("data"),
-        robot=RobotChoice(meet=RobotLink, make_twin=make),
-    ) as server:
+    with server_for_a_robot(tmp_path_factory.mktemp("data")) as server:
         yield server
 
 

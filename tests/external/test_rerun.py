@@ -13,23 +13,19 @@ from typing import Any, TypeVar
 import msgspec
 import pytest
 import zenoh
-from meeting import DeafenedRobot, Router, running_robot, until
+from meeting import DeafenedRobot, Router, running_robot, server_for_a_robot, until
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "record"))
 
 from recordings import changed
 
 from motm_twin.bus.client import TwinClient
-from motm_twin.bus.commands import AddObstacle, Load, Pause, Play, Reset, SetParameter
+from motm_twin.bus.commands import AddObstacle, Pause, Play, Reset, SetParameter
 from motm_twin.bus.connection import open_member
 from motm_twin.bus.encode import ObservationsMessage
-from motm_twin.bus.interfaces import TwinSetup
 from motm_twin.bus.library import FileLibrary
-from motm_twin.bus.server import RobotChoice, TwinServer
 from motm_twin.cli import rerun as cli_rerun
-from motm_twin.external.robot_link import RobotLink
 from motm_twin.model.edits import Announce
-from motm_twin.planning.types import SearchBudget
 from motm_twin.record import channels as ch
 from motm_twin.record import rerun_file
 from motm_twin.record.info import info
@@ -38,7 +34,6 @@ from motm_twin.record.reader import read
 from motm_twin.record.recorder import Recorder
 from motm_twin.record.recording import Run, load_recording, observations_of
 from motm_twin.record.rerun_file import rerun_run
-from motm_twin.server_process import make_external_twin
 from motm_twin.sessions.session import SessionError
 
 PERIODS = 60
@@ -51,16 +46,7 @@ Robot = Callable[[], AbstractContextManager[DeafenedRobot]]
 def serving(folder: Path) -> Iterator[tuple[TwinClient, zenoh.Session, Robot]]:
     """A twin of an external robot, somebody at it, and the robot, which is not there yet."""
     router, scene = Router(), FileLibrary("exp1").load("exp1", "trial1", None)
-    make = functools.partial(make_external_twin, budget=SearchBudget(), sender="twin")
-    server = TwinServer(
-        TwinSetup(
-            library=FileLibrary("exp1"),
-            make_twin=lambda scene, method: pytest.fail("the simulated robot was asked for"),
-            first=Load(scene="exp1", variant="trial1", method="staa"),
-        ),
-        data=folder,
-        robot=RobotChoice(meet=RobotLink, make_twin=make, session=router.session),
-    )
+    server = server_for_a_robot(folder, "staa", session=router.session)
     with server, TwinClient(server.endpoint) as client, open_member(server.endpoint) as session:
         yield client, session, functools.partial(running_robot, router, scene, clock="shared")
     router.session.close()

@@ -1,6 +1,5 @@
 """`serve --plant zenoh` with robots that come, go and come back; and the example of a robot that shares no code."""
 
-import functools
 import signal
 import subprocess
 import sys
@@ -8,19 +7,14 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from meeting import Router, driven, running_robot, until
+from meeting import Router, driven, running_robot, server_for_a_robot, until
 
 from motm_twin.bus.client import TwinClient
 from motm_twin.bus.commands import AddObstacle, Branch, Load, Pause, Refused, Speed, Step
-from motm_twin.bus.interfaces import TwinSetup
-from motm_twin.bus.library import FileLibrary
 from motm_twin.bus.messages import StatusMessage, TickMessage
-from motm_twin.bus.server import RobotChoice, TwinServer
+from motm_twin.bus.server import TwinServer
 from motm_twin.client import connect
-from motm_twin.external.robot_link import RobotLink
 from motm_twin.model.scene import Scene
-from motm_twin.planning.types import SearchBudget
-from motm_twin.server_process import make_external_twin
 
 SKELETON = Path(__file__).parents[2] / "examples" / "robot_skeleton.py"
 
@@ -45,21 +39,8 @@ def robot_process(endpoint: str) -> subprocess.Popen[bytes]:
 @pytest.fixture
 def served(tmp_path: Path, router: Router) -> Iterator[TwinServer]:
     """A server whose robot is met at a router of its own."""
-    with serving(tmp_path, router) as server:
+    with server_for_a_robot(tmp_path, session=router.session) as server:
         yield server
-
-
-def serving(data: Path, router: Router, *, mirror: bool = False) -> TwinServer:
-    make = functools.partial(make_external_twin, budget=SearchBudget(), sender="twin")
-    return TwinServer(
-        TwinSetup(
-            library=FileLibrary("exp1"),
-            make_twin=lambda scene, method: pytest.fail("the simulated robot was asked for"),
-            first=Load(scene="exp1", variant="trial1"),
-        ),
-        data=data,
-        robot=RobotChoice(meet=RobotLink, make_twin=make, mirror=mirror, session=router.session),
-    )
 
 
 def test_the_robot_is_waited_for_driven_and_found_again_after_it_was_killed(served: TwinServer, router: Router) -> None:
@@ -106,7 +87,10 @@ def test_a_reset_puts_a_simulated_robot_back_to_the_start(served: TwinServer, ro
 
 def test_without_a_robot_a_mirror_is_not_reset_and_a_new_run_is_not_waited_for(tmp_path: Path, router: Router) -> None:
     for mirror in (True, False):
-        with serving(tmp_path, router, mirror=mirror) as server, connect(server.endpoint) as twin:
+        with (
+            server_for_a_robot(tmp_path, session=router.session, mirror=mirror) as server,
+            connect(server.endpoint) as twin,
+        ):
             until(lambda: (now := twin.status()) is not None and now.text.startswith("waiting for robot"))
             if mirror:
                 with pytest.raises(Refused, match="a mirror only shows the robot"):

@@ -128,7 +128,7 @@ def test_from_the_start_there_is_a_way_to_where_every_target_is_served(name):
 
 
 def test_a_generated_scene_is_completed():
-    result = run_scene(load_scene("generated:84@0"))
+    result = run_scene(load_scene("generated:41@0"))
     assert (result["success"], result["reason"], result["contacts"]) == (True, "", [])
 
 

@@ -4,6 +4,7 @@ import xml.etree.ElementTree as ET
 
 import numpy as np
 import pytest
+import trimesh
 
 from motm_twin.model import assets, body_geometry
 from motm_twin.model.data_dirs import web_assets_dir
@@ -12,6 +13,11 @@ from motm_twin.model.kinematics import ARM_FRAMES, LINKS, fk_arm
 
 FINGER_Z = 0.0584
 WIDTH_HALVES = (0.0, 0.02, 0.04)
+
+
+def drawn(name: str) -> trimesh.Trimesh:
+    """Mesh of a link or prop as it is drawn."""
+    return trimesh.load(assets.asset_path(assets.VISUAL, name), force="mesh")
 
 
 def distance_to_capsules(points: np.ndarray, rows: list[int]) -> np.ndarray:
@@ -117,20 +123,20 @@ def test_drawn_link_and_ghost_lie_within_the_solid_link(link: str) -> None:
     else:
         boxes = assets.finger_boxes(link)
         solid = np.vstack([[centre - size / 2, centre + size / 2] for centre, size in boxes])
-    for vertices in (assets.load_mesh(link).vertices, assets.ghost_mesh(link)[0]):
+    for vertices in (drawn(link).vertices, assets.ghost_mesh(link)[0]):
         assert np.all(vertices.min(axis=0) > solid.min(axis=0) - 0.007)
         assert np.all(vertices.max(axis=0) < solid.max(axis=0) + 0.007)
 
 
 def test_drawn_base_fills_its_footprint() -> None:
-    low, high = assets.load_mesh("base_link").bounds
+    low, high = drawn("base_link").bounds
     np.testing.assert_allclose(low, [-0.35, -0.25, 0.0], atol=0.01)
     np.testing.assert_allclose(high[:2], [0.35, 0.25], atol=0.01)
     assert 0.37 < high[2] <= 0.40
 
 
 def test_drawn_temi_is_one_metre_tall_and_a_quarter_metre_round() -> None:
-    vertices = assets.load_mesh("temi").vertices
+    vertices = drawn("temi").vertices
     assert vertices[:, 2].min() == pytest.approx(0.0, abs=1e-3)
     assert vertices[:, 2].max() == pytest.approx(1.0, abs=0.05)
     assert 0.2 < np.linalg.norm(vertices[:, :2], axis=1).max() <= 0.251
@@ -140,7 +146,7 @@ def test_meshes_are_light_enough_for_a_browser() -> None:
     files = {folder: list((web_assets_dir() / folder).glob("*.glb")) for folder in ("visual", "ghost")}
     assert sum(file.stat().st_size for file in files["visual"]) < 3_500_000
     assert sum(file.stat().st_size for file in files["ghost"]) < 500_000
-    assert len(assets.load_mesh("base_link").faces) < 60_000
+    assert len(drawn("base_link").faces) < 60_000
 
 
 def test_licence_and_notice_stand_beside_the_converted_meshes() -> None:
@@ -153,4 +159,4 @@ def test_licence_and_notice_stand_beside_the_converted_meshes() -> None:
 
 def test_an_unknown_asset_is_refused_with_the_names_there_are() -> None:
     with pytest.raises(KeyError, match="panda_hand"):
-        assets.load_mesh("gripper")
+        assets.glb_bytes("gripper")

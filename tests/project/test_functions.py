@@ -29,7 +29,7 @@ KERNELS: dict[str, tuple[str, tuple[str, ...]]] = {
     "planning/staa.py": ("node, settings and arrays of the search", ("_bezier_cost", "_child", "_judge")),
     "rivals/reachability.py": ("cells of the map and the kinematics", ("_fill",)),
     "sim/agent_kernels.py": ("agent, others and walls", ("look_about", "steer")),
-    "sim/plant_check.py": ("measured and commanded motion with their limits", ("_excess",)),
+    "sim/referee.py": ("measured and commanded motion with their limits", ("_excess",)),
     "sim/referee_geometry.py": ("all bodies against all solids", ("update_gaps",)),
 }
 # Not mended yet. Who mends one takes it out; nothing new comes in.

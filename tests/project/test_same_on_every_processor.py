@@ -60,14 +60,17 @@ def test_the_search_for_them_finds_them():
     assert sorted(found) == [(1, "@"), (2, "@"), (3, "np.linalg"), (4, ".dot"), (5, "np.arctan2")]
 
 
-def state_of(**settings: str) -> str:
+def started(**settings: str) -> subprocess.Popen[str]:
     chosen = {"OPENBLAS_CORETYPE", "NPY_DISABLE_CPU_FEATURES", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"}
     environment = {name: value for name, value in os.environ.items() if name not in chosen} | settings
-    run = subprocess.run(
-        [sys.executable, "-c", PART], cwd=ROOT, env=environment, capture_output=True, text=True, check=False
-    )
-    assert run.returncode == 0, run.stderr
-    return run.stdout.strip()
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+    return subprocess.Popen([sys.executable, "-c", PART], cwd=ROOT, env=environment, text=True, **pipes)
+
+
+def state_of(run: subprocess.Popen[str]) -> str:
+    said, errors = run.communicate()
+    assert run.returncode == 0, errors
+    return said.strip()
 
 
 @pytest.mark.slow
@@ -77,7 +80,7 @@ def test_a_run_is_the_same_with_every_kernel_of_blas_and_any_number_of_threads()
         {"OPENBLAS_CORETYPE": "Prescott", "OPENBLAS_NUM_THREADS": "4", "OMP_NUM_THREADS": "4"} | without_avx512(),
         {},  # as the processor has it
     )
-    states = [state_of(**one) for one in settings]
+    states = [state_of(run) for run in [started(**one) for one in settings]]  # at the same time
     assert len(states[0]) == 64
     assert len(set(states)) == 1, dict(zip(map(str, settings), states, strict=True))
 

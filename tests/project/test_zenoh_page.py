@@ -1,9 +1,6 @@
 """docs/zenoh.md and docs/zenoh_fields.md: their tables are those of the types."""
 
-import importlib.util
 from pathlib import Path
-
-import pytest
 
 from motm_twin.bus.keys import Keys
 from motm_twin.bus.schemas import MESSAGES
@@ -14,13 +11,7 @@ LISTED = {"keys", "commands", "faults", "methods", "parameters"}  # tables of do
 BY_SCHEMA = {"session", "command"}  # a session is a file of ours; the envelope is explained in words
 
 
-@pytest.fixture(scope="module")
-def tool():
-    spec = importlib.util.spec_from_file_location("zenoh_page_tool", ROOT / "tools" / "zenoh_page.py")
-    assert spec is not None and spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+TOOL = "zenoh_page"  # of the fixture `tool`
 
 
 def test_the_tables_are_those_of_the_code(tool):

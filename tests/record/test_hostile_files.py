@@ -1,23 +1,13 @@
 """The tool that reads mutated recordings and sessions: it finds what it is made to find, and nothing in some files."""
 
-import importlib.util
 import os
 import time
-from pathlib import Path
 
 import pytest
 
 from motm_twin.sessions.session import SessionError
 
-FILE = Path(__file__).resolve().parents[2] / "tools" / "hostile_files.py"
-
-
-@pytest.fixture
-def tool():
-    spec = importlib.util.spec_from_file_location("hostile_files", FILE)
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+TOOL = "hostile_files"  # of the fixture `tool`
 
 
 def test_mutated_files_are_read_or_refused_with_a_sentence(tool, tmp_path):

@@ -1,6 +1,5 @@
 """docs/method.md and docs/parameters.md: their tables are those of the code, and every method has its place."""
 
-import importlib.util
 from pathlib import Path
 
 import pytest
@@ -11,13 +10,7 @@ from motm_twin.rivals.stationary import STATIONARY
 ROOT = Path(__file__).resolve().parents[2]
 
 
-@pytest.fixture(scope="module")
-def tool():
-    spec = importlib.util.spec_from_file_location("method_page_tool", ROOT / "tools" / "method_page.py")
-    assert spec is not None and spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+TOOL = "method_page"  # of the fixture `tool`
 
 
 def test_the_tables_are_those_of_the_code(tool):

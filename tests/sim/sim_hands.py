@@ -48,3 +48,11 @@ def move(plant, velocity, seconds, gripper="close", twist=(0.0, 0.0)):
         dq = np.linalg.pinv(J) @ np.array([*velocity, 0.0, 0.0, 0.0])
         plant.command(act(twist, dq, gripper))
         plant.step(0.01)
+
+
+def grasp(plant, lift=0.0):
+    """The same plant after its fingers have closed and have lifted what they hold [m]."""
+    plant.command(act(gripper="close"))
+    plant.step(0.9)
+    move(plant, (0.0, 0.0, 0.1), lift / 0.1)
+    return plant

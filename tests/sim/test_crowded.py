@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from sim_hands import DOWN, act, move, tcp
+from sim_hands import DOWN, act, grasp, move, tcp
 from sim_scenes import box, scene
 
 from motm_twin.model.scene import SceneObject
@@ -44,13 +44,11 @@ def gaps(plant):
     return min(found)
 
 
-def grasp(plant, above=0.05):
+def reach_and_grasp(plant, above=0.05):
     move(plant, (0.0, 0.0, -0.1), above / 0.1, gripper="open")
     plant.command(act())
     plant.step(0.2)
-    plant.command(act(gripper="close"))
-    plant.step(0.9)
-    move(plant, (0.0, 0.0, 0.1), 0.5)
+    grasp(plant, lift=0.05)
     return plant.truth()
 
 
@@ -58,7 +56,7 @@ def test_the_middle_of_nine_cubes_five_millimetres_apart_cannot_be_picked():
     step = SIDE + 0.005
     grid = [(0.0, 0.0), *((step * i, step * j) for i in (-1, 0, 1) for j in (-1, 0, 1) if (i, j) != (0, 0))]
     plant = hand_over(grid)
-    truth = grasp(plant)
+    truth = reach_and_grasp(plant)
     assert truth.picks == 0
     assert plant._state.gripper.outcome == "no room"
     assert gaps(plant) >= SIDE - 1e-3
@@ -66,7 +64,7 @@ def test_the_middle_of_nine_cubes_five_millimetres_apart_cannot_be_picked():
 
 def test_a_cube_with_room_for_both_fingers_is_picked_between_two_others():
     plant = hand_over([(0.0, 0.0), (SIDE + 0.005, 0.0), (-SIDE - 0.005, 0.0)])
-    assert grasp(plant).picks == 1
+    assert reach_and_grasp(plant).picks == 1
     assert gaps(plant) >= SIDE - 1e-3
 
 

@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 from edit_scenes import TABLE_TOP, body, room
-from sim_hands import DOWN, act, cube_of, move, over_a_cube
+from sim_hands import DOWN, act, cube_of, grasp, over_a_cube
 from sim_scenes import box, scene
 
 from motm_twin.model.edits import AddObstacle, MoveBody, MoveObject, RemoveBody
@@ -62,9 +62,7 @@ def test_a_heading_of_none_keeps_the_turn_of_a_piece():
 
 
 def test_a_cube_in_the_gripper_does_not_ride_on_a_table_that_is_pulled_away():
-    plant = over_a_cube()
-    plant.command(act(gripper="close"))
-    plant.step(0.9)
+    plant = grasp(over_a_cube())
     held = cube_of(plant)
     assert held.state == "held"
     plant.apply(MoveBody(name="stand", x=3.0, y=3.0))
@@ -96,9 +94,7 @@ def test_a_delivery_counts_where_the_bin_is_now_and_not_where_it_was(brought):
         solids=(box("shelf", start, (0.5, 0.5), 0.13),),
         tasks=(Pick(object="cube"), Place(bin="bin")),
     )
-    plant.command(act(gripper="close"))
-    plant.step(0.9)
-    move(plant, (0.0, 0.0, 0.1), 0.5)
+    grasp(plant, lift=0.05)
     plant.apply(RemoveBody(name="stand"))
     plant.apply(MoveBody(name="shelf", x=target[0], y=target[1], heading=0.3))
     plant.command(act(gripper="open"))

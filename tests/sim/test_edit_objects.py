@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 from edit_scenes import room
-from sim_hands import act, cube_of, move, over_a_cube
+from sim_hands import act, cube_of, grasp, move, over_a_cube
 from sim_scenes import box
 
 from motm_twin.model.edits import AddObstacle, MoveBody, MoveObject, RemoveBody
@@ -72,10 +72,7 @@ def test_a_cube_that_lost_the_one_below_it_falls_and_that_is_no_drop_of_the_robo
 
 
 def holding(**changes):
-    plant = over_a_cube(tasks=(Pick(object="cube"), Place(bin="bin")), **changes)
-    plant.command(act(gripper="close"))
-    plant.step(0.9)
-    move(plant, (0.0, 0.0, 0.1), 0.5)
+    plant = grasp(over_a_cube(tasks=(Pick(object="cube"), Place(bin="bin")), **changes), lift=0.05)
     plant.command(act(gripper="close"))
     plant.step(0.1)
     assert cube_of(plant).state == "held"
@@ -113,7 +110,7 @@ def test_a_cube_taken_while_the_fingers_close_on_it_is_not_held_in_the_end():
 def test_a_cube_that_a_person_bins_is_no_place_of_the_robot_but_one_that_the_robot_bins_later_is():
     fixed = Bin(name="bin", centre=(2.0, 2.0))
     plant = holding(bins=(fixed,), solids=(box("shelf", (2.0, 2.0), (0.5, 0.5), 0.6),))
-    grasp = plant.observe().q
+    grasped = plant.observe().q
     hand = plant._state.tcp.copy()
     plant.apply(MoveObject(name="cube", x=2.0, y=2.0))
     plant.step(0.5)
@@ -128,14 +125,13 @@ def test_a_cube_that_a_person_bins_is_no_place_of_the_robot_but_one_that_the_rob
     move(plant, (0.0, 0.0, -0.1), 0.5, gripper="open")
     plant.command(act())
     plant.step(0.1)
-    plant.command(act(gripper="close"))
-    plant.step(0.9)
+    grasp(plant)
     assert cube_of(plant).state == "held"
     move(plant, (0.0, 0.0, 0.1), 0.5)
     assert plant.truth().picks == 2
     plant.apply(MoveBody(name="stand", x=-2.0, y=-2.0))
     plant.apply(MoveBody(name="shelf", x=x, y=y))
-    np.testing.assert_allclose(plant.observe().q, grasp, atol=0.05)
+    np.testing.assert_allclose(plant.observe().q, grasped, atol=0.05)
     plant.command(act(gripper="open"))
     plant.step(1.0)
     assert cube_of(plant).state == "binned:bin"

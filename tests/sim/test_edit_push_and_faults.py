@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 from edit_scenes import room
-from sim_hands import act, cube_of, move, over_a_cube, tcp
+from sim_hands import act, cube_of, grasp, over_a_cube, tcp
 from sim_scenes import QUIET, box, scene
 
 from motm_twin.model.edits import AddObstacle, InjectFault, PushRobot
@@ -65,10 +65,7 @@ def test_a_plant_that_jumps_by_itself_is_still_found_out_after_a_push():
 
 
 def test_a_held_cube_goes_with_a_pushed_robot():
-    plant = over_a_cube()
-    plant.command(act(gripper="close"))
-    plant.step(0.9)
-    move(plant, (0.0, 0.0, 0.1), 1.0)
+    plant = grasp(over_a_cube(), lift=0.1)
     x, y, z = cube_of(plant).position
     plant.apply(PushRobot(dx=-0.2, dy=0.1))
     np.testing.assert_allclose(cube_of(plant).position, (x - 0.2, y + 0.1, z), atol=1e-9)

@@ -8,7 +8,7 @@ import pytest
 import shapely
 from shapely import affinity
 from sim_contacts import drive, hits, verdicts
-from sim_hands import DOWN, act, move, over_a_cube, tcp
+from sim_hands import DOWN, act, grasp, move, over_a_cube, tcp
 from sim_scenes import box, scene
 
 from motm_twin.model.arm_kernels import HAND
@@ -61,10 +61,7 @@ def test_a_held_cube_that_is_swept_sideways_into_a_stand_causes_the_contact(dire
     hand, _ = tcp()
     way = 0.11 * np.array(direction) / np.linalg.norm(direction)
     other = box("other", (hand[0] + way[0], hand[1] + way[1]), (0.08, 0.08), hand[2] - 0.02 + 0.05 + 0.0015)
-    plant = over_a_cube(solids=(other,))
-    plant.command(act(gripper="close"))
-    plant.step(0.9)
-    move(plant, (0.0, 0.0, 0.1), 0.5)
+    plant = grasp(over_a_cube(solids=(other,)), lift=0.05)
     assert verdicts(plant) == []
     move(plant, direction, round(0.08 / np.linalg.norm(direction), 2))
     assert verdicts(plant, "other") == [True]
@@ -72,10 +69,7 @@ def test_a_held_cube_that_is_swept_sideways_into_a_stand_causes_the_contact(dire
 
 
 def test_a_held_cube_that_the_base_carries_over_the_edge_of_a_stand_causes_the_contact():
-    plant = over_a_cube()
-    plant.command(act(gripper="close"))
-    plant.step(0.9)
-    move(plant, (0.0, 0.0, 0.1), 0.5)
+    plant = grasp(over_a_cube(), lift=0.05)
     plant.command(act(gripper="close"))
     plant.step(0.5)
     low = float(plant._state.objects[0].bottom)
@@ -94,9 +88,7 @@ def test_a_held_cube_that_the_base_carries_over_the_edge_of_a_stand_causes_the_c
 def test_a_held_cube_that_is_swept_along_its_support_into_a_step_causes_the_contact():
     hand, _ = tcp()
     step = box("step", (hand[0] + 0.10, hand[1]), (0.1, 0.1), hand[2] - 0.015)
-    plant = over_a_cube(solids=(step,))
-    plant.command(act(gripper="close"))
-    plant.step(0.9)
+    plant = grasp(over_a_cube(solids=(step,)))
     move(plant, (0.1, 0.0, 0.0), 0.5)
     assert verdicts(plant, "step") == [True]
 
@@ -107,9 +99,7 @@ def test_a_cube_that_stood_close_beside_another_and_is_swept_into_it_causes_the_
     beside = SceneObject(name="beside", position=tuple(float(v) for v in hand + 0.043 * along))
     shelf = box("shelf", (hand[0], hand[1]), (0.3, 0.3), float(hand[2]) - 0.02)
     cube = SceneObject(name="cube", position=tuple(float(v) for v in hand))
-    plant = SimulatedPlant(scene(solids=(shelf,), objects=(cube, beside)), arm_start=DOWN)
-    plant.command(act(gripper="close"))
-    plant.step(0.9)
+    plant = grasp(SimulatedPlant(scene(solids=(shelf,), objects=(cube, beside)), arm_start=DOWN))
     assert verdicts(plant) == []
     move(plant, tuple(0.1 * along), 0.4)
     assert verdicts(plant, "beside") == [True]
@@ -119,10 +109,7 @@ def test_a_cube_that_stood_close_beside_another_and_is_swept_into_it_causes_the_
 def test_what_touches_with_several_parts_is_one_episode_with_all_of_them():
     hand, _ = tcp()
     wall = box("wall", (hand[0] + 0.20, hand[1]), (0.2, 1.0), 1.5)
-    plant = over_a_cube(solids=(wall,))
-    plant.command(act(gripper="close"))
-    plant.step(0.9)
-    move(plant, (0.0, 0.0, 0.1), 0.5)
+    plant = grasp(over_a_cube(solids=(wall,)), lift=0.05)
     move(plant, (0.1, 0.0, 0.0), 1.2)
     (hit,) = hits(plant, "wall")
     assert {"panda_hand", "panda_leftfinger", "panda_rightfinger", "held:cube"} <= set(hit.bodies)
@@ -353,9 +340,7 @@ def test_what_is_remembered_of_an_empty_hand_does_not_depend_on_what_it_held_lat
 
 
 def test_a_held_cube_that_touches_the_own_arm_is_a_contact():
-    plant = over_a_cube()
-    plant.command(act(gripper="close"))
-    plant.step(0.9)
+    plant = grasp(over_a_cube())
     held = plant._state.objects[0]
     lower = plant._referee.robot.place(np.zeros(3), plant._state.arm.q, 0.04)[1, :3, 3]
     hand = plant._frames(plant._state.base.pose, plant._state.arm.q)[HAND]

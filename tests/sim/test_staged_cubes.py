@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 from sim_contacts import drive, hits, verdicts
-from sim_hands import DOWN, act, move, over_a_cube, tcp
+from sim_hands import DOWN, act, grasp, move, over_a_cube, tcp
 from sim_scenes import box, scene
 
 from motm_twin.model.edits import AddObstacle, MoveObject, ReleaseBody
@@ -67,10 +67,7 @@ def test_a_hand_that_goes_down_round_a_cube_closes_lifts_and_lets_go_of_it_touch
 
 
 def test_a_cube_that_is_taken_lifted_and_released_is_no_contact_of_the_fingers():
-    plant = over_a_cube(offset=(0.003, 0.005, 0.0), turn=0.05)
-    plant.command(act(gripper="close"))
-    plant.step(0.9)
-    move(plant, (0.0, 0.0, 0.1), 0.4)
+    plant = grasp(over_a_cube(offset=(0.003, 0.005, 0.0), turn=0.05), lift=0.04)
     plant.command(act(gripper="open"))
     plant.step(1.0)
     assert plant.truth().contacts == ()
@@ -92,10 +89,7 @@ def test_a_held_cube_that_is_lowered_into_a_lying_one_causes_the_contact():
     stand = box("stand2", (hand[0] + 0.12, hand[1]), (0.06, 0.06), float(hand[2]) - 0.02)
     cube = SceneObject(name="cube", position=tuple(float(v) for v in hand))
     under = box("stand", (hand[0], hand[1]), (0.06, 0.06), float(hand[2]) - 0.02)
-    plant = SimulatedPlant(scene(solids=(under, stand), objects=(cube, other)), arm_start=DOWN)
-    plant.command(act(gripper="close"))
-    plant.step(0.9)
-    move(plant, (0.0, 0.0, 0.1), 0.3)
+    plant = grasp(SimulatedPlant(scene(solids=(under, stand), objects=(cube, other)), arm_start=DOWN), lift=0.03)
     move(plant, (0.1, 0.0, 0.0), 1.0)
     assert verdicts(plant, "other") == [True]
     assert "held:cube" in hits(plant, "other")[0].bodies
@@ -106,9 +100,7 @@ def test_a_held_cube_lies_on_the_one_below_without_a_contact():
     top = SceneObject(name="top", position=tuple(float(v) for v in hand))
     low = SceneObject(name="low", position=(float(hand[0]), float(hand[1]), float(hand[2]) - 0.04))
     under = box("stand", (hand[0], hand[1]), (0.06, 0.06), float(hand[2]) - 0.06)
-    plant = SimulatedPlant(scene(solids=(under,), objects=(top, low)), arm_start=DOWN)
-    plant.command(act(gripper="close"))
-    plant.step(0.9)
+    plant = grasp(SimulatedPlant(scene(solids=(under,), objects=(top, low)), arm_start=DOWN))
     assert plant.truth().contacts == ()
     move(plant, (0.0, 0.0, 0.1), 0.5)
     assert plant.truth().contacts == ()
@@ -157,10 +149,7 @@ def test_a_falling_cube_that_drifts_into_a_lying_one_is_a_contact_of_the_two():
 
 
 def test_a_cube_that_falls_out_of_the_hand_is_dropped():
-    plant = over_a_cube(tasks=(Pick(object="cube"), Place(bin="bin")))
-    plant.command(act(gripper="close"))
-    plant.step(0.9)
-    move(plant, (0.0, 0.0, 0.1), 0.4)
+    plant = grasp(over_a_cube(tasks=(Pick(object="cube"), Place(bin="bin"))), lift=0.04)
     assert plant.truth().dropped == ()
     plant.command(act(gripper="open"))
     plant.step(1.0)

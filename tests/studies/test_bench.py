@@ -99,7 +99,7 @@ def test_a_trial_that_breaks_is_a_failed_row_and_time_over_is_said():
     first, *_ = run_group(group, 1, limit_s=-1.0)
     assert not first["success"]
     assert "not run" in first["reason"]
-    Console(quiet=True).print(groups.trial_table([first]))
+    Console(quiet=True).print(groups.SHEET.table([first]))
 
 
 def test_a_folder_that_cannot_be_is_refused_before_anything_is_measured(tmp_path, capsys):

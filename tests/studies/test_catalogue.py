@@ -6,7 +6,7 @@ import msgspec
 from rich.console import Console
 
 from motm_twin.measures.published import FAILURE_RECOVERY, published
-from motm_twin.studies import catalogue, mismatch
+from motm_twin.studies import catalogue
 from motm_twin.studies.catalogue import difficulty_of, experiment, reasons, row_of
 from motm_twin.studies.spec import job_of
 from motm_twin.studies.summary import reasons_table
@@ -47,24 +47,6 @@ def test_every_mismatch_is_one_that_a_scene_can_have_and_stands_in_a_row_of_its_
     assert {spec.seed for spec in specs} == {0, 1} and {spec.method for spec in specs} == {"fast"}
     scenes = [job_of(spec).scene for spec in specs[: len(catalogue.MISMATCHES)]]
     assert len({msgspec.json.encode(scene) for scene in scenes}) == len(scenes)
-
-
-def _result(changes, placed, seed=0):
-    return {
-        "changes": changes, "seed": seed, "places_done": placed, "places_total": 6, "contacts": [], "picks_total": 6,
-        "picks_done": 6, "contacts_caused_by_robot": 0, "time_s": 80.0 + seed, "picks_attempted": 7,
-    }  # fmt: skip
-
-
-def test_rows_of_mismatches_count_what_was_placed_and_time_what_was_completed():
-    late, shaken = catalogue.MISMATCHES["delay 100 ms"], catalogue.MISMATCHES[catalogue.SHAKEN]
-    results = [_result(dict(late), 6 if seed else 5, seed) for seed in range(10)] + [_result(dict(shaken), 0)]
-    first, second = mismatch.rows_of(results)
-    assert (first["mismatch"], first["placed"], first["places"], first["mean_s"]) == ("delay 100 ms", 59, 60, 85.0)
-    assert (second["placed"], second["mean_s"]) == (0, None)
-    assert mismatch.good(first) and mismatch.good(second)
-    assert not mismatch.good({**first, "placed": 58})
-    assert mismatch.cells(first) == ("delay 100 ms", "10", "59/60", "0", "0", "85.0 s", "7")
 
 
 def result(scene, reason=""):

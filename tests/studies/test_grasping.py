@@ -3,7 +3,19 @@
 import msgspec
 import pytest
 
-from motm_twin.studies.grasping import HEAD, ROBUSTNESS, STUDIES, Setting, cells, experiment_of, good, row_of, rows_of
+from motm_twin.studies.catalogue import MISMATCHES, SHAKEN
+from motm_twin.studies.grasping import (
+    HEAD,
+    MISMATCH,
+    ROBUSTNESS,
+    STUDIES,
+    Setting,
+    cells,
+    experiment_of,
+    good,
+    row_of,
+    rows_of,
+)
 from motm_twin.studies.spec import job_of
 
 
@@ -46,3 +58,14 @@ def test_a_row_counts_grasps_and_misses_its_share_when_two_of_120_are_lost():
     assert not good(row_of(one, ("fast",), [result(caused=1)]))
     assert len(cells(lost)) == len(HEAD)
     assert {"2.5, 4.0", "3, 1", "21.0"} < set(cells(lost))
+
+
+def test_of_a_mismatch_one_object_in_sixty_may_be_left_and_shaken_joints_are_not_judged():
+    specs = experiment_of(MISMATCH).specs
+    assert [(spec.variant, spec.seed) for spec in specs[:: len(MISMATCHES)]] == [("random", k) for k in range(10)]
+    results = [result(placed=5 if spec.seed == 0 else 6, caused=1, changes=spec.changes) for spec in specs]
+    rows = {row["setting"]: row for row in rows_of(MISMATCH, list(zip(specs, results, strict=True)))}
+    assert (rows["delay 100 ms"]["placed"], rows["delay 100 ms"]["places"], rows["none"]["time"].n) == (59, 60, 9)
+    assert all(map(good, rows.values()))
+    lost = [{**row, "placed": 58} for row in rows.values()]
+    assert [row["setting"] for row in lost if good(row)] == [SHAKEN]
