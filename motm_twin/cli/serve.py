@@ -234,11 +234,11 @@ class _Supervisor:
 def _require_new(path: Path) -> None:
     """Raise ValueError unless a file of this name can be made."""
     if path.suffix != ".mcap":
-        raise ValueError(f"--record {path}: a recording ends in .mcap")
+        raise ValueError(f"--record {path}: give a name that ends in .mcap")
     if problem := folder_problem(path.parent):
         raise ValueError(f"--record {path}: {problem}")
     if path.exists() or not path.parent.is_dir():
-        raise ValueError(f"--record {path}: give a file that is not there yet, in a folder that is")
+        raise ValueError(f"--record {path}: give a new file in a folder that exists")
 
 
 @contextmanager

@@ -3,6 +3,8 @@
 The format is documented in ``docs/scenes.md``; its types are in ``scene_format.py``.
 """
 
+from numbers import Integral
+
 import msgspec
 
 from motm_twin.model.bounds import SEED
@@ -60,8 +62,8 @@ def check_document(document: Document) -> tuple[Scene, ...]:
 
 
 def _resolve(document: Document, variant: str | None, seed: int | None) -> Scene:
-    if seed is not None and SEED.refusal("seed", seed):
-        raise SceneError(f"the seed must be a whole number from 0 to 2^63 - 1, got {seed}", file=document.file)
+    if seed is not None and (not isinstance(seed, Integral) or SEED.refusal("seed", seed)):
+        raise SceneError(f"the seed must be a whole number from 0 to 2^63 - 1, got {seed!r}", file=document.file)
     root, chosen = with_variant(document, variant)
     resolver = Resolver(root, seed)
     scene = resolver.scene(document.name, chosen)

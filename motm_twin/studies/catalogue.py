@@ -205,7 +205,7 @@ def experiment(name: str, methods: Sequence[str] = (), trials: int | None = None
     if name not in EXPERIMENTS:
         raise ValueError(f"there is no experiment {name!r}; {hint(name, EXPERIMENTS)}")
     if trials is not None and not 1 <= trials <= MOST_TRIALS:
-        raise ValueError(f"{trials} trials: allowed are 1 to {MOST_TRIALS:,}")
+        raise ValueError(f"{trials} trials: give 1 to {MOST_TRIALS:,}")
     entry = EXPERIMENTS[name]
     chosen = methods_of(methods) or entry.methods
     return Experiment(name, entry.title, tuple(entry.specs(chosen, trials)))
