@@ -27,9 +27,15 @@ class SceneListing(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def load_scene(name_or_path: str, variant: str | None = None, seed: int | None = None) -> Scene:
-    """One variant of a shipped scene or of a user's file, resolved and checked.
+    """Load one variant of a shipped scene or of your own file, resolved and checked.
 
-    ``variant`` None is the scene's default variant, ``seed`` None the seed of the file. Raises SceneError.
+    Args:
+        name_or_path: Name of a shipped scene, path of a .yaml file, ``generated:SEED@DIFFICULTY`` or ``barn:SEED``.
+        variant: Named variant; None: the scene's default.
+        seed: Seed of noise and random arrangements; None: the seed of the file.
+
+    Raises:
+        SceneError: The scene, variant or seed cannot be used; the message says why and what to do.
     """
     return _resolve(load_document(name_or_path), variant, seed)
 
