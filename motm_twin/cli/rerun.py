@@ -54,7 +54,7 @@ def _rerun_recording(file: str, report: str | None, own: Method | None) -> int:
     recording = load_recording(file)
     console = plain_console()
     if not recording.runs:
-        raise SessionError("holds no period of a twin", file=file)
+        raise SessionError("holds no period of a twin: `motm-twin info` tells what is in it", file=file)
     found: list[RunReport] = []
     left: list[NotComputed] = []
     for run in recording.runs:
@@ -115,7 +115,8 @@ def explain(again: Rerun) -> str:
 def _print(session: Session, again: Rerun) -> None:
     console = plain_console()
     scene = session.scene
-    name = f"{scene.name} / {scene.variant}, seed {scene.seed}" + (f": {session.title}" if session.title else "")
+    name = " / ".join(part for part in (scene.name, scene.variant) if part)
+    name = f"{name}, seed {scene.seed}" + (f": {session.title}" if session.title else "")
     console.print(name, style="bold", markup=False)
     console.print(
         f"method {session.method}, time {again.time_s:.2f} s, {again.periods} periods ({again.periods / 20:.2f} s of "
