@@ -18,6 +18,7 @@ from motm_twin.bus.messages import (
     BodyMessage,
     ContactMessage,
     CutInMessage,
+    EncounterMessage,
     EventMessage,
     ForcesMessage,
     GraspMessage,
@@ -30,6 +31,7 @@ from motm_twin.bus.messages import (
     ScoreMessage,
     TaskMessage,
     TickMessage,
+    TrackMessage,
 )
 from motm_twin.control.arm.types import ArmStep
 from motm_twin.control.tick import Tick
@@ -38,11 +40,14 @@ from motm_twin.model.plant import BodyTruth, Detection, Observation, Scan, Truth
 from motm_twin.model.profile import RobotProfile
 from motm_twin.model.reason import Reason
 from motm_twin.model.scene import PlanarPose
+from motm_twin.perception.tracks import IDENTITY, RADIUS, SD, VX, VY
 from motm_twin.perception.world_map import WorldMap
-from motm_twin.planning.types import BasePlan, Placement
+from motm_twin.planning.prediction import ellipses
+from motm_twin.planning.types import BasePlan, Encounter, Placement
 
 _DRAWN = 4  # decimals of values that are only drawn: 0.1 mm
 _EXACT = 9
+_EXPECTED = (1.0, 2.0, 3.0)  # [s] for which dynamic obstacles are shown ahead
 _TIME = 6  # simulated time in steps of 1 us: 1.97, not 1.9700000000000015
 JOINT_NAMES = [f"panda_joint{number}" for number in range(1, 8)]
 TCP_FRAME, CAMERA_FRAME, LIDAR_FRAME = "panda_tcp", "camera", "lidar"
@@ -128,6 +133,28 @@ def _plan(plan: BasePlan) -> PlanMessage:
         t_h=float(plan.t_h),
         k=float(plan.k),
         time_to_range=float(plan.time_to_range),
+        encounters=[_encounter(other) for other in plan.encounters],
+        courtesy=round(float(plan.courtesy), _DRAWN),
+    )
+
+
+def _encounter(other: Encounter) -> EncounterMessage:
+    why = other.why
+    return EncounterMessage(
+        track=other.track, yields=other.yields, passes=other.passes, time=seconds(other.time),
+        gap=round(other.gap, _DRAWN), speed=round(other.speed, _DRAWN), courtesy=round(other.courtesy, _DRAWN),
+        why=why, reason=str(why),
+    )  # fmt: skip
+
+
+def _track(track: Array) -> TrackMessage:
+    return TrackMessage(
+        track=int(track[IDENTITY]),
+        position=numbers(track[:2]),
+        velocity=numbers(track[VX : VY + 1]),
+        radius=round(float(track[RADIUS]), _DRAWN),
+        position_sd=round(float(track[SD]), _DRAWN),
+        expected=numbers(ellipses(track, _EXPECTED)),
     )
 
 
@@ -266,6 +293,7 @@ def tick_message(
         done=bool(tick.done),
         success=bool(tick.success),
         preview=False,
+        tracks=[_track(track) for track in tick.map.tracks],
         edits=list(tick.edits),
     )
 

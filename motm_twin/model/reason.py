@@ -74,6 +74,11 @@ class Kind(StrEnum):
     LEAVES_REACH = "leaves_reach"
     NO_MOTION = "no_motion"
     MAKES_WAY = "makes_way"
+    GIVES_WAY = "gives_way"
+    IS_GIVEN_WAY = "is_given_way"
+    PASSES_BEHIND = "passes_behind"
+    PASSES_IN_FRONT = "passes_in_front"
+    KEEPS_CLEAR = "keeps_clear"
     OVERLAP_STANDS = "overlap_stands"
     OVERLAP_LEAVES = "overlap_leaves"
     BACKS_OFF = "backs_off"
@@ -212,6 +217,11 @@ _SENTENCES = {
         "no collision-free motion towards {subject} ({limit:.0f} tried, {value:.2f} m of clearance): braking"
     ),
     Kind.MAKES_WAY: "moving out of the way of something that comes at {value:.1f} m/s",
+    Kind.GIVES_WAY: "giving way to {subject}, at {value:.1f} m/s, nearest in {limit:.1f} s",
+    Kind.IS_GIVEN_WAY: "{subject}, at {value:.1f} m/s, has to give way in {limit:.1f} s",
+    Kind.PASSES_BEHIND: "passing behind {subject}, at {value:.1f} m/s, nearest in {limit:.1f} s",
+    Kind.PASSES_IN_FRONT: "passing in front of {subject}, at {value:.1f} m/s, nearest in {limit:.1f} s",
+    Kind.KEEPS_CLEAR: "clear of {subject}, at {value:.1f} m/s, nearest in {limit:.1f} s",
     Kind.OVERLAP_STANDS: (
         "the base overlaps what the map or the lidar shows by {value:.2f} m, and no motion makes that less: standing"
     ),
