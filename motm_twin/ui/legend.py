@@ -39,8 +39,9 @@ LAYERS = (
           ("/plan/local_plan", "/plan/bezier", "/robot/silhouette", "/robot/arrival")),
     Layer("target", "Target", "the chosen place of the base, and where the robot believes its target to be",
           colours.css(colours.TARGET), "frame", ("/plan/goal", "/marks")),
-    Layer("people", "Their ways", "where Temis and people have gone in the last seconds", colours.css(colours.PEOPLE),
-          "line", ("/bodies/trails",)),
+    Layer("people", "People and Temis", "followed by the robot: number, arrow to where each will be in 1 s, ellipses "
+          "of where it may be in 1 s and 2 s, and its trail; bold ring: the robot waits for it, or passes it",
+          colours.css(colours.PEOPLE), "line", ("/bodies/trails", "/tracks")),
     Layer(LIDAR, "Lidar", "what the beams of the newest sweep have met", colours.css(colours.LIDAR), "dots",
           ("/lidar",), on=False),
     Layer(STAA, "STAA* path", "path of the unmodified STAA*, for comparison", colours.css(colours.STAA_PATH),
