@@ -87,6 +87,7 @@ def body_message(body: BodyTruth) -> BodyMessage:
         yaw=float(body.yaw),
         state=body.state,
         size=numbers(body.size),
+        behaviour=body.behaviour,
     )
 
 

@@ -46,6 +46,7 @@ class BodyMessage(msgspec.Struct, frozen=True, kw_only=True):
     yaw: float  # [rad]
     state: str  # objects: resting | held | binned:<bin> | dropped; agents: driving | waiting | held | ...
     size: Vector  # extents x, y, z [m]
+    behaviour: str = ""  # of an agent: yield | blind | orca | social_force
 
 
 class TaskMessage(msgspec.Struct, frozen=True, kw_only=True):

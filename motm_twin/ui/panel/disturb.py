@@ -52,6 +52,7 @@ class Thing:
     name: str
     kind: str  # agent | obstacle | piece | object
     frozen: bool = False
+    behaviour: str = ""  # of an agent
 
     @property
     def turns(self) -> bool:
@@ -61,9 +62,9 @@ class Thing:
 
 def things(scene: Scene, tick: TickMessage) -> dict[str, Thing]:
     """Everything that can be selected, by name: agents first, then added bodies, furniture and cubes."""
-    found = [Thing(body.name, "agent", body.state == "frozen") for body in tick.agents]
+    found = [Thing(body.name, "agent", body.state == "frozen", body.behaviour) for body in tick.agents]
     for body in tick.obstacles:
-        found.append(Thing(body.name, kind_of(body.kind), body.state == "frozen"))
+        found.append(Thing(body.name, kind_of(body.kind), body.state == "frozen", body.behaviour))
     found += [Thing(name, "piece") for name in pieces(scene) if name not in tick.removed]
     found += [Thing(item.name, "object") for item in tick.objects]
     return {thing.name: thing for thing in found}
