@@ -60,7 +60,7 @@ class TrackView:
         found = met(tick) if self.on else None
         self._ring.visible = found is not None
         if found is not None:
-            self._ring.position = (*found.track.position, HEIGHT)
+            self._ring.position = (found.track.position[0], found.track.position[1], HEIGHT)
             self._ring.points = ring(round(found.track.radius + BESIDE, 2))
         for label, track in zip(self._labels, [*tracks, *[None] * MOST], strict=False):
             label.visible = track is not None
