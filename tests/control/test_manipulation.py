@@ -233,4 +233,4 @@ def test_a_program_whose_furniture_rows_give_way_names_the_row():
     active = ("joint 4", "lidar static", "hand - table", "forearm - lidar")
     assert _gave_way(0.0, active, 0.02) is None
     gave = str(_gave_way(0.05, active, 0.02))
-    assert gave == "gave way by 0.05 m/s: hand - table is nearer than the joints can brake"
+    assert gave == "moved off at 0.05 m/s (hand - table): too near for the joints to brake in time"
