@@ -105,7 +105,7 @@ def test_a_cube_that_is_gone_is_looked_for_and_given_up_with_a_sentence():
     advance_until(twin, says(f"waiting for the arm at {CUBE}: the hand is on its way"))
     tick = advance_until(twin, lambda tick: tick.done, 1200)
     assert not tick.success
-    tick = advance_until(twin, says(f"all 2 tasks have ended, 1 given up: pick {CUBE}: .*sight"), 60)
+    tick = advance_until(twin, says(f"all 2 tasks have ended, 1 given up: pick {CUBE}: .*to see"), 60)
     assert [task.status for task in tick.tasks] == ["failed", "failed"]
 
 
@@ -162,7 +162,7 @@ def test_an_obstacle_beside_the_cube_that_holds_the_gripper_back_is_named():
     cube = next(body for body in tick.truth.objects if body.name == CUBE)
     twin.post(AddObstacle(name="post", shape="cylinder", x=cube.position[0], y=cube.position[1] - 0.12,
                           size=(0.1, 0.1, 1.5)))  # fmt: skip
-    advance_until(twin, says(rf"{CUBE}: the (gripper|arm) is held 0\.\d\d m from a seen (static|moving) obstacle"))
+    advance_until(twin, says(rf"{CUBE}: the (gripper|arm) keeps off a (static|moving) obstacle, 0\.\d\d m away"))
 
 
 def test_a_held_cube_without_a_task_is_a_reason_to_stand():

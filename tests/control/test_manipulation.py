@@ -104,7 +104,7 @@ def test_an_object_that_was_never_seen_is_not_grasped():
     )
     result = run_pick(blind, straight(0.3, 0.6))
     assert not result.picked and result.missed == 0
-    assert any("waiting for a sight" in reason for reason in result.reasons)
+    assert any("waiting to see" in reason for reason in result.reasons)
 
 
 @pytest.mark.parametrize("spoil", ["q", "odometry", "twist"])

@@ -49,14 +49,14 @@ class DisturbTab(Block):
         super().__init__(gui, hub, visitor)
         self._names: tuple[str, ...] = ()
         self._just: Thing | None = None  # added, and not in a tick yet
-        gui.add_html(card(heading("Add before the robot")))
+        gui.add_html(card(heading("Add in front of the robot")))
         self.row(tuple(NEW), lambda name: self.add(NEW[name]), hint="keys T, P, B, C")
         gui.add_html(card(heading("With the selected thing")))
         self._choice = self.choice("Selected", (NOTHING,), self._select, hint="or click it in the scene")
         self._about = gui.add_html(about(None, ""))
         self._agent = self.row((FREEZE, SEND), self._with_agent)
         self._manner = self.choice(
-            "On its way", (*BEHAVIOURS, OTHERWISE), self._behave, hint="how it moves among others, and before the robot"
+            "On its way", (*BEHAVIOURS, OTHERWISE), self._behave, hint="how it moves among others, the robot included"
         )
         self._piece = self.row(("Tell the robot",), lambda _: self._announce(), hint="its map follows")
         self._cube = self.row((IN_FRONT, BACK), self._with_cube)
@@ -99,7 +99,7 @@ class DisturbTab(Block):
         self._faults.content = faults(shown.newest.faults)
 
     async def add(self, kind: str) -> None:
-        """Put a new body on the floor before the robot; once accepted, select it and say where it is.
+        """Put a new body on the floor in front of the robot; once accepted, select it and say where it is.
 
         A click moves it elsewhere.
         """

@@ -22,7 +22,7 @@ MOST = 12  # that are drawn
 SHADES = {1.0: 0.8, 2.0: 0.45}  # how much of the colour the ellipse after so many seconds has
 HEAD = 0.07  # [m] half the width of an arrow's head
 STANDS = 0.1  # [m/s] a slower one has neither arrow nor ellipses, and the robot waits when it is slower
-HEIGHT, BESIDE = 0.02, 0.1  # [m] of lines over the floor; of ring and number beside a track
+HEIGHT, OVER, BESIDE = 0.02, 0.15, 0.1  # [m] of lines and numbers over the floor; of the ring beside a track
 SOON = 4.0  # [s] a later encounter may still turn out otherwise
 _CIRCLE = ring(1.0)
 
@@ -44,7 +44,14 @@ class TrackView:
         )
         self._ring = add.add_line_segments(f"{TRACKS}/met", _CIRCLE, colours.PEOPLE, thickness=0.045, visible=False)
         self._labels = [
-            add.add_label(f"{TRACKS}/number{k}", "", font_screen_scale=0.65, anchor="center-center", visible=False)
+            add.add_label(
+                f"{TRACKS}/number{k}",
+                "",
+                font_screen_scale=0.65,
+                anchor="center-center",
+                depth_test=True,
+                visible=False,
+            )
             for k in range(MOST)
         ]
         self.on = True
@@ -66,7 +73,7 @@ class TrackView:
             label.visible = track is not None
             if track is not None:
                 vx, vy = track.velocity
-                label.text, label.position = f"{track.track}", (track.position[0] + vx, track.position[1] + vy, HEIGHT)
+                label.text, label.position = f"{track.track}", (track.position[0] + vx, track.position[1] + vy, OVER)
 
 
 def met(tick: TickMessage) -> Met | None:
