@@ -14,6 +14,7 @@ from motm_twin.control.method import Method
 from motm_twin.control.tick import Tick
 from motm_twin.model.edits import Announce, WorldEdit
 from motm_twin.model.geometry import Array
+from motm_twin.model.names import scene_name
 from motm_twin.model.plant import Actuation, Detection, Observation, Scan
 from motm_twin.model.scene import PlanarPose, Scene, Task
 from motm_twin.record.recording import Recording, Run, observations_of, ticks_of
@@ -204,7 +205,7 @@ def rerun_run(recording: Recording, run: Run, method: Method | None = None) -> R
     made_with = {} if run.session is None else run.session.made_with
     return RunReport(
         run=run.key[1],
-        scene=f"{session.scene.name} / {session.scene.variant}, seed {session.scene.seed}",
+        scene=f"{scene_name(session.scene.name, session.scene.variant)}, seed {session.scene.seed}",
         periods=twin.index,
         compared=compared,
         hashes=hashes,
