@@ -85,6 +85,26 @@ def person(name, **fields):
     )
 
 
+def test_a_place_that_was_clicked_tells_its_costs(view, tick):
+    placement = msgspec.structs.replace(
+        tick.placement, poses=[[1.0, 0.0, 0.0], [2.0, 0.0, 0.0], [3.0, 0.0, 0.0]], cost_current=[2.0, 3.0, None],
+        cost_next=[4.0, None, None], cost=[6.0, 3.0, None], rejected=["", "", "collision with desk"], chosen=0,
+    )  # fmt: skip
+    label = view._plan.candidates._cost
+    for picked, words in enumerate(("2.0 s to get there, 4.0 s on to the next target", "3.0 s to get there",
+                                    "collision with desk")):  # fmt: skip
+        view._hub.view.picked = picked
+        if picked == 0:
+            show(view, msgspec.structs.replace(tick, placement=placement), fake_scene())
+            view._hub.view.picked = picked  # another scene forgets it
+        show(view, msgspec.structs.replace(tick, placement=placement), view._scene)
+        assert label.visible and label.text == words
+        assert label.position[0] == pytest.approx(placement.poses[picked][0], abs=0.05)
+    view._hub.view.picked = None
+    show(view, msgspec.structs.replace(tick, placement=placement), view._scene)
+    assert not label.visible
+
+
 def a_track(number, position, velocity):
     row = np.array([*position, *velocity, 0.25, 0.02, number])
     return TrackMessage(
@@ -99,6 +119,7 @@ def test_tracks_have_a_number_an_arrow_and_ellipses_that_grow_and_a_ring_marks_t
     show(view, msgspec.structs.replace(tick, tracks=tracks, why=why), scene)
     drawn = view._tracks
     assert [label.text for label in drawn._labels if label.visible] == ["3", "7"]
+    assert np.allclose([label.position[:2] for label in drawn._labels[:2]], [(2.5, 1.0), (3.0, 1.55)])
     points, corners = drawn._lines.points, 48
     assert len(points) == 3 + 2 * corners  # of the one that moves
     assert np.allclose(points[0, :, :2], [(2.0, 1.0), (2.5, 1.0)])

@@ -47,7 +47,7 @@ class TrackView:
             add.add_label(
                 f"{TRACKS}/number{k}",
                 "",
-                font_screen_scale=0.65,
+                font_screen_scale=0.75,
                 anchor="center-center",
                 depth_test=True,
                 visible=False,
@@ -72,8 +72,15 @@ class TrackView:
         for label, track in zip(self._labels, [*tracks, *[None] * MOST], strict=False):
             label.visible = track is not None
             if track is not None:
-                vx, vy = track.velocity
-                label.text, label.position = f"{track.track}", (track.position[0] + vx, track.position[1] + vy, OVER)
+                label.text, label.position = f"{track.track}", _beside(track)
+
+
+def _beside(track: TrackMessage) -> tuple[float, float, float]:
+    """Place [m] of a number: at the tip of the arrow, outside of the body in any case."""
+    (x, y), (vx, vy), speed = track.position, track.velocity, math.hypot(*track.velocity)
+    u, v = (vx / speed, vy / speed) if speed >= STANDS else (0.0, -1.0)
+    away = max(speed, track.radius + 2.0 * BESIDE)
+    return x + away * u, y + away * v, OVER
 
 
 def met(tick: TickMessage) -> Met | None:
