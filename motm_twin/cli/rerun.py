@@ -6,6 +6,7 @@ from rich.console import Console
 from motm_twin.cli.outputs import refuse_unwritable, write_json
 from motm_twin.control.method import Method
 from motm_twin.methods.registry import find_method
+from motm_twin.model.names import scene_name
 from motm_twin.program import FAILED, OK, plain_console
 from motm_twin.record.recording import load_recording
 from motm_twin.record.replay import Rerun, rerun, updated
@@ -115,8 +116,9 @@ def explain(again: Rerun) -> str:
 def _print(session: Session, again: Rerun) -> None:
     console = plain_console()
     scene = session.scene
-    name = " / ".join(part for part in (scene.name, scene.variant) if part)
-    name = f"{name}, seed {scene.seed}" + (f": {session.title}" if session.title else "")
+    name = f"{scene_name(scene.name, scene.variant)}, seed {scene.seed}" + (
+        f": {session.title}" if session.title else ""
+    )
     console.print(name, style="bold", markup=False)
     console.print(
         f"method {session.method}, time {again.time_s:.2f} s, {again.periods} periods ({again.periods / 20:.2f} s of "

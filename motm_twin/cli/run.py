@@ -13,6 +13,7 @@ from motm_twin.control.tick import Tick
 from motm_twin.control.tuning import parameter
 from motm_twin.methods.registry import FAST, find_method
 from motm_twin.model.edits import ParameterValue
+from motm_twin.model.names import scene_name
 from motm_twin.model.scene import Scene
 from motm_twin.model.scene_file import load_scene
 from motm_twin.plants import with_plant
@@ -108,8 +109,7 @@ def _figure(scene: Scene, file: Path) -> SpeedFigure:
 def print_report(result: dict) -> None:
     """Print the report of a run."""
     console = table_console()
-    name = " / ".join(part for part in (result["scene"], result["variant"]) if part)
-    console.print(f"[bold]{name}[/bold], seed {result['seed']}: ", end="")
+    console.print(f"[bold]{scene_name(result['scene'], result['variant'])}[/bold], seed {result['seed']}: ", end="")
     console.print("[green]completed[/green]" if result["success"] else f"[red]failed[/red]: {result['reason']}")
     console.print(
         f"time {result['time_s']:.2f} s (reference tour {result['reference_tour_s']:.1f} s), "

@@ -31,6 +31,7 @@ from motm_twin.bus.commands import (
     Save,
     Seed,
     SendAgent,
+    SetBehaviour,
     SetParameter,
     Speed,
     Step,
@@ -121,6 +122,10 @@ class Commanding(Generic[Result]):
     def send_agent(self, name: str, x: float, y: float) -> Result:
         """Send a Temi or person to a point."""
         return self.send(SendAgent(name=name, x=x, y=y))
+
+    def set_behaviour(self, name: str, behaviour: str) -> Result:
+        """Choose how a Temi or person moves among others: yield, blind, orca or social_force."""
+        return self.send(SetBehaviour(name=name, behaviour=behaviour))
 
     def move_object(self, name: str, x: float, y: float) -> Result:
         """Put a cube on whatever is below a point."""

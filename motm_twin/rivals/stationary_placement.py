@@ -276,9 +276,9 @@ class StationaryPlacement(Stateful[StationaryState]):
     def _reason(self, rated: Rated, i: int, mode: str) -> str:
         text = f"{mode} with {100.0 * rated.share[i]:.0f} % of the best manipulability"
         if self._terms.current:
-            text += f", {rated.current[i]:.1f} s to it"
+            text += f", {rated.current[i]:.1f} s to get there"
         if self._terms.onward:
-            text += f" and {rated.onward[i]:.1f} s from it to the next target"
+            text += f" and {rated.onward[i]:.1f} s on to the next target"
         return text
 
 

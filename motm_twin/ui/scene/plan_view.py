@@ -67,6 +67,9 @@ class CandidateView:
         self._handle = add_batch(
             server.scene, f"{PLAN}/candidates", _pointed_ball(), CAPACITY, grey, batched_scales=np.full(CAPACITY, 1e-3)
         )
+        self._cost = server.scene.add_label(
+            f"{PLAN}/candidates/cost", "", font_screen_scale=0.75, anchor="bottom-center", visible=False
+        )
         self._goal = server.scene.add_line_segments(
             f"{PLAN}/goal", _goal_mark(), colours.TARGET, thickness=0.022, visible=False
         )
@@ -96,6 +99,10 @@ class CandidateView:
         handle.batched_positions = positions.astype(np.float32)
         handle.batched_wxyzs = SO3.from_z_radians(yaws).wxyz.astype(np.float32)
         handle.batched_scales, handle.batched_colors = scales, tones
+        self._cost.visible = picked is not None and picked < count
+        if self._cost.visible and picked is not None:
+            self._cost.text, (x, y, z) = cost_of(placement, picked), positions[picked]
+            self._cost.position = (float(x), float(y), float(z) + 0.06)
         self._goal.visible = on and placement.mode != "none"
         if self._goal.visible:
             x, y, heading = (value or 0.0 for value in placement.goal)
@@ -127,6 +134,15 @@ class PlanView:
         for name, (points, on) in paths.items():
             self._lines[name].update(points, on and (self.on or name.startswith("inspected")))
         self.candidates.update(tick.placement, self.on, self.picked)
+
+
+def cost_of(placement: PlacementMessage, index: int) -> str:
+    """Costs of a candidate, or why it is out, in a few words."""
+    here, onward = placement.cost_current[index], placement.cost_next[index]
+    if placement.rejected[index] or here is None:
+        return placement.rejected[index] or "not possible"
+    there = f"{here:.1f} s to get there"
+    return there if onward is None else f"{there}, {onward:.1f} s on to the next target"
 
 
 def dashes(points: NDArray[np.float32]) -> NDArray[np.float32]:
