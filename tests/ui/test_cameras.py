@@ -194,25 +194,6 @@ def test_a_hand_makes_the_camera_free(entered) -> None:
     assert cameras.mode(page) == "Free"
 
 
-@pytest.mark.parametrize("preset", ["Overview", "Follow", "Gripper"])
-def test_no_hand_turns_the_camera_below_the_floor(entered, monkeypatch, preset) -> None:
-    page, cameras = entered
-    now = [0.0]
-    monkeypatch.setattr(time, "monotonic", lambda: now[0])
-    cameras.choose(page, preset)
-    for _ in range(3):
-        now[0] += EASE
-        pictures(cameras)
-    page.tells(page.camera.position)
-    cameras.turned(page)
-    page.camera.position = page.camera.position * np.array([1.0, 1.0, 0.0]) - np.array([0.0, 0.0, 0.8])
-    page.tells(page.camera.position)
-    pictures(cameras)
-    now[0] += 1.0
-    pictures(cameras)
-    assert page.camera.position[2] == pytest.approx(0.05)
-
-
 def test_where_the_page_is_on_its_way_to_a_view_is_no_hand(entered) -> None:
     page, cameras = entered
     first = page.camera.position.copy()

@@ -40,7 +40,6 @@ EASE = 0.7  # [s] of a move from one view to another
 SWING = 1.6  # [1/s] how fast a ride turns with the robot
 FRAMED = 1.2  # [m] from the hand to its target, within which the camera of the hand shows both
 UNFRAMED = 0.25  # [m] between them that the camera shows without going back
-LOWEST = 0.05  # [m] of a camera above the floor
 REST = 0.5  # [s] after the hand's last move the ride goes on
 ECHO = 0.03  # [m] a reported camera this near to a sent one was not moved by hand
 TURNED = 5.0  # [s] after mouse, finger or key, in which a page reports where they put the camera
@@ -223,7 +222,7 @@ class Cameras:
         if eye.mode in RIDES:
             goal = self._ride(eye, client, now, dt)
         elif eye.mode == "Free":
-            goal = _widened(client, before, eye.seen) or _lifted(client)
+            goal = _widened(client, before, eye.seen)
         else:
             goal = self._fixed(eye, client)
         if goal is None or eye.ease_from is None:
@@ -264,13 +263,12 @@ class Cameras:
             return None
         position, look_at = eye.offset or RIDES[eye.mode]
         if eye.mode != "Gripper":
-            return _above_floor(place + R @ position), place + R @ look_at
+            return place + R @ position, place + R @ look_at
         way = np.zeros(3) if self._target is None else self._target - place
         wanted = 0.5 * way if np.linalg.norm(way) < FRAMED else np.zeros(3)
         eye.aside = eye.aside + (wanted - eye.aside) * min(1.0, SWING * dt)
         span = 2.0 * float(np.linalg.norm(eye.aside))  # of hand and target, which both are to be seen
-        back = (1.0 + span / UNFRAMED) * (R @ position)
-        return _above_floor(place + eye.aside + back), place + eye.aside + R @ look_at
+        return place + eye.aside + (1.0 + span / UNFRAMED) * (R @ position), place + eye.aside + R @ look_at
 
     def _frame(self, mode: str) -> tuple[Array, float]:
         """Origin [m] and heading [rad] of the frame that a ride is fixed to: base or hand."""
@@ -348,17 +346,6 @@ def _widened(client: viser.ClientHandle, before: float, now: float) -> View | No
         return None
     look_at = np.asarray(client.camera.look_at)
     return look_at + (np.asarray(client.camera.position) - look_at) * before / now, look_at
-
-
-def _above_floor(position: Array) -> Array:
-    """The position, or the one above it at `LOWEST`."""
-    return np.array([*position[:2], max(position[2], LOWEST)])
-
-
-def _lifted(client: viser.ClientHandle) -> View | None:
-    """A free camera that a hand has turned below the floor, above it again."""
-    position = np.asarray(client.camera.position)
-    return (_above_floor(position), np.asarray(client.camera.look_at)) if position[2] < LOWEST - ECHO else None
 
 
 def _step(sent: Array, position: Array) -> int | None:
