@@ -53,6 +53,7 @@ class Kind(StrEnum):
     DRIVE = "drive"
     CLOSEST = "closest"
     WAITS_AT_CLOSEST = "waits_at_closest"
+    SOON_FREE = "soon_free"
     BESIDE_TAKEN = "beside_taken"
     WAITS_BESIDE_TAKEN = "waits_beside_taken"
     NO_CANDIDATE = "no_candidate"
@@ -191,6 +192,9 @@ _SENTENCES = {
     Kind.DRIVE: "drive target: {value:.1f} s to it and {limit:.1f} s from it to the next target",
     Kind.CLOSEST: "{cause}: driving to the closest free place, {value:.2f} m from it",
     Kind.WAITS_AT_CLOSEST: "{cause}: waiting at the closest free place, {value:.2f} m from it",
+    Kind.SOON_FREE: (
+        "somebody is expected at the cheapest candidate of {subject} in {limit:.1f} s: it is free {value:.1f} s later"
+    ),
     Kind.BESIDE_TAKEN: (
         "what moves leaves no free candidate of {subject}: driving to a free place beside it, {value:.1f} s from one"
     ),
@@ -217,7 +221,7 @@ _SENTENCES = {
         "no collision-free motion towards {subject} ({limit:.0f} tried, {value:.2f} m of clearance): braking"
     ),
     Kind.MAKES_WAY: "moving out of the way of something that comes at {value:.1f} m/s",
-    Kind.GIVES_WAY: "giving way to {subject}, at {value:.1f} m/s, nearest in {limit:.1f} s",
+    Kind.GIVES_WAY: "giving way to {subject}, which comes at {value:.1f} m/s, for {limit:.1f} s",
     Kind.IS_GIVEN_WAY: "{subject}, at {value:.1f} m/s, has to give way in {limit:.1f} s",
     Kind.PASSES_BEHIND: "passing behind {subject}, at {value:.1f} m/s, nearest in {limit:.1f} s",
     Kind.PASSES_IN_FRONT: "passing in front of {subject}, at {value:.1f} m/s, nearest in {limit:.1f} s",

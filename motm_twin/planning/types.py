@@ -167,6 +167,7 @@ class BasePlan(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     local_poses: Array  # x, y, heading, v, w at each node of the local plan, shape (j, 5)
     local_times: Array  # [s] from now, shape (j,)
     local_to_go: Array = NO_COSTS  # [s] what the search counts from each node on, penalties included, (j,) or (0,)
+    local_among: Array = NO_COSTS  # [s] of `local_to_go` that is paid for being among others, (j,) or (0,)
     bezier: Array  # sampled Bezier of the chosen branch's last node, shape (b, 2); may be empty
     expansions: int
     cut_by_clock: bool
