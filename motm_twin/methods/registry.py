@@ -92,16 +92,19 @@ ABLATIONS = (
 class IgnoreFarMovers:
     """The map without distant dynamic obstacles, which will have moved when the robot arrives."""
 
-    def __init__(self, known: KnownWorld) -> None:
-        self._movers = MoverParameters()
+    def __init__(self, known: KnownWorld, *, tracks: bool = False) -> None:
+        """``tracks``: without those that are tracked and go on, too, for those who meet them where they will be."""
+        self._movers, self._tracks = MoverParameters(), tracks
         self.standing = StandingMap(known)
         self.still = StillMap(known, self._movers)  # without the near ones, too
 
     def of(self, problem: BaseProblem) -> BaseProblem:
-        """The problem in that map; unchanged without distant dynamic obstacles."""
+        """The problem in that map; unchanged without such obstacles."""
         world = problem.world
-        far = world.movers[world.movers[:, 5] == 0.0]
-        without = self.standing.without(world, standing(world, far, self._movers))
+        gone = world.movers[world.movers[:, 5] == 0.0][:, :5]
+        if self._tracks:
+            gone = np.concatenate((gone, arriving(world.tracks, 0.0)[:, :5]))
+        without = self.standing.without(world, standing(world, gone, self._movers))
         return problem if without is world else msgspec.structs.replace(problem, world=without)
 
     def memory(self) -> dict[str, HasState]:
@@ -109,16 +112,9 @@ class IgnoreFarMovers:
         return {"standing": self.standing, "still": self.still}
 
 
-class ExpectTracks(IgnoreFarMovers):
-    """The map without those that go on and are tracked, too: they are met where they will be."""
-
-    def of(self, problem: BaseProblem) -> BaseProblem:
-        """The problem in that map; unchanged without dynamic obstacles."""
-        world = problem.world
-        far, going = world.movers[world.movers[:, 5] == 0.0], arriving(world.tracks, 0.0)
-        gone = np.concatenate((far[:, :5], going[:, :5]))
-        without = self.standing.without(world, standing(world, gone, self._movers))
-        return problem if without is world else msgspec.structs.replace(problem, world=without)
+def expect_tracks(known: KnownWorld) -> IgnoreFarMovers:
+    """The map without dynamic obstacles that are far away, or tracked on their way."""
+    return IgnoreFarMovers(known, tracks=True)
 
 
 def all_rings(materials: Materials) -> EveryRing:
@@ -166,7 +162,7 @@ FORESIGHT = Method(
         "before anything that goes on as it does is there, or moves away from it."
     ),
     parameters={**FAST.parameters, "passive_safety": True, "risk_weight": 10.0, "courtesy_weight": 2.0},
-    planner=BaseChoices(view=ExpectTracks, candidates=all_rings_in_time, commitment=keep_plans, evasion=make_way),
+    planner=BaseChoices(view=expect_tracks, candidates=all_rings_in_time, commitment=keep_plans, evasion=make_way),
 )
 
 

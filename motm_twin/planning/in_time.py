@@ -43,7 +43,7 @@ class InTime:
         waiting, doubt = np.zeros(len(viable)), np.zeros(len(viable))
         dwell = target.dwell if target.kind != "drive" else 0.0
         poses, arrival = np.ascontiguousarray(judged.candidates.pose), judged.current
-        _fill_waits(poses, arrival, viable, dwell, others, SPREAD, body, waiting, doubt)
+        _fill_waits(poses, arrival, dwell, others, SPREAD, body, waiting, doubt)
         current = judged.current + waiting + doubt
         onward = survey.model.placement.next_weight * np.where(viable, judged.onward, 0.0)
         _add_delays(current, onward, poses, survey, others)
@@ -95,12 +95,11 @@ def _delay(places: Array, way: Array, times: Array, others: Array, spread: Sprea
 
 @kernel
 def _fill_waits(
-    poses: Array, arrival: Array, viable: Array, dwell: float, others: Array, spread: Spread, body: Body,
-    waiting: Array, doubt: Array,
-) -> None:  # fmt: skip
+    poses: Array, arrival: Array, dwell: float, others: Array, spread: Spread, body: Body, waiting: Array, doubt: Array
+) -> None:
     """Fill in how long each of the poses (m, 3) is taken after the arrival [s], and what is left of doubt [s]."""
     for i in range(poses.shape[0]):
-        if not viable[i]:
+        if not math.isfinite(arrival[i]):
             continue
         x, y, c, s = poses[i, 0], poses[i, 1], math.cos(poses[i, 2]), math.sin(poses[i, 2])
         while True:
