@@ -53,6 +53,7 @@ class Kind(StrEnum):
     DRIVE = "drive"
     CLOSEST = "closest"
     WAITS_AT_CLOSEST = "waits_at_closest"
+    SOON_FREE = "soon_free"
     BESIDE_TAKEN = "beside_taken"
     WAITS_BESIDE_TAKEN = "waits_beside_taken"
     NO_CANDIDATE = "no_candidate"
@@ -193,6 +194,9 @@ _SENTENCES = {
     Kind.DRIVE: "drive target: {value:.1f} s to get there and {limit:.1f} s on to the next target",
     Kind.CLOSEST: "{cause}: driving to the closest free place, {value:.2f} m from it",
     Kind.WAITS_AT_CLOSEST: "{cause}: waiting at the closest free place, {value:.2f} m from it",
+    Kind.SOON_FREE: (
+        "somebody is expected at the cheapest candidate of {subject} in {limit:.1f} s: it is free {value:.1f} s later"
+    ),
     Kind.BESIDE_TAKEN: (
         "moving obstacles take every place to stand for {subject}: driving to free floor beside them, "
         "{value:.1f} s from the nearest"
@@ -220,7 +224,7 @@ _SENTENCES = {
         "no collision-free motion towards {subject} ({limit:.0f} tried, {value:.2f} m of clearance): braking"
     ),
     Kind.MAKES_WAY: "moving out of the way of something that comes at {value:.1f} m/s",
-    Kind.GIVES_WAY: "giving way to {subject}, which goes at {value:.1f} m/s and is nearest in {limit:.1f} s",
+    Kind.GIVES_WAY: "giving way to {subject}, which comes at {value:.1f} m/s, for {limit:.1f} s",
     Kind.IS_GIVEN_WAY: "{subject}, which goes at {value:.1f} m/s, has to give way in {limit:.1f} s",
     Kind.PASSES_BEHIND: "passing behind {subject}, which goes at {value:.1f} m/s and is nearest in {limit:.1f} s",
     Kind.PASSES_IN_FRONT: (

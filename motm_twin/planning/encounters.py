@@ -6,12 +6,15 @@ cutting in does, and so does standing where somebody has to pass.
 """
 
 import math
+from typing import NamedTuple
+
+import numpy as np
 
 from motm_twin.model.geometry import Array
 from motm_twin.model.motion import kernel
 from motm_twin.planning.collision import Body
 from motm_twin.planning.kernels import length_of
-from motm_twin.planning.prediction import gap_to_point
+from motm_twin.planning.prediction import Spread, gap_to_point, probability_taken
 from motm_twin.planning.types import Encounter, Passes, Yields
 
 STEP = 0.1  # [s] between two states of a plan
@@ -20,7 +23,17 @@ BESIDE = 0.1  # [m] beside its body that somebody needs, too
 LOOKS = 6  # along a stopping way
 CLOSE = 1.0  # [m] nearer than which an encounter is told
 MEETS = 0.1  # [m] nearer than which somebody has to give way
+WORTH = 0.3  # [s] that a plan pays for being among others, from which on it is worth another search
+AROUND = 0.5  # [m] more than that others are given room
 TRACK = 6  # column of the identity
+
+
+class Weights(NamedTuple):
+    """Weights of what being among others costs a node."""
+
+    risk: float  # [s] of the probability that its place is taken
+    courtesy: float  # [s] of the share of a stopping way that it takes
+    spread: Spread
 
 
 @kernel
@@ -42,6 +55,50 @@ def in_the_way(x: float, y: float, c: float, s: float, time: float, mover: Array
         if gap < BESIDE:
             return 1.0 - k / (LOOKS + 1)
     return 0.0
+
+
+@kernel
+def cost_among(
+    x: float, y: float, c: float, s: float, time: float, others: Array, body: Body, weights: Weights
+) -> float:
+    """Cost [s] of the footprint at a pose after a time [s] among tracks (k, 7)."""
+    cost = 0.0
+    for k in range(others.shape[0]):
+        cost += weights.risk * probability_taken(x, y, c, s, time, others[k], weights.spread, body)
+        if weights.courtesy > 0.0:
+            cost += weights.courtesy * in_the_way(x, y, c, s, time, others[k], body)
+    return cost
+
+
+def near(movers: Array, here: Array, horizon: float, speed: float, body: Body) -> Array:
+    """Those of the movers (k, 5 or more) that can meet the base within the horizon [s]."""
+    apart = np.hypot(movers[:, 0] - here[0], movers[:, 1] - here[1]) - movers[:, 4] - body.reach
+    return movers[apart < horizon * (speed + np.hypot(movers[:, 2], movers[:, 3])) + AROUND]
+
+
+def costs_along(states: Array, times: Array, others: Array, body: Body, weights: Weights) -> Array:
+    """`cost_among` of each part of a way that ends at states (n, 3 or more) after times [s] (n,); shape (n,).
+
+    ``weights`` are those of a whole node; the first state costs nothing.
+    """
+    costs = np.zeros(len(states))
+    _fill_costs(np.ascontiguousarray(states), times, others, body, weights, costs)
+    return costs
+
+
+@kernel
+def _fill_costs(states: Array, times: Array, others: Array, body: Body, weights: Weights, costs: Array) -> None:
+    for i in range(1, states.shape[0]):
+        for k in range(1, 3):
+            part = 0.5 * k
+            x = (1.0 - part) * states[i - 1, 0] + part * states[i, 0]
+            y = (1.0 - part) * states[i - 1, 1] + part * states[i, 1]
+            swing = states[i, 2] - states[i - 1, 2]
+            swing -= 2.0 * math.pi * math.floor(swing / (2.0 * math.pi) + 0.5)
+            heading = states[i - 1, 2] + part * swing
+            time = (1.0 - part) * times[i - 1] + part * times[i]
+            cost = cost_among(x, y, math.cos(heading), math.sin(heading), time, others, body, weights)
+            costs[i] = max(costs[i], cost)
 
 
 @kernel

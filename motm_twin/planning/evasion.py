@@ -25,13 +25,12 @@ from motm_twin.model.state import Stateful
 from motm_twin.perception.still_map import StillMap
 from motm_twin.planning.braking import stopping_clearance
 from motm_twin.planning.collision import Body, Field, clearance, field_of
-from motm_twin.planning.encounters import STEP, encounters
+from motm_twin.planning.encounters import STEP, encounters, near
 from motm_twin.planning.parameters import EvasionParameters
 from motm_twin.planning.prediction import gap_to, gap_to_point
 from motm_twin.planning.types import BasePlan, BaseProblem, Encounter, PlanStatus
 
 LOOKS, LOOKED = 3, 15  # steps between two tests of the stop, and the last with one
-AROUND = 0.5  # [m] more than that movers are given room
 UNSAFE = 0.3  # [s] what a state costs that is not passively safe
 
 
@@ -112,12 +111,6 @@ class MakesWay(Stateful[EvasionState]):
             return plan
         state.out_of_way = True
         return _told(evading(problem, plan, best, movers), best, told, body, plan.encounters)
-
-
-def near(movers: Array, here: Array, horizon: float, speed: float, body: Body) -> Array:
-    """Those of the movers (k, 5 or more) that can meet the base within the horizon [s]."""
-    apart = np.hypot(movers[:, 0] - here[0], movers[:, 1] - here[1]) - movers[:, 4] - body.reach
-    return movers[apart < horizon * (speed + np.hypot(movers[:, 2], movers[:, 3])) + AROUND]
 
 
 def _told(plan: BasePlan, states: Array, movers: Array, body: Body, evaded: tuple[Encounter, ...] = ()) -> BasePlan:

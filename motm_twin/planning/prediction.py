@@ -7,6 +7,7 @@ place is taken at a time: each goes on straight, and the ellipse in which it is 
 
 import math
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -15,8 +16,23 @@ from motm_twin.model.motion import kernel
 from motm_twin.planning.collision import Body
 from motm_twin.planning.kernels import length_of
 
-ALONG, ACROSS = 0.15, 0.10  # [m/s] by which the standard deviation of a place grows: of speed, and of direction
+GOES = 0.1  # [m/s] slower ones are obstacles where they are
+STARTS = 0.5  # [m/s] faster ones are on their way: they do not start to walk
+HIDES = 0.25  # [m] radius that anybody has at least: a part of it may be hidden
+FARTHEST = 3.0  # standard deviations beyond which nobody is expected
 SHOWN = 2.0  # standard deviations that an ellipse holds: 95 % along either axis
+
+
+class Spread(NamedTuple):
+    """Rates by which the standard deviation of somebody's place grows [m/s], and the room that is kept [m]."""
+
+    along: float = 0.08  # his way: of speed
+    across: float = 0.06  # of direction
+    starts: float = 0.20  # of one who stands, and may start to walk; less the faster he is
+    room: float = 0.20
+
+
+SPREAD = Spread()
 NOBODY = np.zeros((1, 0, 3))
 NOBODY.setflags(write=False)
 
@@ -84,12 +100,24 @@ def ellipses(track: Array, times: Sequence[float]) -> Array:
     Rows: time, x, y, half axes along and across its way [m], direction of the way [rad].
     """
     x, y, vx, vy, radius, sd = (float(value) for value in track[:6])
-    way = math.atan2(vy, vx)
-    rows = [
-        (t, x + t * vx, y + t * vy, radius + SHOWN * grown(sd, ALONG, t), radius + SHOWN * grown(sd, ACROSS, t), way)
-        for t in times
-    ]
+    way, more = math.atan2(vy, vx), may_start(math.hypot(vx, vy), SPREAD)
+    rates = (SPREAD.along + more, SPREAD.across + more)
+    rows = [(t, x + t * vx, y + t * vy, *(radius + SHOWN * grown(sd, rate, t) for rate in rates), way) for t in times]
     return np.array(rows).reshape(-1, 6)
+
+
+def arriving(tracks: Array, lag: float) -> Array:
+    """Those of the tracks (k, 7) that go on, when the base begins to follow a plan, ``lag`` [s] from now."""
+    going = tracks[np.hypot(tracks[:, 2], tracks[:, 3]) >= GOES].copy()
+    going[:, :2] += lag * going[:, 2:4]
+    going[:, 4] = np.maximum(going[:, 4], HIDES)
+    return going
+
+
+@kernel
+def may_start(speed: float, spread: Spread) -> float:
+    """More [m/s] of both rates for somebody at a speed [m/s], who may start to walk."""
+    return spread.starts * max(0.0, 1.0 - speed / STARTS)
 
 
 @kernel
@@ -99,8 +127,10 @@ def grown(sd: float, rate: float, time: float) -> float:
 
 
 @kernel
-def probability_taken(x: float, y: float, c: float, s: float, time: float, mover: Array, body: Body) -> float:
-    """Probability that a mover (6 or more,) touches the footprint at a pose after a time [s].
+def probability_taken(
+    x: float, y: float, c: float, s: float, time: float, mover: Array, spread: Spread, body: Body
+) -> float:
+    """Probability that a mover (6 or more,) is nearer than its room to the footprint at a pose after a time [s].
 
     c, s: cosine and sine of the heading. Its place is normal in the direction of the base, where the footprint is a
     wall.
@@ -109,7 +139,10 @@ def probability_taken(x: float, y: float, c: float, s: float, time: float, mover
     speed, dx, dy = length_of(mover[2], mover[3]), x + c * body.centre_x - px, y + s * body.centre_x - py
     away = length_of(dx, dy)
     ahead = (mover[2] * dx + mover[3] * dy) / (speed * away) if speed * away > 1e-6 else 0.0
-    along, across = grown(mover[5], ALONG, time), grown(mover[5], ACROSS, time)
+    more = may_start(speed, spread)
+    along, across = grown(mover[5], spread.along + more, time), grown(mover[5], spread.across + more, time)
     sd = max(1e-3, math.sqrt((ahead * along) ** 2 + (1.0 - ahead * ahead) * across * across))
-    gap = signed_gap(x, y, c, s, px, py, body) - mover[4]
+    if away > body.outer + mover[4] + spread.room + FARTHEST * sd:
+        return 0.0
+    gap = signed_gap(x, y, c, s, px, py, body) - mover[4] - spread.room
     return 0.5 * math.erfc(gap / (sd * math.sqrt(2.0)))

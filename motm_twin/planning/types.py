@@ -110,7 +110,7 @@ NO_COSTS = frozen(np.zeros(0))
 
 
 class Yields(StrEnum):
-    """Who gives way in an encounter."""
+    """Party that gives way in an encounter."""
 
     NOBODY = ""  # nobody has to
     ROBOT = "robot"
@@ -138,7 +138,7 @@ class Encounter(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def why(self) -> Reason:
-        """Who gives way to whom, as a reason."""
+        """Giving way in one sentence, typed."""
         kind = _GIVES_WAY.get((self.yields, self.passes), Kind.KEEPS_CLEAR)
         return Reason(kind=kind, subject=f"track {self.track}", value=self.speed, limit=self.time, unit="m/s")
 
@@ -167,6 +167,7 @@ class BasePlan(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     local_poses: Array  # x, y, heading, v, w at each node of the local plan, shape (j, 5)
     local_times: Array  # [s] from now, shape (j,)
     local_to_go: Array = NO_COSTS  # [s] what the search counts from each node on, penalties included, (j,) or (0,)
+    local_among: Array = NO_COSTS  # [s] of `local_to_go` that is paid for being among others, (j,) or (0,)
     bezier: Array  # sampled Bezier of the chosen branch's last node, shape (b, 2); may be empty
     expansions: int
     cut_by_clock: bool

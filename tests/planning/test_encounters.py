@@ -9,7 +9,7 @@ from motm_twin.model.profile import RobotProfile
 from motm_twin.model.reason import Kind
 from motm_twin.planning.collision import body_of
 from motm_twin.planning.encounters import STEP, encounters
-from motm_twin.planning.prediction import ellipses, probability_taken
+from motm_twin.planning.prediction import SPREAD, ellipses, probability_taken
 from motm_twin.planning.types import Passes, Yields
 
 BODY = body_of(RobotProfile().footprint)
@@ -71,5 +71,5 @@ def test_an_ellipse_grows_more_along_the_way_than_across():
 
 @pytest.mark.parametrize(("time", "taken"), [(0.0, 0.0), (3.0, 1.0), (8.0, 0.0)])
 def test_a_place_is_taken_while_somebody_is_expected_there(time, taken):
-    found = probability_taken(2.0, 0.0, 1.0, 0.0, time, np.array(CROSSING), BODY)
+    found = probability_taken(2.0, 0.0, 1.0, 0.0, time, np.array(CROSSING), SPREAD, BODY)
     assert found == pytest.approx(taken, abs=0.1)
