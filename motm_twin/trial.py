@@ -23,7 +23,6 @@ from motm_twin.model.profile import Footprint
 from motm_twin.model.scene import Scene
 from motm_twin.model.scene_file import load_scene
 from motm_twin.model.twin_plant import ExternalPlant
-from motm_twin.planning.types import SearchBudget
 from motm_twin.program import freeze_setup
 from motm_twin.twin import Twin
 
@@ -74,7 +73,6 @@ def run_trial(scene: str, variant: str | None = None, seed: int | None = None, m
 
 def run_scene(
     scene: Scene,
-    budget: SearchBudget | None = None,
     on_tick: Callable[[Tick], None] | None = None,
     plant: ExternalPlant | None = None,
     method: Method = FAST,
@@ -86,7 +84,7 @@ def run_scene(
     ``parameters``: of `control.tuning`, on top of the method's, and those on top of ``numbers``.
     """
     twin = Twin(
-        scene, method=method, parameters=parameters, budget=budget, numbers=numbers, clock=time.perf_counter,
+        scene, method=method, parameters=parameters, numbers=numbers, clock=time.perf_counter,
         plant=plant,
     )  # fmt: skip
     freeze_setup()
