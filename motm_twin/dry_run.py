@@ -47,7 +47,6 @@ def dry_run(
     known: KnownWorld,
     parameters: Parameters,
     edits: Timed = (),
-    longest: int = LONGEST,
 ) -> Rehearsed:
     """Run the tasks to their end, with edits of the task list at their periods; raises ValueError for one refused.
 
@@ -58,7 +57,7 @@ def dry_run(
     twin = make_twin(nominal_scene(known), method=MOTM, numbers=parameters)
     twin.loop.plant = log = _Log(twin.plant)
     ticks: list[Tick] = []
-    while len(ticks) < longest and not (twin.done and all(at < len(ticks) for at, _ in edits)):
+    while len(ticks) < LONGEST and not (twin.done and all(at < len(ticks) for at, _ in edits)):
         for at, edit in edits:
             if at == len(ticks):
                 twin.post(edit)

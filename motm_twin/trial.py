@@ -23,7 +23,6 @@ from motm_twin.model.profile import Footprint
 from motm_twin.model.scene import Scene
 from motm_twin.model.scene_file import load_scene
 from motm_twin.model.twin_plant import ExternalPlant
-from motm_twin.planning.types import SearchBudget
 from motm_twin.program import freeze_setup
 from motm_twin.twin import Twin
 from motm_twin.warm_up import compile_kernels, program_clock
@@ -75,7 +74,6 @@ def run_trial(scene: str, variant: str | None = None, seed: int | None = None, m
 
 def run_scene(
     scene: Scene,
-    budget: SearchBudget | None = None,
     on_tick: Callable[[Tick], None] | None = None,
     plant: ExternalPlant | None = None,
     method: Method = FAST,
@@ -88,7 +86,7 @@ def run_scene(
     """
     compile_kernels()
     twin = Twin(
-        scene, method=method, parameters=parameters, budget=budget, numbers=numbers, clock=program_clock,
+        scene, method=method, parameters=parameters, numbers=numbers, clock=program_clock,
         plant=plant,
     )  # fmt: skip
     freeze_setup()

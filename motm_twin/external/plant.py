@@ -100,11 +100,11 @@ FIRST_STATES = 100  # steps of a shared clock in which a robot must have shown i
 class ZenohPlant(RemoteWorld):
     """Drives one robot. With ``mirror`` it only shows it: nothing is ever sent."""
 
-    def __init__(self, link: RobotLink, scene: Scene, *, sender: str = "twin", reset: bool = True) -> None:
-        """``reset``: put a robot that can be reset to the start of the scene before it is driven."""
+    def __init__(self, link: RobotLink, scene: Scene, *, sender: str = "twin") -> None:
+        """A robot that can be reset is put to the start of the scene before it is driven."""
         super().__init__(link)
         self.scene = scene
-        self._sender, self._reset_wanted = sender, reset and not self.mirror
+        self._sender, self._reset_wanted = sender, not self.mirror
         self._seq = time.time_ns() // 1000  # rises also when this program starts again
         self._newest_sent = -1  # number of the newest command to the robot that is taken up
         self._predictor = Predictor(scene.robot, HOLD)

@@ -98,9 +98,9 @@ class TopView:
         inner = place.side - 2.0 * max(place.wall, 0.02)
         pen.polygon(self._pixels(from_frame(frame, _square(inner))), fill=(176, 200, 222))
 
-    def _disc(self, pen: ImageDraw.ImageDraw, centre: Array, radius: float, colour: Rgb, line: Rgb = INK) -> None:
+    def _disc(self, pen: ImageDraw.ImageDraw, centre: Array, radius: float, colour: Rgb) -> None:
         (x, y), r = self._pixels([centre])[0], radius * self._scale
-        pen.ellipse((x - r, y - r, x + r, y + r), fill=colour, outline=line)
+        pen.ellipse((x - r, y - r, x + r, y + r), fill=colour, outline=INK)
 
     def _ring(self, pen: ImageDraw.ImageDraw, centre: Array, radius: float) -> None:
         (x, y), r = self._pixels([centre])[0], radius * self._scale

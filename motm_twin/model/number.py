@@ -6,6 +6,7 @@ Tables of documents, the sliders of the page and the screening (`studies/screeni
 """
 
 import dataclasses
+import functools
 import typing
 from collections.abc import Iterator
 from dataclasses import KW_ONLY, dataclass
@@ -65,9 +66,14 @@ class Found(NamedTuple):
         return self.number.source == OWN or (self.slider is not None and self.slider.paper not in (None, self.default))
 
 
+@functools.cache
+def _annotations(kind: type) -> dict[str, Any]:
+    return typing.get_type_hints(kind, include_extras=True)
+
+
 def numbers_of(tree: Any, path: tuple[str, ...] = ()) -> Iterator[Found]:
     """Every field with a `Number` of nested parameter objects, in the order in which they are written."""
-    annotations = typing.get_type_hints(type(tree), include_extras=True)
+    annotations = _annotations(type(tree))
     for name, annotation in annotations.items():
         value = getattr(tree, name)
         said = {type(each): each for each in getattr(annotation, "__metadata__", ())}

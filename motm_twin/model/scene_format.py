@@ -4,6 +4,7 @@ Lengths are in [m] and times in [s]. Every other quantity carries its unit in it
 ``_dps`` (deg/s), ``_mps2``, ``_dps2``, ``_hz``. The JSON Schema is generated from these types.
 """
 
+import functools
 from typing import Annotated, Literal
 
 import msgspec
@@ -341,6 +342,7 @@ class SceneFile(Content, frozen=True, kw_only=True):
     variants: Annotated[dict[Name, VariantFile], Meta(max_length=100)] = {}
 
 
+@functools.cache
 def most_entries(section: str) -> int:
     """The largest number of entries of a section of a scene."""
     kind = next(field.type for field in msgspec.structs.fields(Content) if field.name == section)

@@ -239,7 +239,7 @@ def measured(point: Point, *, most: int | None = None) -> dict[str, Any]:
     }
 
 
-def bench_growth(out: Path, console: Console, *, quick: bool = False, picture: Path = PICTURE) -> bool:
+def bench_growth(out: Path, console: Console, *, quick: bool = False) -> bool:
     """Measure all sweeps, print, write ``out/growth.json`` and the picture; True when the goal for 1,000 is reached.
 
     Takes about 5 minutes; ``quick``: the first two points of each sweep for a second, nothing is judged.
@@ -268,8 +268,8 @@ def bench_growth(out: Path, console: Console, *, quick: bool = False, picture: P
         f"1,000 obstacles on {OFFICE:g} m: p99 is {factor:.2f} x that of exp1, at most {LIMIT:g} x: {verdict}"
     )
     write(out / f"{NAME}.json", {"machine": machine(), "load_average": load, "sweeps": found, "times_exp1": factor})
-    plot(found, units, picture)
-    console.print(f"written to {out / NAME}.json and {picture}")
+    plot(found, units, PICTURE)
+    console.print(f"written to {out / NAME}.json and {PICTURE}")
     return reached
 
 
@@ -342,13 +342,13 @@ VIEWER_SECONDS = 20.0  # of the run, for each number of viewers
 VIEWERS_NAME = "viewers"
 
 
-def viewer_rows(seconds: float = VIEWER_SECONDS) -> list[dict[str, Any]]:
+def viewer_rows() -> list[dict[str, Any]]:
     """Serve Experiment 1 and read its page with so many websocket clients; a row of `growth` for each number."""
     rows = []
     with served("exp1") as twin:
         page.periods(twin, 3.0, 0)  # warm
         for viewers in VIEWERS:
-            times, rate = page.periods(twin, seconds, viewers)
+            times, rate = page.periods(twin, VIEWER_SECONDS, viewers)
             rows.append(
                 {
                     "count": viewers,

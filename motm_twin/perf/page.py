@@ -132,9 +132,7 @@ def _one_drag(client: TwinClient, reader: PageReader, node: str, sign: float) ->
     return time.monotonic() - sent
 
 
-def memory(
-    served: Served, minutes: float, page: Callable[[], float] | None = None, every: float = 2.0
-) -> dict[str, Array]:
+def memory(served: Served, minutes: float, page: Callable[[], float] | None = None) -> dict[str, Array]:
     """Memory [MB] of the viewer, and of the page that ``page`` asks, against time [min], while runs follow each other.
 
     Before, one run at 8x fills what has a limit: the kept history, the snapshots, the caches.
@@ -149,7 +147,7 @@ def memory(
         if now(client).done:
             restart(client, playing=True)
         rows.append((spent, memory_mb(served.viewer), page() if page is not None else float("nan")))
-        time.sleep(every)
+        time.sleep(EVERY)
     time_min, viewer, heap = np.array(rows).T
     return {"time": time_min, "viewer": viewer, "page": heap}
 
@@ -226,6 +224,7 @@ NAME = "page"
 TITLE = "The page: a served Experiment 2 at 1x, measured from outside"
 DRAGS, JOINERS = 60, 5
 MOTION, EXPORTED = 5.0, 40.0  # [s]
+EVERY = 2.0  # [s] between two looks at the memory
 THINNED = 15  # one value of the memory in so many is kept: one in 30 s
 
 LIMITS = {

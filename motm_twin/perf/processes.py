@@ -25,7 +25,6 @@ from motm_twin.bus.connection import LOOPBACK, free_port, open_server
 from motm_twin.bus.health import page_answers
 from motm_twin.bus.messages import TickMessage
 from motm_twin.bus.processes import leave
-from motm_twin.control.tick import Tick
 from motm_twin.external.emulator import LinkSpec
 from motm_twin.external.plant import ZenohPlant
 from motm_twin.external.robot_link import RobotLink
@@ -295,11 +294,11 @@ if __name__ == "__main__":
 
 
 @contextmanager
-def external_robot(scene: Scene, link: LinkSpec, *, clock: str = "shared") -> Iterator[ZenohPlant]:
+def external_robot(scene: Scene, link: LinkSpec) -> Iterator[ZenohPlant]:
     """A reference robot in a process of its own, and the plant that drives it once it has come up."""
     port = free_port()
     session = open_server(port)
-    arguments = ["exp1", "--endpoint", f"tcp/{LOOPBACK}:{port}", "--clock", clock, "--child"]
+    arguments = ["exp1", "--endpoint", f"tcp/{LOOPBACK}:{port}", "--clock", "shared", "--child"]
     for name in ("latency", "jitter", "loss", "outage", "every", "seed"):
         arguments += [f"--{'link-seed' if name == 'seed' else name}", str(getattr(link, name))]
     process = subprocess.Popen(  # noqa: S603 - our own module
@@ -317,14 +316,8 @@ def external_robot(scene: Scene, link: LinkSpec, *, clock: str = "shared") -> It
         session.close()
 
 
-def run_external(
-    name: str,
-    variant: str | None,
-    link: LinkSpec,
-    on_tick: Callable[[Tick], None] | None = None,
-    method: str = DEFAULT_METHOD,
-) -> dict[str, Any]:
+def run_external(name: str, variant: str | None, link: LinkSpec, method: str = DEFAULT_METHOD) -> dict[str, Any]:
     """A trial; the dictionary of `motm_twin.trial.run_scene`."""
     scene = load_scene(name, variant)
     with external_robot(scene, link) as plant:
-        return run_scene(scene, on_tick=on_tick, plant=plant, method=find_method(method))
+        return run_scene(scene, plant=plant, method=find_method(method))

@@ -211,7 +211,7 @@ class Row:
     load_cpu: float  # % of a core, twins and viewers together
 
 
-def bench_scale(out: Path, seconds: float, console: Console, counts: Sequence[int] = COUNTS) -> bool:
+def bench_scale(out: Path, seconds: float, console: Console) -> bool:
     """Measure, print, write ``out/scale.json``; True when everything could be measured.
 
     Takes about 8 x ``seconds`` + 2 min. There is no number to reach: what the figures mean is in docs/scale.md.
@@ -220,8 +220,8 @@ def bench_scale(out: Path, seconds: float, console: Console, counts: Sequence[in
     report, rows = Report(), []
     sizes = observed(min(seconds, OBSERVED))
     console.print(rate_table(sizes))
-    most = max(counts)
-    loads = [Load(twins=most, readers=NOBODY), Load(twins=most, readers=FLEET), *(Load(twins=n) for n in counts)]
+    most = max(COUNTS)
+    loads = [Load(twins=most, readers=NOBODY), Load(twins=most, readers=FLEET), *(Load(twins=n) for n in COUNTS)]
     for load in (*loads, Load(twins=min(LINKED, most), routers=2)):
         try:
             rows.append(measured_load(load, sizes, seconds))

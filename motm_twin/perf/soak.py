@@ -138,19 +138,19 @@ def state(client: TwinClient) -> dict[str, Any]:
     return found | {"hash": session.state_hash, "periods": session.periods, "edits": session.edits}
 
 
-def attack_paused(twin: Measured, count: int, seed: int = 1) -> Attacked:
+def attack_paused(twin: Measured, count: int) -> Attacked:
     """Malformed messages to a paused twin. Raises RuntimeError when its state changed."""
     restart(twin.client, playing=False)
     before, attacked = state(twin.client), Attacked()
     with Worker(WORKER) as worker:
-        attacked.add(_attack(twin, worker, count, seed))
+        attacked.add(_attack(twin, worker, count))
     after = state(twin.client)
     if changed := [f"{name}: {before[name]} -> {after[name]}" for name in before if before[name] != after[name]]:
         raise RuntimeError(f"malformed messages have changed {'; '.join(changed)}")
     return attacked
 
 
-def attack_playing(twin: Measured, count: int, other: Measured, seed: int = 2) -> Attacked:
+def attack_playing(twin: Measured, count: int, other: Measured) -> Attacked:
     """Malformed messages to a twin that runs, block by block as in `BLOCKS`. Its periods, and its edits after.
 
     Sending and refusing so many keeps the machine busy, which makes any program on it slower: the same messages to the
@@ -167,7 +167,7 @@ def attack_playing(twin: Measured, count: int, other: Measured, seed: int = 2) -
             target = {"attacked": twin, "elsewhere": other}.get(name)
             restart(twin.client, playing=True)
             if target is not None:
-                worker.send("attack", **_where(target), count=each, rate=RATE, seed=seed + block)
+                worker.send("attack", **_where(target), count=each, rate=RATE, seed=2 + block)
             found[name] += [tick.stage_ms["period"] for tick in ticks(twin.client, each / RATE)]
             if target is not None:
                 answer = worker.answer(timeout=60.0 + each / 50.0)
@@ -185,9 +185,9 @@ def _where(twin: Measured) -> dict[str, Any]:
     return {"endpoint": twin.endpoint, "twin": twin.client.keys.twin, "clock": twin.clock}
 
 
-def _attack(twin: Measured, worker: Worker, count: int, seed: int) -> dict[str, Any]:
+def _attack(twin: Measured, worker: Worker, count: int) -> dict[str, Any]:
     timeout = 60.0 + count / 50.0
-    return worker.ask("attack", timeout=timeout, **_where(twin), count=count, rate=RATE, seed=seed)
+    return worker.ask("attack", timeout=timeout, **_where(twin), count=count, rate=RATE, seed=1)
 
 
 def starts(count: int, folder: Path, say: Say) -> dict[str, float]:

@@ -37,15 +37,14 @@ class PlayerServer:
         *,
         twin: str = "frankie",
         port: int = 0,
-        host: str = LOOPBACK,
         playback: Playback = AS_IT_WAS,
         open_bus: bool = False,
     ) -> None:
         """Raises SessionError for a file that can not be played, PortTaken for the port."""
         frames = Frames(path)
         keys = self.keys = Keys(twin)
-        self.port = port or free_port(host)
-        self._session = open_server(self.port, host, keys.own, open_bus=open_bus)
+        self.port = port or free_port()
+        self._session = open_server(self.port, LOOPBACK, keys.own, open_bus=open_bus)
         self._clock = ServerClock()
         self._encode = msgspec.json.Encoder().encode
         self._decode_event = msgspec.json.Decoder(NumberedEvent).decode

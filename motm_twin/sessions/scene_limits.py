@@ -1,5 +1,6 @@
 """Limits of the scene format, applied to the resolved scene inside a session."""
 
+import functools
 import math
 import re
 from typing import Annotated, Any, Literal
@@ -134,9 +135,12 @@ def _points(points: tuple[tuple[float, float], ...], place: str) -> None:
     _fits(points, tuple[scene_format.Point, ...], place)
 
 
+_fields = functools.cache(msgspec.structs.fields)
+
+
 def _within(part: Any, limits: type[msgspec.Struct], place: str, skip: tuple[str, ...] = ()) -> None:
     """Fields that the scene format has, in its units, within its limits."""
-    for field in msgspec.structs.fields(limits):
+    for field in _fields(limits):
         stem, _, unit = field.name.rpartition("_")
         name, scale = (stem, _UNITS[unit]) if unit in _UNITS else (field.name, 1.0)
         if name in skip or name not in part.__struct_fields__:

@@ -117,11 +117,6 @@ def fixed_parts(solids: Iterable[Solid], bins: Iterable[Bin]) -> Parts:
     return parts
 
 
-def build_solids(solids: Iterable[Solid], bins: Iterable[Bin], obstacles: Iterable[AddObstacle] = ()) -> Solids:
-    """Furniture, bins and added obstacles as arrays, in this order."""
-    return with_obstacles(fixed_parts(solids, bins), obstacles)
-
-
 def with_obstacles(parts: Parts, obstacles: Iterable[AddObstacle]) -> Solids:
     """Furniture, bins and added obstacles as arrays, in this order."""
     polygons, discs = [*parts.polygons], [*parts.discs]

@@ -6,6 +6,7 @@ value, and the scene afterwards, must be one that a scene file could have given.
 """
 
 import dataclasses
+import functools
 import hashlib
 import time
 import traceback
@@ -136,22 +137,26 @@ def job_of(spec: TrialSpec) -> Job:
 
 
 def jobs_of(specs: Iterable[TrialSpec]) -> list[Job]:
-    """The same for many specs, each scene read once."""
-    scenes: dict[tuple[str, str | None, int | None], Scene] = {}
+    """The same for many specs, each scene read and changed once."""
+    load = functools.cache(load_scene)
+    scenes: dict[bytes, Scene] = {}
     jobs = []
     for spec in specs:
-        which = (spec.scene, spec.variant, spec.seed)
+        which = msgspec.json.encode((spec.scene, spec.variant, spec.seed, spec.plant, spec.changes))
         if which not in scenes:
-            scenes[which] = load_scene(*which)
+            scene = with_plant(load(spec.scene, spec.variant, spec.seed), spec.plant)
+            scenes[which] = changed(scene, spec.changes)
         jobs.append(_job(spec, scenes[which]))
     return jobs
 
 
 def _job(spec: TrialSpec, scene: Scene) -> Job:
-    with_numbers(find_method(spec.method), spec.numbers)
+    method = find_method(spec.method)
+    if spec.numbers:
+        with_numbers(method, spec.numbers)
     parameters = {name: check(name, value) for name, value in spec.parameters.items()}
     spec = msgspec.structs.replace(spec, parameters=parameters)
-    return Job(spec=spec, scene=changed(with_plant(scene, spec.plant), spec.changes), method_text=_text_of(spec.method))
+    return Job(spec=spec, scene=scene, method_text=_text_of(spec.method))
 
 
 def with_numbers(method: Method, numbers: Mapping[str, float | bool]) -> Parameters:

@@ -50,19 +50,12 @@ def mean(values: Iterable[float], confidence: float = CONFIDENCE) -> Estimate:
     return Estimate(value=centre, low=centre - half, high=centre + half, n=n)
 
 
-def median(values: Iterable[float], confidence: float = CONFIDENCE) -> Estimate:
+def median(values: Iterable[float]) -> Estimate:
     """Median with its bootstrap interval."""
-    return bootstrap(values, lambda samples: np.median(samples, axis=-1), confidence=confidence)
+    return bootstrap(values, lambda samples: np.median(samples, axis=-1))
 
 
-def bootstrap(
-    values: Iterable[float],
-    statistic: Callable[[Array], Array],
-    *,
-    confidence: float = CONFIDENCE,
-    resamples: int = RESAMPLES,
-    seed: int = SEED,
-) -> Estimate:
+def bootstrap(values: Iterable[float], statistic: Callable[[Array], Array], *, resamples: int = RESAMPLES) -> Estimate:
     """Any statistic with its percentile bootstrap interval.
 
     ``statistic`` takes samples of shape (..., n) and gives shape (...).
@@ -74,20 +67,20 @@ def bootstrap(
     value = float(statistic(sample))
     if n == 1:
         return Estimate(value=value, low=math.nan, high=math.nan, n=1)
-    drawn = np.random.default_rng(seed).integers(0, n, size=(resamples, n))
-    tail = 0.5 * (1.0 - confidence)
+    drawn = np.random.default_rng(SEED).integers(0, n, size=(resamples, n))
+    tail = 0.5 * (1.0 - CONFIDENCE)
     low, high = np.quantile(statistic(sample[drawn]), [tail, 1.0 - tail])
     return Estimate(value=value, low=float(low), high=float(high), n=n)
 
 
-def paired_difference(ours: Mapping[K, float], others: Mapping[K, float], confidence: float = CONFIDENCE) -> Estimate:
+def paired_difference(ours: Mapping[K, float], others: Mapping[K, float]) -> Estimate:
     """Mean of ours - others over the keys (variant and seed) that both have, with Student's t interval."""
-    return mean([ours[key] - others[key] for key in ours if key in others], confidence)
+    return mean([ours[key] - others[key] for key in ours if key in others])
 
 
-def paired_ratio(ours: Mapping[K, float], others: Mapping[K, float], confidence: float = CONFIDENCE) -> Estimate:
+def paired_ratio(ours: Mapping[K, float], others: Mapping[K, float]) -> Estimate:
     """Mean relative change ours / others - 1 over the keys that both have, with Student's t interval."""
-    return mean([ours[key] / others[key] - 1.0 for key in ours if key in others], confidence)
+    return mean([ours[key] / others[key] - 1.0 for key in ours if key in others])
 
 
 def proportion(successes: int, n: int, confidence: float = CONFIDENCE) -> Estimate:

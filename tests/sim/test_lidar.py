@@ -9,7 +9,7 @@ from sim_scenes import box, furniture, scene, table
 from motm_twin.model.profile import Lidar, RobotProfile
 from motm_twin.model.scene import Agent, Cylinder, Noise, Prism, Solid
 from motm_twin.sim.plant import SimulatedPlant
-from motm_twin.sim.solids import build_solids, convex_parts
+from motm_twin.sim.solids import convex_parts, fixed_parts, with_obstacles
 
 
 def shape(solid):
@@ -18,7 +18,7 @@ def shape(solid):
             return Point(centre).buffer(radius, quad_segs=2000)
         case Prism(corners=corners):
             return Polygon(corners)
-    return Polygon(build_solids([solid], []).corners)
+    return Polygon(with_obstacles(fixed_parts([solid], []), []).corners)
 
 
 def test_ranges_equal_an_independent_geometry_library():
