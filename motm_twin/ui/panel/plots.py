@@ -42,12 +42,12 @@ div:has(> div > .mp) .uplot-container {border: 0; margin: 0 8px 4px 2px}
 
 @dataclass(frozen=True, kw_only=True)
 class Plot:
-    """Curves, by column of their table and colour, with what they are compared with."""
+    """Curves with what they are compared with."""
 
     title: str  # HTML
     unit: str  # HTML
     now: str  # the newest values, HTML
-    curves: tuple[tuple[Array, str], ...]
+    curves: tuple[tuple[Array, str], ...]  # values, shape (n,), and colour
     limits: tuple[float, ...] = ()  # dashed lines
     regions: tuple[tuple[float, str], ...] = ()  # upper end and colour, from 0 up
     range: tuple[float, float | None] = (0.0, None)  # lower and upper end; None: of the curves
@@ -171,6 +171,7 @@ class PlotsPanel:
         self._panel: viser.PanelHandle | None = None
         self._tab: Any = None
         self._drawn: list[tuple[viser.GuiHtmlHandle, viser.GuiUplotHandle]] = []
+        self._ranges: list[tuple[float, float | None]] = []  # of those
         self._lock = threading.Lock()  # the panel is opened and closed in another thread than it is drawn in
         self._count = 0
         self._tick: TickMessage | None = None
@@ -198,8 +199,10 @@ class PlotsPanel:
                 self._draw(found, rows[:, 0])
 
     def _draw(self, found: list[Plot], time: Array) -> None:
-        """Fill in the widgets, which are made first, and anew when there are more plots or fewer."""
-        if len(found) != len(self._drawn):
+        """Fill in the widgets, which are made first, and anew for another robot or with forces."""
+        ranges = [plot.range for plot in found]
+        if ranges != self._ranges:
+            self._ranges = ranges
             for handle in (handle for pair in self._drawn for handle in pair):
                 handle.remove()
             with self._tab:
@@ -214,7 +217,7 @@ class PlotsPanel:
         panel = self._panel
         if panel is not None:
             with self._lock:
-                self._panel, self._drawn = None, []
+                self._panel, self._drawn, self._ranges = None, [], []
                 panel.remove()
         else:
             panel = self._gui.add_panel()
