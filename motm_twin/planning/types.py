@@ -110,7 +110,7 @@ NO_COSTS = frozen(np.zeros(0))
 
 
 class Yields(StrEnum):
-    """Who gives way in an encounter."""
+    """Party that gives way in an encounter."""
 
     NOBODY = ""  # nobody has to
     ROBOT = "robot"
