@@ -138,7 +138,7 @@ class Encounter(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def why(self) -> Reason:
-        """Who gives way to whom, as a reason."""
+        """Giving way in one sentence, typed."""
         kind = _GIVES_WAY.get((self.yields, self.passes), Kind.KEEPS_CLEAR)
         return Reason(kind=kind, subject=f"track {self.track}", value=self.speed, limit=self.time, unit="m/s")
 
