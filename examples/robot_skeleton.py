@@ -3,8 +3,8 @@
     motm-twin serve exp1 --plant zenoh &
     python examples/robot_skeleton.py tcp/127.0.0.1:7447
 
-Replace `Drives` by your robot. Its joints follow at once, its base slips never, its lidar sees a round
-wall 10 m away. With --shared its time is the twin's.
+Replace `Drives` with your robot, and `wall` with your lidar. Here the joints follow immediately, the base never slips,
+and the lidar sees a round wall 10 m away. With --shared the twin decides how fast time passes.
 """
 
 import argparse
@@ -38,7 +38,7 @@ STOP = threading.Event()  # an exception could come anywhere, and be lost there
 
 
 class Drives:
-    """Stands for the real base, arm and gripper."""
+    """Placeholder for the real base, arm and gripper."""
 
     pose, q, width = [0.0, 0.0, 0.0], [0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785], 0.08
 
@@ -52,13 +52,13 @@ class Drives:
 
 
 def on_message(sample: zenoh.Sample) -> None:
-    """Take a command or a grant; what was sent to a wildcard is not the twin's."""
+    """Take a command or a grant; messages sent to a wildcard are not from the twin."""
     if str(sample.key_expr) in (KEY + "command", KEY + "grant"):
         ARRIVED.put((time.monotonic() - BORN, json.loads(sample.payload.to_bytes())))
 
 
 def main() -> None:
-    """Be a robot until Ctrl-C."""
+    """Run the robot until Ctrl-C."""
     # `motm-twin serve` leaves this file, with the password, for other programs of the same user.
     own = Path(tempfile.gettempdir(), f"motm-twin-{os.getuid()}", f"zenoh-{ENDPOINT.rsplit(':')[-1]}.json5")
     config = zenoh.Config.from_file(str(own)) if own.exists() else zenoh.Config()
@@ -68,8 +68,8 @@ def main() -> None:
     info = BASE | {"name": "skeleton", "clock": "shared" if options.shared else "real", "step": STEP, "can": []}
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: (STOP.set(), ARRIVED.put((0.0, {"until": math.inf}))))
-    # One subscriber for both keys: each has a thread of its own, and a grant could overtake the command before it.
-    # What is declared has to be undeclared, or its threads keep the program from ending: `with` does it.
+    # One subscriber for both keys: two would have a thread each, and a grant could overtake the command before it.
+    # `with` undeclares everything at the end; otherwise the threads keep the program from ending.
     with (
         zenoh.open(config) as session,
         session.declare_subscriber(KEY + "*", on_message, allowed_origin=zenoh.Locality.REMOTE),
@@ -80,7 +80,7 @@ def main() -> None:
 
 
 def drive(session: zenoh.Session) -> None:
-    """Obey the commands that arrive, and say what became of it."""
+    """Execute the commands that arrive, and publish states and scans."""
     drives, waiting, until, last = Drives(), [], 0.0, {}
     acting: dict = {"act_at": -math.inf, "seq": -1, "gripper": "open", "lifetime": 0.0}
 
@@ -96,7 +96,7 @@ def drive(session: zenoh.Session) -> None:
             if "until" not in message:
                 new.append((now - STEP, message))
             elif message["until"] < now - 0.5 * STEP:
-                say(**last)  # asked again: the answer was lost, or not heard yet
+                say(**last)  # asked again: the answer was lost, or has not arrived yet
             else:
                 until = message["until"]
         if not options.shared:
@@ -106,12 +106,12 @@ def drive(session: zenoh.Session) -> None:
         due = [command for command in waiting if command["act_at"] <= now and command["seq"] > acting["seq"]]
         acting = max([acting, *due], key=lambda command: command["seq"])
         waiting = [command for command in waiting if command["act_at"] > now]
-        fresh = now - acting["act_at"] < acting["lifetime"]  # later it has expired: stand
+        fresh = now - acting["act_at"] < acting["lifetime"]  # later it has expired: stop
         twist, rates = (acting["twist"], acting["joint_velocity"]) if fresh else ([0.0, 0.0], [0.0] * 7)
         drives.move(twist, rates, acting["gripper"], STEP)
         heard = [(command["seq"], at) for at, command in new]
         if seq % 5 == 0:
-            wall = [random.gauss(10.0, 0.01) for _ in range(721)]  # a lidar that says nothing, or never changes, fails
+            wall = [random.gauss(10.0, 0.01) for _ in range(721)]  # no return, or ranges without noise, count as faults
             scan = {"stamp": now, "pose": drives.pose, "origin": [0.0, 0.0], "angle_min": -math.pi, "range_min": 0.05,
                     "angle_step": 2 * math.pi / 720, "range_max": 15.0, "ranges": wall}  # fmt: skip
             say(scan=scan)

@@ -6,8 +6,8 @@
     print(result.time_s, result.contacts)
     result.plot("speed.png")
 
-`run` runs one trial without a window; `load_scene` loads and checks a `Scene`; `Twin` is the same loop, period by
-period; `connect` talks to a twin that runs elsewhere; `methods` lists the methods. Nothing else is promised to stay.
+`run` runs one headless trial; `load_scene` loads and checks a `Scene`; `Twin` runs the same loop period by period;
+`connect` returns a client of a running twin; `methods` lists the methods. Only these names and `Result` are stable.
 """
 
 import importlib
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 __version__ = "0.1.0"
 __all__ = ["Result", "Scene", "Twin", "connect", "load_scene", "methods", "run"]
 
-_HOMES = {  # loaded when they are asked for: some of it takes seconds
+_HOMES = {  # imported by `__getattr__`
     "Result": "result",
     "Scene": "model.scene",
     "Twin": "twin",
@@ -42,8 +42,8 @@ def drop_stale_kernels(package: Path) -> int:
     """Delete compiled kernels below a folder that are older than the newest source with kernels; returns their number.
 
     Numba recompiles a kernel when its own file has changed, but not when a kernel that it calls has: after a `git pull`
-    or an edit a run would mix old and new parts. Called when the package is imported, before any kernel is loaded. A
-    read-only installation is left as it is: its sources do not change either.
+    or an edit a run would mix old and new kernels. Called when the package is imported, before any kernel is loaded. A
+    read-only installation is not touched: its sources do not change either.
     """
     indices = list(package.glob("**/__pycache__/*.nbi"))
     sources = {index.parent.parent / f"{index.name.partition('.')[0]}.py" for index in indices}
@@ -66,7 +66,7 @@ drop_stale_kernels(Path(__file__).parent)
 
 
 def __getattr__(name: str) -> Any:
-    """Load a part of the public face."""
+    """Import a public name when it is first used: some of them take seconds."""
     if name == "methods":
         return importlib.import_module("motm_twin.methods")
     if name not in _HOMES:

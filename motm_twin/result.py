@@ -1,4 +1,4 @@
-"""`motm_twin.run`: one headless trial as a result to look at, compare and plot."""
+"""`motm_twin.run`: one headless trial, with a result to read, compare and plot."""
 
 import html
 from collections.abc import Callable, Mapping
@@ -32,21 +32,24 @@ class Track(NamedTuple):
 
 
 class Result(msgspec.Struct, frozen=True, kw_only=True, eq=False):
-    """Outcome of one trial. ``report`` is the dictionary that `motm-twin run --json` prints."""
+    """Outcome of one trial: `success`, `time_s`, `placed`, `contacts`, `plot()`, and more.
+
+    ``report`` is the dictionary that `motm-twin run --json` prints, ``track`` the motion of the robot.
+    """
 
     scene: Scene
     report: dict[str, Any]
     track: Track
-    figure: Any = msgspec.field(default=None)  # collected for `plot`
+    figure: Any = msgspec.field(default=None)  # data of `plot`
 
     @property
     def success(self) -> bool:
-        """Test that every task is done, nothing lies where it was dropped, and the robot caused no contact."""
+        """True if every task is done, no object lies where it was dropped, and the robot caused no contact."""
         return bool(self.report["success"])
 
     @property
     def reason(self) -> str:
-        """Why the trial did not succeed, in one sentence; "" when it did."""
+        """Reason why the trial failed, in one sentence; "" if it succeeded."""
         return str(self.report["reason"])
 
     @property
@@ -56,21 +59,24 @@ class Result(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
     @property
     def placed(self) -> tuple[int, int]:
-        """Number of objects that are in their bins, and of those that should be."""
+        """Number of objects in their bins, and number of objects that should be there."""
         return int(self.report["places_done"]), int(self.report["places_total"])
 
     @property
     def contacts(self) -> list[dict[str, Any]]:
-        """Contacts that the referee saw, each with `caused_by_robot`."""
+        """Contacts that the referee detected, each with `caused_by_robot`."""
         return list(self.report["contacts"])
 
     @property
     def state_hash(self) -> str:
-        """Hash of the final state: equal for equal scenes, seeds, commands and versions."""
+        """Hash of the final state, equal for equal scenes, seeds, commands and versions."""
         return str(self.report["state_hash"])
 
     def plot(self, file: str | Path | None = None) -> "Figure":
-        """Draw speed along the path and the time of each leg beside the reference tour; with ``file`` also save it."""
+        """Draw speed along the path, and the time of each leg beside the reference tour; ``file``: also save it there.
+
+        The suffix of ``file`` chooses the format: .png, .svg, .pdf.
+        """
         return self.figure.draw(self.report, None if file is None else Path(file))
 
     def __repr__(self) -> str:
@@ -104,15 +110,24 @@ def run(
     method: str | Method = "fast", parameters: Mapping[str, ParameterValue] | None = None,
     on_tick: Callable[[Tick], None] | None = None,
 ) -> Result:  # fmt: skip
-    """Run a scene without a window, as fast as the processor allows.
+    """Run a scene headless, as fast as the processor allows.
 
-    ``scene``: name, file, or a `Scene` from `load_scene`; ``variant`` and ``seed`` are those of a name or file.
-    ``method``: name, ``FILE.py:NAME``, or a `Method`; ``parameters``: by name, on top of the method's.
-    ``on_tick`` is called with every Tick. Raises SceneError, MethodError and ValueError for wrong names and values.
+    Args:
+        scene: Name of a shipped scene, path of a scene file, or a `Scene` from `load_scene`.
+        variant: Named variant of the scene; None: its default. Not together with a `Scene`.
+        seed: Seed of noise and random arrangements; None: the scene's. Not together with a `Scene`.
+        method: Name of a method, ``FILE.py:NAME`` of your own, or a `Method`.
+        parameters: Values by name, on top of the method's; docs/zenoh.md lists them.
+        on_tick: Called with the Tick of every period.
+
+    Raises:
+        SceneError: The scene, variant or seed cannot be used.
+        MethodError: There is no such method.
+        ValueError: A parameter is unknown or out of range.
     """
     if isinstance(scene, Scene):
         if variant is not None or seed is not None:
-            raise ValueError("variant and seed belong to a scene's name: give them to load_scene")
+            raise ValueError("a Scene has its variant and seed already: give them to load_scene instead")
         loaded = scene
     else:
         loaded = load_scene(str(scene), variant, seed)

@@ -25,6 +25,7 @@ from motm_twin.model.scene_file import load_scene
 from motm_twin.model.twin_plant import ExternalPlant
 from motm_twin.program import freeze_setup
 from motm_twin.twin import Twin
+from motm_twin.warm_up import compile_kernels, program_clock
 
 ENCOUNTER = 1.0  # [m] between base and agent at which an encounter begins
 PARTED = 1.2  # [m] and at which it has ended
@@ -83,15 +84,16 @@ def run_scene(
 
     ``parameters``: of `control.tuning`, on top of the method's, and those on top of ``numbers``.
     """
+    compile_kernels()
     twin = Twin(
-        scene, method=method, parameters=parameters, numbers=numbers, clock=time.perf_counter,
+        scene, method=method, parameters=parameters, numbers=numbers, clock=program_clock,
         plant=plant,
     )  # fmt: skip
     freeze_setup()
     if plant is not None:
         _wait_for(plant)
     tally, measures = Tally(), Measures(scene, twin.loop.manipulator.parameters.avoidance)
-    began = time.perf_counter()
+    began = program_clock()
     finish = Completion()
     while True:
         tick = twin.advance()
@@ -103,7 +105,7 @@ def run_scene(
         finish.add(tick)
         if finish.over or tick.time >= scene.time_limit:
             break
-    seconds = time.perf_counter() - began
+    seconds = program_clock() - began
     tour, _ = reference_tour(scene)
     measured = measures.report()
     for leg in measured["legs"]:

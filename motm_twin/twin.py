@@ -49,7 +49,7 @@ POINTED_AT = 0.15  # [m] error of a belief beyond which an object added to the t
 
 
 class Twin:
-    """A running scene. `advance` runs one period; `post` queues an edit for the start of the next one."""
+    """A running scene: `advance` runs one control period; `post` queues an edit for the start of the next one."""
 
     def __init__(
         self,
@@ -62,12 +62,19 @@ class Twin:
         clock: Callable[[], float] | None = None,
         plant: ExternalPlant | None = None,
     ) -> None:
-        """``plant``: a robot in another program instead of the simulated one; such a run is neither copied nor rerun.
+        """Set up a scene at its start.
 
-        ``parameters``: of `control.tuning`, on top of the method's and ``numbers``; ValueError when one is not
-        allowed.
+        Args:
+            scene: From `load_scene`.
+            method: From `methods.find`.
+            parameters: Values by name (`control.tuning`), on top of the method's and of ``numbers``.
+            budget: Limits of a search of the base: expansions, and seconds of ``clock``.
+            numbers: All parameters as one tree.
+            clock: [s] Bounds the searches when the budget has seconds, and measures the stages of a period.
+            plant: A robot in another program instead of the simulated one; such a run cannot be copied or rerun.
 
-        ``clock`` [s]: bounds the searches when the budget has seconds, and measures the stages of a period.
+        Raises:
+            ValueError: A parameter is unknown or out of range.
         """
         self.scene, self.method = scene, method
         start = {**method.parameters, **(parameters or {})}
@@ -82,7 +89,7 @@ class Twin:
         self.reset()
 
     def reset(self) -> None:
-        """Back to the start of the scene, with the parameters it began with; queued edits are forgotten."""
+        """Go back to the start of the scene and to its initial parameters; queued edits are dropped."""
         if self._external is not None:
             self._external.begin(self.scene)
         self.plant: TwinPlant = self._external or make_plant(self.scene)
@@ -96,7 +103,7 @@ class Twin:
 
     @property
     def done(self) -> bool:
-        """The task list is worked through."""
+        """True when all tasks have ended."""
         return self.loop.sequence.done
 
     @property
@@ -111,16 +118,16 @@ class Twin:
 
     @property
     def parameters(self) -> dict[str, ParameterValue]:
-        """Parameters of `control.tuning` that differ from the shipped ones now."""
+        """Parameters of `control.tuning` that now differ from their defaults."""
         return self._told.parameters
 
     @property
     def announced(self) -> dict[str, PlanarPose]:
-        """Announced places of furniture: reference point x, y [m], turn [rad]."""
+        """Furniture that the robot was told of: reference point x, y [m], turn [rad]."""
         return self._told.map[0]
 
     def post(self, edit: Edit) -> None:
-        """Queue an edit for the next period; raises ValueError when it is not possible, and then changes nothing."""
+        """Queue an edit for the next period. Raises ValueError if it is not possible; then nothing changes."""
         edit = plain(edit)
         if isinstance(edit, WorldEdit):
             self._rehearsal = self._rehearsal or self.plant.rehearsal()
@@ -141,9 +148,9 @@ class Twin:
         self._queue.append(edit)
 
     def advance(self, budget: SearchBudget | None = None) -> Tick:
-        """Apply queued edits, run one period, return its Tick; ``budget`` repeats a search that the clock had cut.
+        """Apply queued edits, run one period, and return its Tick; ``budget`` repeats a search that the clock had cut.
 
-        A period that raises leaves the world between two periods: only `reset` and `restore` can follow.
+        After a period that raises, the world is between two periods: only `reset` and `restore` can follow.
         """
         if self._broken is not None:
             raise RuntimeError(f"period {self._broken} has broken off: reset the twin, or restore a snapshot")

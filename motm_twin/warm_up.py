@@ -1,14 +1,20 @@
 """Compile the numeric kernels, once per installation: ``python -m motm_twin.warm_up``.
 
-Numba caches compiled kernels for later starts. The five big parts are compiled at the same
-time, in separate processes.
+Numba caches compiled kernels for later starts. The five big parts are compiled at the same time, in separate
+processes; what is left is compiled where it is called, and `program_clock` does not count it.
 """
 
-from multiprocessing import get_context
+import math
+import os
+import sys
+import time
+from collections.abc import Callable
+from multiprocessing import connection, get_context
 from pathlib import Path
 
 import msgspec
 import numpy as np
+from numba.core import event
 
 from motm_twin.control.arm.controller import Manipulator
 from motm_twin.control.arm.geometry import rotation_error
@@ -17,26 +23,63 @@ from motm_twin.control.arm.parameters import ArmParameters
 from motm_twin.control.arm.program import base_bounds, joint_bounds
 from motm_twin.control.arm.types import ArmGoal, ArmInputs, ArmObstacles
 from motm_twin.control.monitor import Monitor
-from motm_twin.interrupts import deaf
+from motm_twin.control.self_check import SelfCheck, SelfCheckSettings
+from motm_twin.interrupts import deaf, end_with_parent
 from motm_twin.measures.agents import compile_gaps
 from motm_twin.measures.people import compile_meetings
 from motm_twin.methods.registry import find_method
+from motm_twin.model.geometry import frozen
 from motm_twin.model.joint_limits import READY
 from motm_twin.model.kinematics import manipulability_gradient
 from motm_twin.model.known import known_world
+from motm_twin.model.period import PERIOD
 from motm_twin.model.plant import Actuation, Observation, Scan
 from motm_twin.model.profile import Lidar, RobotProfile
 from motm_twin.model.scene_file import load_scene
 from motm_twin.perception.mapper import Mapper
+from motm_twin.perception.movers import MoverTracker
+from motm_twin.perception.objects import ObjectTracker
+from motm_twin.perception.tracks import DynamicTracker
 from motm_twin.planning.staa import run_search
 from motm_twin.planning.warm_up import warm_up_evasion, warm_up_placement, warm_up_search
+from motm_twin.sim.kernels import polygon_distance
 from motm_twin.sim.plant import SimulatedPlant
 from motm_twin.twin import Twin
 
 ARM_STEP = 0.01  # [s]
 PERIODS = 10
+WATCHED = 80  # periods of things that move
 METHODS = ("motm", "foresight", "irm")  # that have all kernels of methods between them
 DRIVES = (("exp1", 250), ("exp2", 100))  # scenes and periods for the other kernels: a carried cube, Temis
+
+
+class _Compilation(event.Listener):
+    """Time [s] that this process has spent compiling kernels."""
+
+    def __init__(self) -> None:
+        """None yet."""
+        self.seconds, self._depth, self._began = 0.0, 0, 0.0
+
+    def on_start(self, event: event.Event) -> None:
+        """A kernel, or one that it calls."""
+        if not self._depth:
+            self._began = time.perf_counter()
+        self._depth += 1
+
+    def on_end(self, event: event.Event) -> None:
+        """It is compiled."""
+        self._depth -= 1
+        if not self._depth:
+            self.seconds += time.perf_counter() - self._began
+
+
+_compilation = _Compilation()
+event.register("numba:compile", _compilation)
+
+
+def program_clock() -> float:
+    """`time.perf_counter` [s], which stands while this process compiles a kernel."""
+    return time.perf_counter() - _compilation.seconds
 
 
 def is_warm() -> bool:
@@ -44,21 +87,45 @@ def is_warm() -> bool:
     return any(Path(run_search.stats.cache_path).glob(f"*{run_search.__name__}*.nbi"))
 
 
-def compile_kernels() -> None:
-    """Compile the big parts in processes of their own, unless they are compiled already."""
+def can_keep() -> bool:
+    """Compiled kernels can be written to numba's cache."""
+    return os.access(run_search.stats.cache_path, os.W_OK)
+
+
+def _tell(text: str) -> None:
+    print(text, file=sys.stderr, flush=True)
+
+
+def compile_kernels(tell: Callable[[str], None] = _tell) -> None:
+    """Compile the big parts in processes of their own, unless they are compiled already; ``tell`` how far it is."""
     if is_warm():
         return
-    context = get_context("spawn")
-    parts = [context.Process(target=part) for part in (warm_up_search, _plant, _arm, _perception, warm_up_placement)]
+    if not can_keep():
+        tell(
+            f"Compiled kernels cannot be kept in {run_search.stats.cache_path}: every start compiles for a minute. "
+            "Set NUMBA_CACHE_DIR to a folder of yours."
+        )
+        return
+    parts = (warm_up_search, _plant, _arm, _perception, warm_up_placement)
+    tell("Compiling the numeric kernels, once per installation: half a minute on a quick machine, two on a slow one.")
+    context, began = get_context("spawn"), time.monotonic()
+    processes = [context.Process(target=_ends_with_parent, args=(part,)) for part in parts]
     with deaf():
-        for part in parts:
-            part.start()
+        for process in processes:
+            process.start()
     try:
-        for part in parts:
-            part.join()
+        waiting = {process.sentinel for process in processes}
+        while waiting:
+            waiting -= set(connection.wait(waiting))
+            tell(f"  {len(parts) - len(waiting)} of {len(parts)} parts after {time.monotonic() - began:.0f} s")
     finally:
-        for part in parts:
-            part.kill()
+        for process in processes:
+            process.kill()
+
+
+def _ends_with_parent(part: Callable[[], object]) -> None:
+    end_with_parent()
+    part()
 
 
 def _plant() -> None:
@@ -69,13 +136,28 @@ def _plant() -> None:
         for _ in range(PERIODS):
             plant.observe()
             plant.step(ARM_STEP)
+    polygon_distance(0.0, 0.0, np.zeros((4, 2)), 0, 4)  # whether a cube that is let go lies on something
 
 
 def _perception() -> None:
-    known = known_world(load_scene("exp1a"))
-    mapper = Mapper(known)
-    for k in range(PERIODS):
-        mapper.update(_observation(known.robot.lidar, 0.05 * k))
+    """A round room through which two discs of different size go, then one, and a base that drives a little."""
+    known = known_world(load_scene("exp2"))
+    mapper, movers, tracks, tracker = Mapper(known), MoverTracker(), DynamicTracker(known), ObjectTracker(known)
+    monitor = Monitor(known.robot)
+    checks = SelfCheck(known, tracker, SelfCheckSettings(), slow_age=monitor.parameters.slow_age)
+    beams = known.robot.lidar.beams
+    for k in range(WATCHED):
+        now = _observation(known.robot.lidar, PERIOD * k, speed=0.2, ahead=0.2 * PERIOD * k)
+        assert now.scan is not None
+        for first, width, gap in ((beams // 3 + k, 30, 1.2), (beams // 2 - k, 12, 1.5))[: 2 if k < WATCHED // 2 else 1]:
+            now.scan.ranges[first : first + width] = gap
+        if k == PERIODS:
+            now.scan.ranges[10:] = math.inf  # a lidar that goes blind
+        seen = checks.observed(now, None)
+        tracker.update(seen)
+        world = tracks.update(mapper.taken, movers.sort(mapper.update(now), now.pose))
+        acting = Actuation(twist=frozen(np.array([0.2, 0.0])), joint_velocity=frozen(np.zeros(7)), gripper="open")
+        checks.told(monitor.check(acting, seen, PERIOD, scan_stamp=seen.time, world=world).actuation, seen)
     warm_up_evasion()
 
 
@@ -87,11 +169,17 @@ def _arm() -> None:
         inputs = _arm_inputs(observation)
         actuation = manipulator.step(inputs).actuation
         arm_monitor.check(
-            actuation, observation, np.zeros(2), ARM_STEP, T_odom_world=inputs.T_odom_world, held_side=0.0
+            actuation,
+            observation,
+            np.zeros(2),
+            ARM_STEP,
+            T_odom_world=inputs.T_odom_world,
+            held_side=0.0,
+            astray=np.zeros(7),
         )
         monitor.check(actuation, observation, ARM_STEP, scan_stamp=observation.time)
     narrow = _observation(known.robot.lidar, ARM_STEP * PERIODS, radius=0.5, speed=0.5)
-    fast = Actuation(twist=np.array([0.5, 0.1]), joint_velocity=np.zeros(7), gripper="open")
+    fast = Actuation(twist=frozen(np.array([0.5, 0.1])), joint_velocity=frozen(np.zeros(7)), gripper="open")
     monitor.check(fast, narrow, ARM_STEP, scan_stamp=narrow.time)  # brakes
     _called_by_other_arms(known.robot)
 
@@ -105,8 +193,11 @@ def _called_by_other_arms(profile: RobotProfile) -> None:
     rotation_error(np.eye(3), np.eye(3))
 
 
-def _observation(lidar: Lidar, time: float, *, radius: float = 2.0, speed: float = 0.0) -> Observation:
-    """A robot in a round room."""
+def _observation(
+    lidar: Lidar, time: float, *, radius: float = 2.0, speed: float = 0.0, ahead: float = 0.0
+) -> Observation:
+    """A robot in a round room, which has driven ahead [m]."""
+    pose = np.array([ahead, 0.0, 0.0])
     scan = Scan(
         stamp=time,
         ranges=np.full(lidar.beams, radius),
@@ -118,7 +209,7 @@ def _observation(lidar: Lidar, time: float, *, radius: float = 2.0, speed: float
         pose=np.zeros(3),
     )
     return Observation(
-        time=time, pose=np.zeros(3), odometry=np.zeros(3), twist=np.array([speed, 0.0]), q=READY.copy(), dq=np.zeros(7),
+        time=time, pose=pose, odometry=pose.copy(), twist=np.array([speed, 0.0]), q=READY.copy(), dq=np.zeros(7),
         gripper_width=0.08, gripper_moving=False, scan=scan, detections=(),
     )  # fmt: skip
 
@@ -127,10 +218,9 @@ def _arm_inputs(observation: Observation) -> ArmInputs:
     """A cube and an obstacle within reach of the arm."""
     goal = ArmGoal(
         kind="pick", name="cube", position=np.array([0.7, 0.3, 0.8]), yaw=0.0, side=0.04, position_sd=0.001,
-        last_seen=observation.time,
+        last_seen=observation.time, neighbours=np.zeros((0, 6)),
     )  # fmt: skip
     near, static = np.array([[0.8, -0.4], [0.8, 0.5]]), np.array([False, True])
-    static.setflags(write=False)  # as a map has it: read-only arrays have their own compiled kernels
     return ArmInputs(
         observation=observation,
         dt=ARM_STEP,

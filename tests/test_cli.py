@@ -82,9 +82,9 @@ def test_a_task_that_cannot_be_completed_exits_with_one_and_a_reason_in_whole_li
     first, second, parts, path, last = short.printed.splitlines()
     assert "time limit 3 s reached" in first
     assert re.fullmatch(r"time 3\.00 s .* contacts 0 caused of 0", second)
-    found = re.fullmatch(r"seconds by part: at limit ([\d.]+), .*, standing [\d.]+", parts)
+    found = re.fullmatch(r"seconds by part: at the speed limit ([\d.]+), .*, standing [\d.]+", parts)
     assert found and sum(map(float, re.findall(r"[\d.]+", parts))) == pytest.approx(3.0, abs=0.3)
-    assert re.fullmatch(r"path [\d.]+ m \(reference tour [\d.]+ m; .*\); the arm's foot .* per metre", path)
+    assert re.fullmatch(r"path [\d.]+ m \(reference tour [\d.]+ m; .*\); acceleration at the arm's .* per metre", path)
     assert re.fullmatch(r"period p50 .*; state [0-9a-f]{12}", last)
 
 
@@ -148,7 +148,7 @@ def test_a_run_draws_its_speed_along_the_path(call, tmp_path):
         (("scene", "check"), "check"),
         (("scene", "generate"), "--seed"),
         (("run", "generated:x"), "generated:17@0.6"),
-        (("run", "exp1", "--seed", "x"), "seed"),
+        (("run", "exp1", "--seed", "x"), "no whole number: give one from 0"),
         (("fly",), "fly"),
         (("rerun", "no/such/session.json"), "no such file"),
         (("rerun", str(RECORDED), "--json", "no/such/folder/out.json"), "no/such/folder"),

@@ -29,7 +29,7 @@ def test_a_state_is_told_once(state, text, line):
     ("option", "place", "words"),
     [
         ("record", "/proc/x.mcap", "--record /proc/x.mcap: /proc cannot be written to: give another folder"),
-        ("record", "no/folder/x.mcap", "in a folder that is"),
+        ("record", "no/folder/x.mcap", "in a folder that exists"),
         ("record", "file/x.mcap", "file is a file: give a folder"),
         ("data", "/proc/1/x", "--data /proc/1/x: /proc/1 cannot be written to: give another folder"),
         ("data", "file", "file is a file: give a folder"),

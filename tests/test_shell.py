@@ -11,7 +11,7 @@ import pytest
 
 from motm_twin import __version__, cli
 from motm_twin.bus.connection import LOOPBACK
-from motm_twin.cli import doctor
+from motm_twin.cli import doctor, outputs
 from motm_twin.program import BAD_INPUT, OK
 from motm_twin.sessions.session import load_session
 
@@ -92,4 +92,31 @@ def test_the_doctor_names_the_cure_of_what_is_missing(call, monkeypatch):
     assert code == 1
     lines = {line[:5].strip(): line for line in out.splitlines()}
     assert "no-such-package cannot be imported" in lines["wrong"] and "make run" in lines["wrong"]
-    assert "--port" in out and "no Chromium here" in out
+    assert "--port" in out and "no Chromium found" in out
+
+
+def test_without_a_folder_for_kernels_commands_and_the_doctor_say_what_to_set(call, monkeypatch):
+    def no_locator(**_):
+        raise RuntimeError("cannot cache function")
+
+    def imports_kernels():
+        no_locator()
+
+    monkeypatch.setattr(outputs, "njit", no_locator)
+    monkeypatch.setitem(cli.COMMANDS, "version", imports_kernels)
+    code, out, error = call("version")
+    assert (code, out) == (BAD_INPUT, "")
+    assert error.startswith("motm-twin: there is no folder for compiled kernels") and "NUMBA_CACHE_DIR" in error
+    monkeypatch.setattr(doctor, "CHECKS", (doctor._cache, imports_kernels))
+    code, out, _ = call("doctor")
+    (line,) = out.splitlines()
+    assert code == 1 and line.startswith("wrong") and "NUMBA_CACHE_DIR" in line
+
+
+def test_another_error_at_run_time_keeps_its_traceback(call, monkeypatch):
+    def breaks():
+        raise RuntimeError("of something else")
+
+    monkeypatch.setitem(cli.COMMANDS, "version", breaks)
+    with pytest.raises(RuntimeError, match="something else"):
+        call("version")

@@ -45,7 +45,7 @@ def test_a_base_whose_arm_was_stuck_stands_elsewhere_for_the_next_try():
 
 
 def test_a_cube_that_its_bin_does_not_take_goes_to_the_other_bin_before_the_next_pick(narrow):
-    """The next pick stalled ("an object is held already") until it was given up, and its bin got the wrong cube."""
+    """The next pick stalled ("an object is already held") until it was given up, and its bin got the wrong cube."""
     tick = advance_until(narrow, lambda tick: any(event.kind == "missed" for event in tick.events))
     assert "trying again" in tick.events[0].text
     assert (tick.tasks[tick.task_index].target, tick.tasks[tick.task_index].attempts) == (BIN, 2)

@@ -101,11 +101,11 @@ def test_a_cube_that_is_gone_is_looked_for_and_given_up_with_a_sentence():
     twin = Twin(SHORT)
     advance_until(twin, in_phase("final"))
     twin.post(MoveObject(name=CUBE, x=0.0, y=-2.5))
-    advance_until(twin, says(f"waiting for a sight of {CUBE}"))
+    advance_until(twin, says(f"waiting to see {CUBE}"))
     advance_until(twin, says(f"waiting for the arm at {CUBE}: the hand is on its way"))
     tick = advance_until(twin, lambda tick: tick.done, 1200)
     assert not tick.success
-    tick = advance_until(twin, says(f"all 2 tasks have ended, 1 given up: pick {CUBE}: .*sight"), 60)
+    tick = advance_until(twin, says(f"all 2 tasks have ended, 1 given up: pick {CUBE}: .*to see"), 60)
     assert [task.status for task in tick.tasks] == ["failed", "failed"]
 
 
@@ -120,7 +120,7 @@ def test_a_target_without_a_free_place_is_waited_for_at_the_closest_one():
     twin = Twin(msgspec.structs.replace(SHORT, solids=(*SCENE.solids, step)))
     tick = twin.advance()
     assert re.match(
-        rf"no free candidate within 0.80 m of {CUBE}: driving to the closest free place, \d\.\d\d m from it",
+        rf"no free place to stand within 0.80 m of {CUBE}: driving to the closest free place, \d\.\d\d m from it",
         tick.placement.reason,
     )
     tick = advance_until(twin, says("waiting at the closest free place"))
@@ -162,14 +162,14 @@ def test_an_obstacle_beside_the_cube_that_holds_the_gripper_back_is_named():
     cube = next(body for body in tick.truth.objects if body.name == CUBE)
     twin.post(AddObstacle(name="post", shape="cylinder", x=cube.position[0], y=cube.position[1] - 0.12,
                           size=(0.1, 0.1, 1.5)))  # fmt: skip
-    advance_until(twin, says(rf"{CUBE}: the (gripper|arm) is held 0\.\d\d m from a seen (static|moving) obstacle"))
+    advance_until(twin, says(rf"{CUBE}: the (gripper|arm) keeps off a (static|moving) obstacle, 0\.\d\d m away"))
 
 
 def test_a_held_cube_without_a_task_is_a_reason_to_stand():
     twin = Twin(SCENE)
     advance_until(twin, lambda tick: tick.tasks[0].status == "done")
     twin.post(RemoveTask(index=1))
-    tick = advance_until(twin, says(f"{CUBE} is in the gripper and no task says where it goes"))
+    tick = advance_until(twin, says(f"{CUBE} is in the gripper, but no task says where it goes"))
     twin.post(InsertTask(tasks=(Place(bin=BIN),), index=tick.task_index))
     advance_until(twin, lambda tick: tick.truth.places == 1, 600)
 

@@ -34,6 +34,7 @@ from motm_twin.model.edits import (
     RemoveBody,
     RemoveTask,
     SendAgent,
+    SetBehaviour,
     SetParameter,
 )
 
@@ -264,6 +265,7 @@ __all__ = [
     "Seed",
     "SendAgent",
     "ServerCommand",
+    "SetBehaviour",
     "SetParameter",
     "Speed",
     "Step",

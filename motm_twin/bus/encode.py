@@ -18,6 +18,7 @@ from motm_twin.bus.messages import (
     BodyMessage,
     ContactMessage,
     CutInMessage,
+    EncounterMessage,
     EventMessage,
     ForcesMessage,
     GraspMessage,
@@ -30,6 +31,7 @@ from motm_twin.bus.messages import (
     ScoreMessage,
     TaskMessage,
     TickMessage,
+    TrackMessage,
 )
 from motm_twin.bus.plant_messages import DetectionData, to_message
 from motm_twin.control.arm.types import ArmStep
@@ -39,10 +41,14 @@ from motm_twin.model.plant import BodyTruth, Contact, CutIn, Detection, Observat
 from motm_twin.model.profile import RobotProfile
 from motm_twin.model.reason import Reason
 from motm_twin.model.scene import PlanarPose
+from motm_twin.perception.tracks import IDENTITY, RADIUS, SD, VX, VY
 from motm_twin.perception.world_map import WorldMap
+from motm_twin.planning.prediction import ellipses
+from motm_twin.planning.types import Encounter
 
 _DRAWN = 4  # decimals of values that are only drawn: 0.1 mm
 _EXACT = 9
+_EXPECTED = (1.0, 2.0, 3.0)  # [s] for which dynamic obstacles are shown ahead
 _TIME = 6  # simulated time in steps of 1 us: 1.97, not 1.9700000000000015
 JOINT_NAMES = [f"panda_joint{number}" for number in range(1, 8)]
 TCP_FRAME, CAMERA_FRAME, LIDAR_FRAME = "panda_tcp", "camera", "lidar"
@@ -90,6 +96,21 @@ def _typed(why: Reason) -> Reason:
     """A reason without infinite numbers, which JSON cannot carry."""
     value, limit = (0.0 if math.isinf(number) else float(number) for number in (why.value, why.limit))
     return msgspec.structs.replace(why, value=value, limit=limit, cause=why.cause and _typed(why.cause))
+
+
+def _encounter(other: Encounter) -> EncounterMessage:
+    return as_message(other, EncounterMessage, time=seconds(other.time), reason=str(other.why))
+
+
+def _track(track: Array) -> TrackMessage:
+    return TrackMessage(
+        track=int(track[IDENTITY]),
+        position=numbers(track[:2]),
+        velocity=numbers(track[VX : VY + 1]),
+        radius=round(float(track[RADIUS]), _DRAWN),
+        position_sd=round(float(track[SD]), _DRAWN),
+        expected=numbers(ellipses(track, _EXPECTED)),
+    )
 
 
 def _arm(step: ArmStep) -> ArmMessage:
@@ -177,13 +198,16 @@ def tick_message(
         tasks=[as_message(task, TaskMessage) for task in tick.tasks],
         beliefs=[as_message(belief, BeliefMessage) for belief in tick.beliefs],
         placement=as_message(tick.placement, PlacementMessage),
-        plan=as_message(tick.plan, PlanMessage, staa_path=[]),
+        plan=as_message(
+            tick.plan, PlanMessage, staa_path=[], encounters=[_encounter(other) for other in tick.plan.encounters]
+        ),
         arm=[_arm(step) for step in tick.arm],
         events=[as_message(event, EventMessage, time=seconds(event.time)) for event in tick.events],
         stage_ms={name: round(float(value), 3) for name, value in tick.stage_ms.items()},
         score=None if truth is None else as_message(truth, ScoreMessage),
         forces=_forces(truth),
         preview=False,
+        tracks=[_track(track) for track in tick.map.tracks],
         edits=list(tick.edits),
         inspected=None,
     )

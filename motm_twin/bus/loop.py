@@ -350,7 +350,7 @@ class TwinLoop:
         self._set_state("loading", f"loading {scene.name} {scene.variant}".rstrip())
         self._live.clear(scene)
         self._sink.scene(scene)
-        self._set_state("loading", "preparing the control loop (the first start compiles it, up to half a minute)")
+        self._set_state("loading", "preparing the control loop (the first start compiles it, a minute or more)")
         self._live.build(scene, self._source.method())
         self._tour = None if self._reference_tour is None else self._reference_tour(scene)
         self._begin(play, text)

@@ -46,6 +46,7 @@ class BodyMessage(msgspec.Struct, frozen=True, kw_only=True):
     yaw: float  # [rad]
     state: str  # objects: resting | held | binned:<bin> | dropped; agents: driving | waiting | held | ...
     size: Vector  # extents x, y, z [m]
+    behaviour: str = ""  # of an agent: yield | blind | orca | social_force
 
 
 class TaskMessage(msgspec.Struct, frozen=True, kw_only=True):
@@ -94,6 +95,31 @@ class InspectedMessage(msgspec.Struct, frozen=True, kw_only=True):
     next_path: Vectors  # candidate to the next target, shape (k, 2); empty without one
 
 
+class TrackMessage(msgspec.Struct, frozen=True, kw_only=True):
+    """A dynamic obstacle as the lidar tracks it, and where it is expected."""
+
+    track: int  # identity, kept while it is followed
+    position: Vector  # middle x, y, world
+    velocity: Vector  # [m/s]
+    radius: float  # [m]
+    position_sd: float  # [m] how sure
+    expected: Vectors  # after 1, 2, 3 s: [s], x, y, half axes along and across its way [m], direction; (n, 6)
+
+
+class EncounterMessage(msgspec.Struct, frozen=True, kw_only=True):
+    """A dynamic obstacle that the base comes near to when the plan is carried out."""
+
+    track: int  # of one of the tick's `tracks`
+    yields: str  # who gives way: robot | other | "" (nobody has to)
+    passes: str  # where the base crosses its way: behind | in front | "" (it does not cross it)
+    time: float  # [s] from now until both are nearest
+    gap: float  # [m] between them then
+    speed: float  # [m/s] of the other
+    courtesy: float  # [s] of the other's time that the plan takes
+    why: Reason  # the same in one sentence, typed
+    reason: str  # one sentence
+
+
 class PlanMessage(msgspec.Struct, frozen=True, kw_only=True):
     """Motion of the base and the plan behind it."""
 
@@ -113,6 +139,8 @@ class PlanMessage(msgspec.Struct, frozen=True, kw_only=True):
     time_to_range: MaybeNumber  # [s] until the target is in reach; 0: it is
     staa_path: Vectors = []  # shortest path of unmodified STAA*, when asked for
     why: Reason | None = None  # `reason`, typed
+    encounters: list[EncounterMessage] = []  # with dynamic obstacles, the soonest first; of methods with foresight
+    courtesy: float = 0.0  # [s] of the others' time that the plan takes, one of its costs
 
 
 class ArmMessage(msgspec.Struct, frozen=True, kw_only=True):
@@ -249,6 +277,7 @@ class TickMessage(msgspec.Struct, frozen=True, kw_only=True):
     edits: list[Edit] = []  # applied at the start of this period
     why: Reason | None = None  # `stop_reason`, typed
     forces: ForcesMessage | None = None  # null for a kinematic plant, and for a real robot
+    tracks: list[TrackMessage] = []  # dynamic obstacles that the lidar follows
 
 
 class SceneChoice(msgspec.Struct, frozen=True, kw_only=True):

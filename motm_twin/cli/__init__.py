@@ -9,6 +9,7 @@ import tyro
 from motm_twin import __version__
 from motm_twin.bus.zenoh_config import ConfigError
 from motm_twin.cli.commands import COMMANDS
+from motm_twin.cli.outputs import kernel_problem
 from motm_twin.model.names import MethodError, hint
 from motm_twin.model.scene_error import SceneError
 from motm_twin.program import BAD_INPUT, FAILED, INTERRUPTED, OK, plain_console
@@ -66,8 +67,16 @@ def _called() -> int:
         return tyro.extras.subcommand_cli_from_dict(
             COMMANDS,
             prog="motm-twin",
-            description="Reactive manipulation on the move, as a digital twin. --version says which.",
+            description="Reactive manipulation on the move, as a digital twin. --version prints the version.",
         )
     except (SceneError, SessionError, ConfigError, MethodError) as error:
-        plain_console(stderr=True).print(f"motm-twin: {error}", markup=False)
-        return BAD_INPUT
+        return _refused(str(error))
+    except RuntimeError:  # of Numba, when a module with kernels is imported
+        if problem := kernel_problem():
+            return _refused(problem)
+        raise
+
+
+def _refused(problem: str) -> int:
+    plain_console(stderr=True).print(f"motm-twin: {problem}", markup=False)
+    return BAD_INPUT

@@ -12,6 +12,7 @@ from rich.table import Table
 
 from motm_twin.cli.outputs import folder_problem
 from motm_twin.generate.barn import PREFIX
+from motm_twin.model.names import hint
 from motm_twin.perf import anytime, bus, growth, page, period, scale, soak
 from motm_twin.perf.report import machine
 from motm_twin.plants import MUJOCO, require_mujoco
@@ -23,6 +24,7 @@ from motm_twin.studies.pool import BACKENDS
 from motm_twin.studies.run import Results, kept_text, run
 from motm_twin.studies.settings import BenchSettings
 from motm_twin.studies.summary import published_beside, reasons_table, rows, summary_table, write_summary
+from motm_twin.warm_up import compile_kernels
 
 TABLE_WIDTH = 132  # characters; a narrower table is not readable
 
@@ -113,6 +115,7 @@ def run_bench(given: BenchSettings) -> int:
         return BAD_INPUT
     console = table_console()
     console.width = max(console.width, TABLE_WIDTH)
+    compile_kernels()
     if given.groups[0] in ALONE:
         return ALONE[given.groups[0]](given, console)
     experiments = [name for name in given.groups if name in ONLY_EXPERIMENTS or given.experiment]
@@ -155,16 +158,16 @@ def _problem(given: BenchSettings) -> str:
     if given.worlds is not None and given.worlds < 1:
         return f"--worlds {given.worlds}: at least 1 is needed"
     if given.workers < 1:
-        return "need a worker"
+        return f"--workers {given.workers}: at least 1 is needed"
     if not 0.0 < given.share <= 1.0:
-        return f"--share {given.share:g}: allowed is more than 0 and at most 1"
+        return f"--share {given.share:g}: give a share above 0, at most 1"
     problem = folder_problem(given.out)
     return f"--out {given.out}: {problem}" if problem else ""
 
 
 def _wrong_name(given: BenchSettings) -> str:
     """Refusal of the first unknown name, with the known ones; "" when all are known."""
-    possible = tuple(EXPERIMENTS) if given.experiment else ("all", *RUNS, *ONLY_EXPERIMENTS)
+    possible = tuple(EXPERIMENTS) if given.experiment else ("all", *RUNS, *ONLY_EXPERIMENTS, *ALONE)
     named = given.groups if given.groups[0] not in ALONE else []  # scene files may follow it
     for what, names, known in (
         ("experiment" if given.experiment else "group", named, possible),
@@ -172,7 +175,7 @@ def _wrong_name(given: BenchSettings) -> str:
         ("scene", given.scenes, tuple(faults.SCENES)),
     ):
         if wrong := [name for name in names if name not in known]:
-            return f"unknown {what} {wrong[0]!r}: use {', '.join(known)}"
+            return f"unknown {what} {wrong[0]!r}; {hint(wrong[0], known)}"
     return ""
 
 
@@ -180,7 +183,7 @@ def _bench_barn(given: BenchSettings, console: Console) -> int:
     """Cross worlds; the exit code, 2 for names that are none, 1 when a world was not crossed."""
     names = [*given.groups[1:], *(f"{PREFIX}{seed}" for seed in range(given.worlds or 0))]
     if not names:
-        console.print("bench barn: name scene files, or say --worlds 50 for worlds from seeds", markup=False)
+        console.print("bench barn: name scene files, or give --worlds 50 for worlds made from seeds", markup=False)
         return BAD_INPUT
     try:
         crossed = barn.bench_barn(names, given.methods, given.profile, given.workers, given.out, console)

@@ -13,12 +13,14 @@ from motm_twin.cli.paper import paper
 from motm_twin.cli.record import info, record, recover, replay, rerun
 from motm_twin.cli.robot import robot
 from motm_twin.cli.security import security
-from motm_twin.cli.settings import RunSettings, ServeSettings
+from motm_twin.cli.settings import RunSettings, Seed, ServeSettings
 from motm_twin.interrupts import interruptible
 from motm_twin.model.scene_error import SceneError
 from motm_twin.studies.settings import BenchSettings
 
 Flag = Annotated[bool, tyro.conf.FlagCreatePairsOff]
+Endpoint = Annotated[str | None, tyro.conf.arg(metavar="ENDPOINT")]
+Twin = Annotated[str | None, tyro.conf.arg(metavar="NAME")]
 Changes = Annotated[tyro.conf.UseAppendAction[tuple[str, ...]], tyro.conf.arg(name="set", metavar="NAME=VALUE")]
 
 
@@ -54,11 +56,11 @@ def what_if(
 
     Args:
         file: A saved session.
-        changes: A parameter and its value; may be given several times. docs/zenoh.md lists them (Parameters).
-        seconds: Simulated time from which the parameters are others; 0 for the whole run.
+        changes: Set a parameter (docs/zenoh.md lists them) to a value; may be repeated.
+        seconds: Simulated time from which the changes hold; 0 for the whole run.
         json: Write the report to a file, or to standard output with '-'.
-        stream: Write the poses of both robots at 10 Hz and their ends as JSON lines instead.
-        method: For a session that was made with a method of your own: its file.
+        stream: Instead, write the poses of both robots at 10 Hz and their outcomes as JSON lines.
+        method: File of your own method, if the session was made with one.
     """
     from motm_twin.cli.what_if import what_if as compare
 
@@ -67,20 +69,20 @@ def what_if(
 
 def scene(
     action: Positional[Literal["list", "check", "schema", "generate"]],
-    path: Positional[str | None] = None,
+    path: Annotated[Positional[str | None], tyro.conf.arg(metavar="[SCENE]")] = None,
     /,
-    seed: int | None = None,
-    difficulty: float | None = None,
+    seed: Seed = None,
+    difficulty: Annotated[float | None, tyro.conf.arg(metavar="FLOAT")] = None,
     output: Annotated[Path | None, tyro.conf.arg(aliases=["-o"], metavar="FILE")] = None,
 ) -> int:
     """List the shipped scenes, check a scene file, print the JSON Schema of scene files, or make a new scene.
 
     Args:
         action: What to do.
-        path: Scene name or file, for check; - reads standard input.
-        seed: Of the generated scene; the same seed and difficulty give the same file.
-        difficulty: Of the generated scene, from 0 (easy) to 1 (hard); 0.5 without it.
-        output: New file for the generated scene; without it, it is printed.
+        path: For check: name or file of a scene; - reads standard input.
+        seed: For generate: the same seed and difficulty give the same file.
+        difficulty: For generate: from 0 (easy) to 1 (hard); 0.5 without it.
+        output: For generate: the new file; without it, the scene is printed.
     """
     from motm_twin.cli.scene import check_scene, generate_scene, list_scenes, print_schema
 
@@ -98,12 +100,13 @@ def scene(
 
 
 def bench(settings: Annotated[BenchSettings, tyro.conf.arg(name="")]) -> int:
-    """Measure, as tables and JSON: the trials behind the numbers of the README, the page, Zenoh, a router.
+    """Measure trials, the page, Zenoh or a router, as tables and JSON; or compare methods.
 
-    With methods, trials, changes, backend, address or retry-failed: an experiment (exp1, exp1a, exp2, blind, one_temi,
+    A group, such as exp1, measures the numbers of the README. With --methods, --trials, --changes, --backend, --address
+    or --retry-failed it runs an experiment and compares the methods in a table: exp1, exp1a, exp2, blind, one_temi,
     ablations, grasp_delay, robustness, mismatch, quick_robot, further_scenes, generated, sweep_next_weight,
-    sweep_bezier_offset, sweep_radius_min, sweep_radius_max), compared in a table. It is kept on disk: after Ctrl-C or a
-    crash the same command goes on where it ended.
+    sweep_bezier_offset, sweep_radius_min or sweep_radius_max. Trials are kept on disk: after Ctrl-C or a crash the same
+    command resumes.
     """
     from motm_twin.cli.bench import run_bench
 
@@ -111,13 +114,13 @@ def bench(settings: Annotated[BenchSettings, tyro.conf.arg(name="")]) -> int:
 
 
 def watch(
-    key: Positional[str] = "tick",
+    key: Annotated[Positional[str], tyro.conf.arg(metavar="[KEY]")] = "tick",
     /,
     once: Flag = False,
     json: Annotated[Flag, tyro.conf.arg(name="json")] = False,
     field: Annotated[str | None, tyro.conf.arg(metavar="PATH")] = None,
-    endpoint: str | None = None,
-    twin: str | None = None,
+    endpoint: Endpoint = None,
+    twin: Twin = None,
 ) -> int:
     """Print what a running twin publishes, one line each, until Ctrl-C: the newest state, and every event.
 
@@ -125,10 +128,10 @@ def watch(
 
     Args:
         key: One of tick, robot, scan, grid, event, metrics, status, scene.
-        once: Only the newest value.
-        json: The messages themselves, as JSON.
-        field: Only one field, as JSON; its path with dots: robot.pose.0.
-        endpoint: Address of the twin server; without it, where MOTM_ZENOH_CONFIG leads, or the twin on this machine.
+        once: Print only the newest value.
+        json: Print the messages themselves, as JSON.
+        field: Print one field, as JSON; its path with dots: robot.pose.0.
+        endpoint: Address of the twin server; without it, that of MOTM_ZENOH_CONFIG, or the twin on this machine.
         twin: Name of the twin.
     """
     from motm_twin.cli.watch import watch as watch_key
@@ -142,10 +145,10 @@ def send(
     /,
     json: Annotated[str | None, tyro.conf.arg(name="json", metavar="{...}")] = None,
     timeout: float = 2.0,
-    endpoint: str | None = None,
-    twin: str | None = None,
+    endpoint: Endpoint = None,
+    twin: Twin = None,
 ) -> int:
-    """Send a command to a running twin, print its answer as JSON, and leave the wheel to others.
+    """Send a command to a running twin, print its answer as JSON, and let others drive again.
 
     Exit code 0: done; 1: refused, or no twin answers; 2: bad input.
 
@@ -153,8 +156,8 @@ def send(
         command: Name of the command, such as play or add_obstacle; docs/zenoh.md lists them.
         fields: Fields of the command: name=crate x=1.0 y=-0.5 size=0.3,0.3,0.4
         json: Fields as JSON instead.
-        timeout: Time to wait for the answer, in seconds.
-        endpoint: Address of the twin server; without it, where MOTM_ZENOH_CONFIG leads, or the twin on this machine.
+        timeout: Time to wait for the answer [s].
+        endpoint: Address of the twin server; without it, that of MOTM_ZENOH_CONFIG, or the twin on this machine.
         twin: Name of the twin.
     """
     from motm_twin.cli.send import send as send_command
@@ -162,14 +165,14 @@ def send(
     return send_command(command, list(fields), json=json, timeout=timeout, endpoint=endpoint, twin=twin)
 
 
-def twins(endpoint: str | None = None, json: Annotated[Flag, tyro.conf.arg(name="json")] = False) -> int:
-    """List the twins that run on this machine, or behind an endpoint (or where MOTM_ZENOH_CONFIG leads).
+def twins(endpoint: Endpoint = None, json: Annotated[Flag, tyro.conf.arg(name="json")] = False) -> int:
+    """List the twins that run on this machine, or behind an endpoint (or that of MOTM_ZENOH_CONFIG).
 
     Exit code 0: there is one that answers; 1: there is none.
 
     Args:
         endpoint: Address of a twin server or router.
-        json: As JSON, one line each.
+        json: Print JSON, one line each.
     """
     from motm_twin.cli.watch import twins as list_twins
 

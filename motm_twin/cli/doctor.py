@@ -1,4 +1,4 @@
-"""`motm-twin doctor`: one line for each thing that works on this machine or does not, with the cure."""
+"""`motm-twin doctor`: one line for each thing that works on this machine or does not, and what to do about it."""
 
 import ctypes.util
 import importlib
@@ -14,6 +14,7 @@ from typing import NamedTuple
 from motm_twin import __version__
 from motm_twin.bus.connection import LOOPBACK, require_free_port
 from motm_twin.bus.keys import DEFAULT_PORT
+from motm_twin.cli.outputs import kernel_problem
 from motm_twin.program import FAILED, OK, table_console
 
 PAGE_PORT = 8080
@@ -42,7 +43,7 @@ class Answer(NamedTuple):
 
 
 def doctor() -> int:
-    """Look at this machine: packages, kernels, ports, browser, Zenoh. One line each, with the cure.
+    """Check this machine: packages, kernels, ports, browser, Zenoh. One line each, with what to do if it fails.
 
     Exit code 0: everything that the twin needs works; 1: not.
     """
@@ -57,10 +58,12 @@ def doctor() -> int:
 
 
 def _answers(check: Callable[[], Iterator[Answer]]) -> list[Answer]:
-    """Answers of one check; one that breaks is an answer, too."""
+    """Answers of one check; one that breaks is an answer, too, but for what `_cache` has said."""
     try:
         return list(check())
     except Exception as error:
+        if check is not _cache and kernel_problem():
+            return []
         return [Answer(Mark.WRONG, f"{check.__name__.strip('_')}: {type(error).__name__}: {error}")]
 
 
@@ -92,6 +95,11 @@ def _models() -> Iterator[Answer]:
     yield Answer(Mark.GOOD, f"{len(list_scenes())} shipped scenes, robot model in {model.parent}")
 
 
+def _cache() -> Iterator[Answer]:
+    if problem := kernel_problem():
+        yield Answer(Mark.WRONG, problem)
+
+
 def _kernels() -> Iterator[Answer]:
     from motm_twin.planning.staa import run_search
     from motm_twin.warm_up import is_warm
@@ -105,7 +113,8 @@ def _kernels() -> Iterator[Answer]:
     elif is_warm():
         yield Answer(Mark.GOOD, f"numeric kernels are compiled ({where})")
     else:
-        yield Answer(Mark.NOTE, "numeric kernels are not compiled yet", "the next start does it; motm-twin warm-up now")
+        cure = "the next start does it; to do it now: motm-twin warm-up"
+        yield Answer(Mark.NOTE, "numeric kernels are not compiled yet", cure)
 
 
 def _ports() -> Iterator[Answer]:
@@ -114,7 +123,8 @@ def _ports() -> Iterator[Answer]:
             require_free_port(LOOPBACK, port, use)
         except OSError:
             option = "--port" if use == "page" else "--zenoh-port"
-            yield Answer(Mark.NOTE, f"port {port} ({use}) is taken", f"motm-twin twins lists twins; or use {option}")
+            cure = f"motm-twin twins lists the twins that run; or choose another port with {option}"
+            yield Answer(Mark.NOTE, f"port {port} ({use}) is taken", cure)
         else:
             yield Answer(Mark.GOOD, f"port {port} ({use}) is free")
 
@@ -124,13 +134,13 @@ def _browser() -> Iterator[Answer]:
     found = next((path for name in (given, *CHROMIUMS) if name and (path := shutil.which(name))), None)
     if found is None:
         yield Answer(
-            Mark.NOTE, "no Chromium here", "browser tests, bench page and photographs of the report need it; "
+            Mark.NOTE, "no Chromium found", "browser tests, bench page and screenshots of the report need it; "
             "the page itself opens in any browser with WebGL",
         )  # fmt: skip
     else:
         yield Answer(Mark.GOOD, f"Chromium: {found}")
     if ctypes.util.find_library("GL") is None and ctypes.util.find_library("EGL") is None:
-        yield Answer(Mark.NOTE, "no OpenGL library here", "a browser on this machine draws the page slowly")
+        yield Answer(Mark.NOTE, "no OpenGL library found", "a browser on this machine draws the page slowly")
     else:
         yield Answer(Mark.GOOD, "OpenGL library found")
 
@@ -145,7 +155,7 @@ def _zenoh() -> Iterator[Answer]:
     yield Answer(Mark.GOOD, "Zenoh works on loopback")
     found = [one for one in running_twins() if one.alive]
     names = ", ".join(f"{one.twin} at {one.endpoint} ({one.scene})" for one in found)
-    yield Answer(Mark.GOOD, f"twins that run: {names}" if found else "no twin runs on this machine")
+    yield Answer(Mark.GOOD, f"running twins: {names}" if found else "no twin is running on this machine")
 
 
-CHECKS = (_versions, _packages, _models, _kernels, _ports, _browser, _zenoh)
+CHECKS = (_versions, _packages, _cache, _models, _kernels, _ports, _browser, _zenoh)

@@ -1,9 +1,11 @@
-"""Output files of commands: one that cannot be written is refused before the command runs."""
+"""Files and folders that commands write to: one that cannot be written is refused before the command runs."""
 
 import json
 import tempfile
 from pathlib import Path
 from typing import Any
+
+from numba import njit
 
 from motm_twin.sessions.session import SessionError
 
@@ -41,6 +43,22 @@ def folder_problem(folder: Path) -> str:
             return ""
     except OSError:
         return f"{there} cannot be written to: give another folder"
+
+
+def kernel_problem() -> str:
+    """Reason why Numba finds no folder for compiled kernels, and the cure; "" when it finds one.
+
+    Without one, modules with kernels cannot be imported.
+    """
+    try:
+        njit(cache=True)(folder_problem)  # any function: nothing is compiled before the first call
+    except RuntimeError:
+        package = Path(__file__).parents[1]
+        return (
+            f"there is no folder for compiled kernels: neither {package} nor your home can be written to. "
+            "Set NUMBA_CACHE_DIR to a folder of yours"
+        )
+    return ""
 
 
 def write_json(report: dict[str, Any], target: str) -> None:

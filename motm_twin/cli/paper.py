@@ -18,10 +18,10 @@ WARN_HOURS = 3.0  # beyond this, --yes is required
 def paper(settings: Annotated[PaperSettings, tyro.conf.arg(name="")]) -> int:
     """Run the paper's experiments and write a report to cite: figures, tables, results, one HTML file.
 
-    By default all methods on ten trials of Experiments 1 and 1a and five of 2, each modification switched off on ten,
-    other values of four parameters on five, ten seeds of every error and five of late, missed and slipped grasps: less
-    than an hour on two cores. After Ctrl-C the same command goes on where it ended. Exit code 0: the report was
-    written; 2: bad input; 130: stopped with Ctrl-C.
+    The default runs all methods on ten trials of Experiments 1 and 1a and on five of 2, each modification switched off
+    on ten, other values of four parameters on five, ten seeds of every error and five of late, missed and slipped
+    grasps: less than an hour on two cores. After Ctrl-C the same command resumes. Exit code 0: the report was written;
+    2: bad input; 130: stopped with Ctrl-C.
     """
     from motm_twin.studies.paper.plan import PLANS
 
@@ -34,7 +34,7 @@ def paper(settings: Annotated[PaperSettings, tyro.conf.arg(name="")]) -> int:
     except ValueError as error:  # a scene, method or folder with which no trial can be run; or hours
         return _refused(str(error))
     except KeyboardInterrupt:
-        text = f"\nstopped; the finished trials are in {given.out}: the same command goes on from there"
+        text = f"\nstopped; the finished trials are in {given.out}: the same command resumes there"
         console.print(text, markup=False)
         return INTERRUPTED
     console.print("figures and tables:")
@@ -78,7 +78,9 @@ def _run(given: PaperSettings, plan, console: Console) -> dict:
     from motm_twin.studies.paper.data import COMMAND, PLAN, keys, of_plan, stored, write_completed
     from motm_twin.studies.paper.parts import needed
     from motm_twin.studies.run import run
+    from motm_twin.warm_up import compile_kernels
 
+    compile_kernels()
     experiments = needed(plan.experiments, given.only) if given.only else plan.experiments
     wanted = keys(experiments)
     _announce(given, wanted, console)

@@ -26,21 +26,21 @@ _Flag = Annotated[bool, tyro.conf.FlagCreatePairsOff]
 def record(
     out: Annotated[Positional[str], tyro.conf.arg(metavar="FILE")],
     /,
-    twin: str | None = None,
-    endpoint: str | None = None,
-    seconds: float | None = None,
+    twin: Annotated[str | None, tyro.conf.arg(metavar="NAME")] = None,
+    endpoint: Annotated[str | None, tyro.conf.arg(metavar="ENDPOINT")] = None,
+    seconds: Annotated[float | None, tyro.conf.arg(metavar="FLOAT")] = None,
     wait: float = 30.0,
 ) -> int:
-    """Record a running twin from outside into an MCAP file, until Ctrl-C. The twin does not notice.
+    """Record a running twin into an MCAP file, from another process, until Ctrl-C.
 
-    Exit code 0: recorded; 1: the disk refused, what is before can be read; 2: bad input, or no twin answers.
+    Exit code 0: recorded; 1: the disk refused, what was written can be read; 2: bad input, or no twin answers.
 
     Args:
-        out: File to be written, FILE.mcap; it must not exist.
+        out: New file, FILE.mcap.
         twin: Name of the twin in the Zenoh keys; without it, the only one that runs.
-        endpoint: Where its server listens; without it, where MOTM_ZENOH_CONFIG leads, or the twin on this machine.
+        endpoint: Address of its server; without it, that of MOTM_ZENOH_CONFIG, or the twin on this machine.
         seconds: Time to record [s], above 0; without it until Ctrl-C.
-        wait: Time in seconds to wait for the server, when both --twin and --endpoint are given.
+        wait: Time to wait for the server [s], when both --twin and --endpoint are given.
     """
     from motm_twin.client.discover import OPTIONS, NoTwin, find
 
@@ -97,7 +97,7 @@ def _tell_refused(text: str) -> None:
 
 
 def replay(settings: Annotated[ReplaySettings, tyro.conf.arg(name="")]) -> int:
-    """Play a recording back: in the page, and on Zenoh under the keys of a twin.
+    """Play a recording back in the page, and on Zenoh under the keys of a twin.
 
     Exit code 0: ended on request; 1: a process died again and again; 2: bad input.
     """
@@ -106,7 +106,7 @@ def replay(settings: Annotated[ReplaySettings, tyro.conf.arg(name="")]) -> int:
 
     file, speed = settings.file, settings.speed
     if not file.endswith(".mcap"):
-        raise SessionError("is no recording (.mcap); `motm-twin rerun` computes a session again", file=file)
+        raise SessionError("is no recording (.mcap); for a saved session use `motm-twin rerun`", file=file)
     if not Path(file).is_file():
         raise SessionError("there is no such file", file=file)
     if problem := SPEED.refusal("", speed):
@@ -117,16 +117,16 @@ def replay(settings: Annotated[ReplaySettings, tyro.conf.arg(name="")]) -> int:
 def rerun(file: _File, /, update: _Flag = False, json: _Json = None, method: _Method = None) -> int:
     """Compute a saved session or a recording again and compare it bit for bit.
 
-    Of a recording, every run that can be computed is: every period and state hash is compared, and the first period
-    that differs is named. Of every other run it is said why it cannot be; that is no difference.
+    For a recording, this computes every run that it can, compares every period and state hash, and names the first
+    period that differs. For every other run it gives the reason; that does not count as a difference.
 
     Exit code 0: equal, or updated; 1: different; 2: bad input, or nothing in the recording can be computed.
 
     Args:
         file: A saved session (.json) or a recording (.mcap).
-        update: Write the new state into the session, after showing the difference: the change of behaviour is meant.
+        update: Show the difference, then write the new state into the session: the change of behaviour is intended.
         json: Write the report to a file, or to standard output with '-'.
-        method: For what was made with a method of your own: its file.
+        method: File of your own method, if the session or recording was made with one.
     """
     from motm_twin.cli.rerun import rerun_file
 
@@ -134,7 +134,7 @@ def rerun(file: _File, /, update: _Flag = False, json: _Json = None, method: _Me
 
 
 def info(file: _File, /, json: _Json = None) -> int:
-    """Tell what is in a recording: duration, runs, topics with rates, and whether it is complete.
+    """Describe a recording: duration, runs, topics with rates, and whether it is complete.
 
     Exit code 0: complete; 1: its end is missing or a part is broken; 2: bad input.
 
@@ -153,14 +153,14 @@ def info(file: _File, /, json: _Json = None) -> int:
     return OK if found.complete else FAILED
 
 
-def recover(file: _File, /, out: Annotated[str | None, tyro.conf.arg(aliases=("-o",))] = None) -> int:
-    """Write a whole file, with its index, from a recording that was cut off; what was written is read to prove it.
+def recover(file: _File, /, out: Annotated[str | None, tyro.conf.arg(aliases=("-o",), metavar="FILE")] = None) -> int:
+    """Write a complete file, with its index, from a recording that was cut off, and read it back as a check.
 
-    Exit code 0: recovered; 2: bad input, or what was written cannot be read.
+    Exit code 0: recovered; 2: bad input, or the new file cannot be read.
 
     Args:
         file: A recording (.mcap).
-        out: File to be written; FILE.recovered.mcap without it.
+        out: New file; FILE.recovered.mcap without it.
     """
     from motm_twin.record.reader import recover as recover_file
 

@@ -6,6 +6,7 @@ from rich.console import Console
 from motm_twin.cli.outputs import refuse_unwritable, write_json
 from motm_twin.control.method import Method
 from motm_twin.methods.registry import find_method
+from motm_twin.model.names import scene_name
 from motm_twin.model.period import PERIOD
 from motm_twin.program import FAILED, OK, plain_console
 from motm_twin.record.recording import load_recording
@@ -55,7 +56,7 @@ def _rerun_recording(file: str, report: str | None, own: Method | None) -> int:
     recording = load_recording(file)
     console = plain_console()
     if not recording.runs:
-        raise SessionError("holds no period of a twin", file=file)
+        raise SessionError("holds no period of a twin: `motm-twin info` tells what is in it", file=file)
     found: list[RunReport] = []
     left: list[NotComputed] = []
     for run in recording.runs:
@@ -116,7 +117,9 @@ def explain(again: Rerun) -> str:
 def _print(session: Session, again: Rerun) -> None:
     console = plain_console()
     scene = session.scene
-    name = f"{scene.name} / {scene.variant}, seed {scene.seed}" + (f": {session.title}" if session.title else "")
+    name = f"{scene_name(scene.name, scene.variant)}, seed {scene.seed}" + (
+        f": {session.title}" if session.title else ""
+    )
     console.print(name, style="bold", markup=False)
     console.print(
         f"method {session.method}, time {again.time_s:.2f} s, {again.periods} periods ({again.periods * PERIOD:.2f} s "

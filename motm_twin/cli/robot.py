@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from tyro.conf import FlagCreatePairsOff, Positional, arg
 
+from motm_twin.cli.settings import Seed
 from motm_twin.program import BAD_INPUT, FAILED, OK
 
 if TYPE_CHECKING:
@@ -20,11 +21,11 @@ class LinkSettings:
     """An emulated link between robot and twin; without any of these it is perfect.
 
     Args:
-        latency: Emulated link, each direction: delay of a message [s].
-        jitter: Emulated link: the delay varies by this much up and down [s].
+        latency: Emulated link: delay of each message [s], in each direction.
+        jitter: Emulated link: the delay varies by up to this much, either way [s].
         loss: Emulated link: share of messages that are lost, 0 to 1.
-        outage: Emulated link: nothing arrives for so long [s], in both directions, once in every...
-        every: Emulated link: ... so many seconds, at a random time.
+        outage: Emulated link: duration of outages [s], in which nothing arrives in either direction.
+        every: Emulated link: time [s] in which one outage falls, at a random moment.
         link_seed: Seed of the emulated link.
     """
 
@@ -41,24 +42,24 @@ class RobotSettings:
     """The robot's scene, twin and clock.
 
     Args:
-        scene: Shipped scene or path to a scene file; a twin may put the robot into another one.
-        variant: Named variant of the scene.
-        seed: Seed of noise and random arrangements.
+        scene: Shipped scene or path to a scene file; the twin may load another one.
+        variant: Named variant of the scene; without it the scene's default.
+        seed: Seed of noise and random arrangements; without it the scene's.
         twin: Name of the twin in the Zenoh keys.
-        endpoint: Where the twin's server or a Zenoh router listens; the robot waits for it. Without it, where
-            MOTM_ZENOH_CONFIG leads, or tcp/127.0.0.1:7447.
+        endpoint: Address of the twin's server or of a Zenoh router; the robot waits for it. Without it, that of
+            MOTM_ZENOH_CONFIG, or tcp/127.0.0.1:7447.
         clock: real: time passes by itself; shared: it passes as fast as the twin grants it.
         link: Emulated link.
         physics: kinematic, or mujoco: contact dynamics (docs/physics.md).
         json: Write the report to a file, or to standard output with '-'.
-        child: For programs that start a robot: end also when standard input ends, and say nothing of the twin.
+        child: For programs that start a robot: end when standard input ends, too, and print nothing about the twin.
     """
 
-    scene: Positional[str] = "exp1"
-    variant: str | None = None
-    seed: int | None = None
+    scene: Annotated[Positional[str], arg(metavar="[SCENE]")] = "exp1"
+    variant: Annotated[str | None, arg(metavar="NAME")] = None
+    seed: Seed = None
     twin: str = "frankie"
-    endpoint: str | None = None
+    endpoint: Annotated[str | None, arg(metavar="ENDPOINT")] = None
     clock: Literal["real", "shared"] = "real"
     link: Annotated[LinkSettings, arg(name="")] = field(default_factory=LinkSettings)
     physics: Literal["kinematic", "mujoco"] = "kinematic"
@@ -67,10 +68,10 @@ class RobotSettings:
 
 
 def robot(settings: Annotated[RobotSettings, arg(name="")]) -> int:
-    """Be the robot of a twin that runs with `serve --plant zenoh`: simulated, with a referee, in its own process.
+    """Simulate the robot of a twin that runs with `serve --plant zenoh`, with a referee, in its own process.
 
-    Runs until Ctrl-C or SIGTERM and then prints what the referee has counted. Where it waits for its twin, and that it
-    has met it, is said on standard error. Exit code 0: no contact was caused by the robot; 1: one was; 2: bad input.
+    Runs until Ctrl-C or SIGTERM and then prints the referee's counts. Standard error says where it waits for its twin
+    and when they have met. Exit code 0: the robot caused no contact; 1: it caused one; 2: bad input.
     """
     from motm_twin.bus.processes import leave
 

@@ -13,6 +13,7 @@ from motm_twin.control.tick import Tick
 from motm_twin.control.tuning import parameter
 from motm_twin.methods.registry import FAST, find_method
 from motm_twin.model.edits import ParameterValue
+from motm_twin.model.names import scene_name
 from motm_twin.model.period import PERIODS_PER_SECOND
 from motm_twin.model.scene import Scene
 from motm_twin.model.scene_file import load_scene
@@ -25,6 +26,8 @@ from motm_twin.trial import run_scene
 
 if TYPE_CHECKING:
     from motm_twin.studies.speed_plot import SpeedFigure
+
+_PARTS = {"at_limit": "at the speed limit", "below_limit": "below it"}  # parts that the report names by one word
 
 
 def run(given: RunSettings) -> int:
@@ -107,7 +110,7 @@ def _figure(scene: Scene, file: Path) -> SpeedFigure:
 def print_report(result: dict) -> None:
     """Print the report of a run."""
     console = table_console()
-    console.print(f"[bold]{result['scene']} / {result['variant']}[/bold], seed {result['seed']}: ", end="")
+    console.print(f"[bold]{scene_name(result['scene'], result['variant'])}[/bold], seed {result['seed']}: ", end="")
     console.print("[green]completed[/green]" if result["success"] else f"[red]failed[/red]: {result['reason']}")
     console.print(
         f"time {result['time_s']:.2f} s (reference tour {result['reference_tour_s']:.1f} s), "
@@ -117,14 +120,16 @@ def print_report(result: dict) -> None:
         + (f", cut in on agents {len(result['cut_ins'])} times" if result["cut_ins"] else "")
     )
     measures = result["measures"]
-    parts = ", ".join(f"{name.replace('_', ' ')} {seconds:.1f}" for name, seconds in measures["parts_s"].items())
+    parts = ", ".join(
+        f"{_PARTS.get(name, name.replace('_', ' '))} {seconds:.1f}" for name, seconds in measures["parts_s"].items()
+    )
     console.print(f"seconds by part: {parts}")
     reference = sum(leg["reference_m"] or 0.0 for leg in measures["legs"])
     felt = measures["arm_base_acceleration_mps2"]["p99"]
     console.print(
         f"path {result['path_length_m']:.1f} m (reference tour {reference:.1f} m; leg by leg in --json and --plot)"
-        + ("" if felt is None else f"; the arm's foot feels {felt:.2f} m/s^2 at p99, ")
-        + ("" if felt is None else f"{measures['yaw_sign_changes_per_m']:.2f} changes of turning per metre")
+        + ("" if felt is None else f"; acceleration at the arm's mount {felt:.2f} m/s^2 at p99, ")
+        + ("" if felt is None else f"{measures['yaw_sign_changes_per_m']:.2f} changes of turning direction per metre")
     )
     tick = result["tick_ms"]
     console.print(

@@ -25,14 +25,14 @@ class SecuritySettings:
 
     Args:
         action: make a new folder; add or remove viewers, drivers, robots; list them.
-        folder: The folder; keep it secret, and hand its files out one by one.
+        folder: The folder; keep it secret, and give each file in it to its owner only.
         host: Names and addresses under which others find the server, the usual one first (make).
         port: TCP port of the TLS listener (make).
-        viewer: Names of those who read.
-        driver: Names of those who read and command.
-        robot: Names of twins whose robot lives on another machine.
-        twin: Names of twins that meet at a router: then the folder is the router's (docs/scale.md).
-        passwords: User and password within TLS, instead of a certificate for each (make).
+        viewer: Names of people who may read.
+        driver: Names of people who may read and command.
+        robot: Names of twins whose robot runs on another machine.
+        twin: Names of twins that meet at a router; the folder is then the router's (docs/scale.md).
+        passwords: Use a user name and password within TLS instead of a certificate for each (make).
         days: How long certificates are valid.
     """
 
@@ -53,7 +53,7 @@ class SecuritySettings:
 
 
 def security(settings: Annotated[SecuritySettings, arg(name="")]) -> int:
-    """Make or change the folder that says who may connect from other machines.
+    """Make or change the folder that defines who may connect from other machines.
 
     Exit code 0: done; 2: bad input, and nothing was changed.
     """
@@ -85,7 +85,7 @@ def _listed(place: "Folder") -> list[tuple[str, str]]:
 
     people = place.people()
     if people is None:
-        raise SecurityError(f"{place.path} has no people.json: make the folder first")
+        raise SecurityError(f"{place.path} has no people.json: make the folder first with motm-twin security make")
     return _each(people.names)
 
 

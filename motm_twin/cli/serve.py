@@ -197,16 +197,16 @@ class _Supervisor:
                 let_in = (
                     "anybody on this machine"
                     if self._open_bus
-                    else f"your programs; others with {client_file(self.zenoh_port)}"
+                    else f"your programs, and others with {client_file(self.zenoh_port)}"
                 )
-                self._print(f"{after}  Zenoh lets in {let_in}", markup=False)
+                self._print(f"{after}  Zenoh accepts {let_in}", markup=False)
                 if why := event.get("no_real_time"):
                     self._print(f"{after}  no real-time scheduling: {why} (docs/install.md)", markup=False)
             case "page":
                 self._remember(event["port"], event["url"])
                 self._say(f"{after}  Page:  [bold]{event['url']}[/bold]")
-                who = "anybody on this machine may look and drive" if self._open else "who has this address may drive"
-                self._print(f"{after}  {who}", markup=False)
+                who = "on this machine" if self._open else "with this address"
+                self._print(f"{after}  anybody {who} may look and drive", markup=False)
             case "ros2":
                 self._print(f"{after}  ROS 2: {event['text']}", markup=False)
             case "record":
@@ -234,11 +234,11 @@ class _Supervisor:
 def _require_new(path: Path) -> None:
     """Raise ValueError unless a file of this name can be made."""
     if path.suffix != ".mcap":
-        raise ValueError(f"--record {path}: a recording ends in .mcap")
+        raise ValueError(f"--record {path}: give a name that ends in .mcap")
     if problem := folder_problem(path.parent):
         raise ValueError(f"--record {path}: {problem}")
     if path.exists() or not path.parent.is_dir():
-        raise ValueError(f"--record {path}: give a file that is not there yet, in a folder that is")
+        raise ValueError(f"--record {path}: give a new file in a folder that exists")
 
 
 @contextmanager

@@ -5,8 +5,28 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 from tyro.conf import FlagCreatePairsOff, Positional, UseAppendAction, arg
+from tyro.constructors import PrimitiveConstructorSpec
 
 from motm_twin.methods import DEFAULT_METHOD
+
+
+def _whole_number(words: list[str]) -> int:
+    try:
+        return int(words[0])
+    except ValueError:
+        raise ValueError(f"{words[0]!r} is no whole number: give one from 0 on, such as 3") from None
+
+
+Seed = Annotated[
+    int | None,
+    PrimitiveConstructorSpec(
+        nargs=1,
+        metavar="INT",
+        instance_from_str=_whole_number,
+        is_instance=lambda value: value is None or isinstance(value, int),
+        str_from_instance=lambda value: [str(value)],
+    ),
+]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -14,20 +34,20 @@ class RunSettings:
     """Scene, method and files of a headless run.
 
     Args:
-        scene: Shipped scene, path to a scene file, or generated:SEED@DIFFICULTY.
-        variant: Named variant of the scene.
-        seed: Seed of noise and random arrangements.
+        scene: Shipped scene (`motm-twin scene list`), path to a scene file, generated:SEED@DIFFICULTY or barn:SEED.
+        variant: Named variant of the scene; without it the scene's default.
+        seed: Seed of noise and random arrangements; without it the scene's.
         json: Write the report to a file, or to standard output with '-'.
-        save: Write the session to a new file, for `rerun` and `what-if`; after Ctrl-C too, up to there.
+        save: Write the session to a new file, for `rerun` and `what-if`; after Ctrl-C it holds the run so far.
         plot: Write a figure (.png, .svg or .pdf): speed along the path, and each leg beside the reference tour.
-        method: Who decides: fast (ours), motm (the paper's), or another of docs/method.md, or FILE.py:NAME of your own.
+        method: fast (ours), motm (the paper's), another of docs/method.md, or FILE.py:NAME of your own.
         plant: simulated: kinematic; mujoco: contact dynamics (docs/physics.md).
-        changes: A parameter and its value, on top of the method's; may be given several times. docs/parameters.md.
+        changes: Set a parameter (docs/zenoh.md lists them) to a value, on top of the method's; may be repeated.
     """
 
-    scene: Positional[str] = "exp1"
-    variant: str | None = None
-    seed: int | None = None
+    scene: Annotated[Positional[str], arg(metavar="[SCENE]")] = "exp1"
+    variant: Annotated[str | None, arg(metavar="NAME")] = None
+    seed: Seed = None
     json: Annotated[str | None, arg(name="json", metavar="FILE|-")] = None
     save: Annotated[str | None, arg(metavar="FILE")] = None
     plot: Annotated[Path | None, arg(metavar="FILE")] = None
@@ -41,20 +61,20 @@ class PageSettings:
     """Address of the page, and the people who may open it.
 
     Args:
-        port: TCP port of the page.
+        port: TCP port of the page; 0 takes any free one.
         host: Address to listen on.
-        token: Secret of at least 32 characters that the page asks for (or MOTM_TOKEN, which `ps` does not show);
-            without it one of your own, that the printed address carries.
-        no_token: Anybody with an account on this machine may look and drive. On loopback only.
-        names: Further names under which browsers may ask for the page, such as that of a proxy.
-        visitors: Pages that may be open at once.
+        token: Secret of at least 32 characters that the page asks for (or set MOTM_TOKEN, which `ps` does not show).
+            Without it, your user's own secret is used, and the printed address contains it.
+        no_token: Let anybody with an account on this machine look and drive. On loopback only.
+        names: Other host names under which browsers may open the page, such as that of a proxy.
+        visitors: Number of pages that may be open at once.
     """
 
     port: int = 8080
     host: str = "127.0.0.1"
-    token: str | None = None
+    token: Annotated[str | None, arg(metavar="SECRET")] = None
     no_token: FlagCreatePairsOff[bool] = False
-    names: Annotated[tuple[str, ...], arg(name="name")] = ()
+    names: Annotated[tuple[str, ...], arg(name="name", metavar="NAME ...")] = ()
     visitors: int = 50
 
     def arguments(self, endpoint: str, twin: str) -> list[str]:
@@ -69,33 +89,33 @@ class ServeSettings:
     """Scene, robot and page of a served twin.
 
     Args:
-        scene: Shipped scene, path to a scene file, or generated:SEED@DIFFICULTY.
-        variant: Named variant of the scene.
-        seed: Seed of noise and random arrangements.
+        scene: Shipped scene (`motm-twin scene list`), path to a scene file, generated:SEED@DIFFICULTY or barn:SEED.
+        variant: Named variant of the scene; without it the scene's default.
+        seed: Seed of noise and random arrangements; without it the scene's.
         page: Page of the twin.
-        headless: Only the Zenoh server, no page.
-        zenoh_port: TCP port of Zenoh, on loopback; 0 takes any free one. Your own programs are let in.
-        open_bus: Anybody with an account on this machine may look and drive over Zenoh.
-        record: MCAP file to record to, see docs/recording.md; it must not exist.
+        headless: Start only the Zenoh server, no page.
+        zenoh_port: TCP port of Zenoh, on loopback; 0 takes any free one. Your own programs may connect.
+        open_bus: Let anybody with an account on this machine look and drive over Zenoh.
+        record: New MCAP file to record to (docs/recording.md).
         twin: Name of the twin in the Zenoh keys.
-        secure: Folder made by `motm-twin security`: also listen for those whom it knows, on other machines, with TLS.
+        secure: Folder made by `motm-twin security`: also listen, with TLS, for the people in it on other machines.
         ros2: Publish ROS 2 topics too, for zenoh-bridge-ros2dds (bridge) or rmw_zenoh (rmw).
-        data: Folder of the files that the commands save and record write; without it ./recordings.
+        data: Folder for the files of the commands save and record; without it ./recordings.
         plant: simulated: kinematic; mujoco: contact dynamics (docs/physics.md); zenoh: drive a robot in another program
             (docs/external_robot.md); mirror: only show it.
-        connect: Zenoh router where that robot is met (tcp/127.0.0.1:7450); without it at this server.
-        method: Who decides at the start: fast (ours), motm (the paper's), or another of docs/method.md, or FILE.py:NAME
-            of your own.
+        connect: Zenoh router where twin and robot meet (tcp/127.0.0.1:7450); without it they meet at this server.
+        method: fast (ours), motm (the paper's), another of docs/method.md, or FILE.py:NAME of your own; the page can
+            change it.
         loop: When a run has ended and nobody drives, start the next seed after 8 s.
-        paused: Wait for play.
+        paused: Stay paused at the start until somebody plays.
         play: Start at once. Without it a run waits at its start until the first page shows it.
-        expansions_only: No clock ends a search of the base: the run is that of `motm-twin run`, bit for bit, however
-            slow the machine is.
+        expansions_only: Bound searches by expansions alone, not by the clock: the run equals `motm-twin run` bit for
+            bit, however slow the machine is.
     """
 
-    scene: Positional[str] = "exp1"
-    variant: str | None = None
-    seed: int | None = None
+    scene: Annotated[Positional[str], arg(metavar="[SCENE]")] = "exp1"
+    variant: Annotated[str | None, arg(metavar="NAME")] = None
+    seed: Seed = None
     page: Annotated[PageSettings, arg(name="")] = field(default_factory=PageSettings)
     headless: bool = False
     zenoh_port: int = 7447
@@ -139,14 +159,14 @@ class ReplaySettings:
     """A recording, its speed, and its page.
 
     Args:
-        file: An MCAP recording. (A saved session is computed again with `rerun`.)
+        file: An MCAP recording. (For a saved session use `motm-twin rerun`.)
         page: Page of the recording.
-        speed: 1 as it was, 1/8 to 8.
+        speed: Playback speed, 1/8 to 8; 1 is real time.
         loop: Begin again at the end.
-        paused: Wait for play.
-        headless: Only on Zenoh, no page.
-        zenoh_port: TCP port of Zenoh, on loopback; 0 takes any free one. Your own programs are let in.
-        open_bus: Anybody with an account on this machine may look over Zenoh.
+        paused: Stay paused at the start until somebody plays.
+        headless: Publish on Zenoh only, no page.
+        zenoh_port: TCP port of Zenoh, on loopback; 0 takes any free one. Your own programs may connect.
+        open_bus: Let anybody with an account on this machine look over Zenoh.
         twin: Name in the Zenoh keys.
     """
 

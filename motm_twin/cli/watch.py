@@ -150,8 +150,8 @@ def twins(endpoint: str | None, *, as_json: bool) -> int:
     for twin in found:
         print(msgspec.json.encode(twin).decode() if as_json else printable(_line(twin)))
     if not found and not as_json:
-        where = "on this machine" if endpoint is None else f"at {endpoint}: {BEHIND}"
-        print(f"motm-twin twins: none is running {where}", file=sys.stderr)
+        where = "on this machine: start one with `motm-twin serve`" if endpoint is None else f"at {endpoint}: {BEHIND}"
+        print(f"motm-twin twins: no twin is running {where}", file=sys.stderr)
     return OK if any(twin.alive for twin in found) else FAILED
 
 

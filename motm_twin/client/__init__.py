@@ -1,4 +1,4 @@
-"""The twin from another program, in a few typed lines.
+"""Client of a running twin, for programs in Python.
 
     from motm_twin.client import connect
 
@@ -8,8 +8,8 @@
         for tick in twin.ticks():
             print(tick.time, tick.robot.pose)
 
-State is latest-value: a slow reader skips periods and is never served an old pose. Events are numbered and none is
-lost. `docs/zenoh.md` describes the keys behind this, for programs that use Zenoh without this package.
+State is the newest value: a slow reader skips periods and never gets an old pose. Events are numbered and none is
+lost. `docs/zenoh.md` describes the keys, for programs that use Zenoh without this package.
 """
 
 from motm_twin.bus.commands import Answer, Refused

@@ -1,4 +1,4 @@
-"""The handle of a running twin for programs with asyncio."""
+"""Client of a running twin for programs with asyncio."""
 
 import asyncio
 from collections.abc import AsyncGenerator, Awaitable, Callable
@@ -26,7 +26,7 @@ from motm_twin.model.scene import Scene
 async def connect_async(
     endpoint: str | None = None, twin: str | None = None, *, name: str = "", timeout: float = 5.0
 ) -> AsyncGenerator["AsyncTwin", None]:
-    """The running twin, connected within an ``async with`` block; arguments and errors as those of `connect`."""
+    """Connect for the time of an ``async with`` block; arguments and errors as of `connect`."""
     handle = AsyncTwin(await asyncio.to_thread(partial(connect, endpoint, twin, name=name, timeout=timeout)))
     try:
         yield handle
@@ -35,7 +35,7 @@ async def connect_async(
 
 
 class AsyncTwin(Commanding[Awaitable[Answer]]):
-    """As `Twin`; commands, iterators and waits are awaited, the newest state is there at once."""
+    """As `Twin`; commands, iterators and waits are awaited, the newest state needs no await."""
 
     def __init__(self, twin: Twin) -> None:
         """For a connected twin."""

@@ -31,6 +31,7 @@ from motm_twin.bus.commands import (
     Save,
     Seed,
     SendAgent,
+    SetBehaviour,
     SetParameter,
     Speed,
     Step,
@@ -45,7 +46,7 @@ Result = TypeVar("Result")
 
 
 class Commanding(Generic[Result]):
-    """The commands. Lengths [m], angles [rad], times [s], world frame. A refused one raises `Refused`."""
+    """All commands. Lengths [m], angles [rad], times [s], world frame. A refused command raises `Refused`."""
 
     @abstractmethod
     def send(self, command: Command, timeout: float = 2.0) -> Result:
@@ -54,11 +55,11 @@ class Commanding(Generic[Result]):
     def load(
         self, scene: str, variant: str | None = None, seed: int | None = None, method: str = DEFAULT_METHOD
     ) -> Result:
-        """Load a scene under a method of ``status().methods``; done when its first period is there."""
+        """Load a scene with a method of ``status().methods``; returns after its first period."""
         return self.send(Load(scene=scene, variant=variant, seed=seed, method=method))
 
     def seed(self, seed: int) -> Result:
-        """The loaded scene and method again with another seed."""
+        """Load the same scene and method with another seed."""
         return self.send(Seed(seed=seed))
 
     def play(self) -> Result:
@@ -70,19 +71,19 @@ class Commanding(Generic[Result]):
         return self.send(Pause())
 
     def step(self, count: int = 1) -> Result:
-        """Stop time, then compute ``count`` periods; done when they are there."""
+        """Stop time, then compute ``count`` periods; returns when they are done."""
         return self.send(Step(count=count))
 
     def reset(self) -> Result:
-        """Back to the start of the scene."""
+        """Go back to the start of the scene."""
         return self.send(Reset())
 
     def speed(self, factor: float) -> Result:
-        """Wanted real-time factor, 1/8 to 8."""
+        """Set the requested real-time factor, 1/8 to 8."""
         return self.send(Speed(factor=factor))
 
     def branch(self, index: int) -> Result:
-        """Go back to the start of a period and on from there."""
+        """Go back to the start of a period and continue from there."""
         return self.send(Branch(index=index))
 
     def undo_branch(self) -> Result:
@@ -103,31 +104,35 @@ class Commanding(Generic[Result]):
         return self.send(AddObstacle(name=name, shape=shape, x=x, y=y, heading=heading, size=size))
 
     def move(self, name: str, x: float, y: float, heading: float | None = None, *, held: bool = True) -> Result:
-        """Move an obstacle, agent or piece of furniture; what is ``held`` is let go 1.5 s after its last move."""
+        """Move an obstacle, agent or piece of furniture; if ``held``, it is released 1.5 s after its last move."""
         return self.send(MoveBody(name=name, x=x, y=y, heading=heading, held=held))
 
     def release(self, name: str, velocity: tuple[float, float] = (0.0, 0.0)) -> Result:
-        """Let go of a body that was moved; with a velocity [m/s] it is thrown."""
+        """Release a body that was moved; with a velocity [m/s] it slides on."""
         return self.send(ReleaseBody(name=name, velocity=velocity))
 
     def remove(self, name: str) -> Result:
-        """Take an obstacle, agent or piece of furniture away."""
+        """Remove an obstacle, agent or piece of furniture."""
         return self.send(RemoveBody(name=name))
 
     def freeze(self, name: str, frozen: bool = True) -> Result:
-        """Make a Temi or person stand still, or go on."""
+        """Make a Temi or person stand still, or let it go on."""
         return self.send(FreezeBody(name=name, frozen=frozen))
 
     def send_agent(self, name: str, x: float, y: float) -> Result:
-        """Let a Temi or person go to a point."""
+        """Send a Temi or person to a point."""
         return self.send(SendAgent(name=name, x=x, y=y))
+
+    def set_behaviour(self, name: str, behaviour: str) -> Result:
+        """Choose how a Temi or person moves among others: yield, blind, orca or social_force."""
+        return self.send(SetBehaviour(name=name, behaviour=behaviour))
 
     def move_object(self, name: str, x: float, y: float) -> Result:
         """Put a cube on whatever is below a point."""
         return self.send(MoveObject(name=name, x=x, y=y))
 
     def push_robot(self, dx: float, dy: float, turn: float = 0.0) -> Result:
-        """Shove the base; its odometry notices nothing."""
+        """Push the base; its odometry does not register that."""
         return self.send(PushRobot(dx=dx, dy=dy, turn=turn))
 
     def inject_fault(
@@ -161,7 +166,7 @@ class Commanding(Generic[Result]):
         return self.send(MoveTask(index=index, to=to))
 
     def set_parameter(self, name: str, value: ParameterValue | None = None) -> Result:
-        """Change a parameter; None sets it back."""
+        """Change a parameter; None resets it."""
         return self.send(SetParameter(name=name, value=value))
 
     def inspect(self, candidate: int = -1, *, staa_path: bool = False) -> Result:
@@ -185,9 +190,9 @@ class Commanding(Generic[Result]):
         return self.send(Record(action="stop"), 30.0)
 
     def take_wheel(self) -> Result:
-        """Become the driver, when nobody drives."""
+        """Take the lease and drive, if nobody does."""
         return self.send(TakeWheel())
 
     def hand_over(self, to: str = "", name: str = "") -> Result:
-        """Leave the wheel to another sender, or to whoever acts next."""
+        """Give the lease to another sender, or to the next who sends a command."""
         return self.send(HandOver(to=to, name=name))

@@ -18,7 +18,7 @@ class EventsLost(Exception):
 
     def __init__(self, first: int, last: int) -> None:
         self.first, self.last = first, last
-        super().__init__(f"events {first} to {last} are no longer kept by the server: read events faster")
+        super().__init__(f"events {first} to {last} are no longer in the server's history: read events faster")
 
 
 class EventReader:

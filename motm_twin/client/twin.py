@@ -1,4 +1,4 @@
-"""The handle of a running twin."""
+"""`connect`, and the client of a running twin."""
 
 import atexit
 import sys
@@ -43,17 +43,17 @@ _SLICE = 0.5  # [s] of one wait
 
 
 def connect(endpoint: str | None = None, twin: str | None = None, *, name: str = "", timeout: float = 5.0) -> "Twin":
-    """The running twin; with no arguments, the one where MOTM_ZENOH_CONFIG leads, or that this user runs here.
+    """Connect to a running twin; by default to that of MOTM_ZENOH_CONFIG, or to the one this user runs here.
 
     Args:
         endpoint: Address of the twin server, "tcp/127.0.0.1:7447".
         twin: Name of the twin.
-        name: Shown to others as the name of the driver; without it, the name of the program.
-        timeout: [s] for the twin to answer.
+        name: Driver name shown to others; by default the name of the program.
+        timeout: Time for the twin to answer [s].
 
     Raises:
-        NoTwin: None answers, or several are running and it is not said which one is meant.
-        ConfigError: The file of MOTM_ZENOH_CONFIG can not be used; a ValueError.
+        NoTwin: No twin answers, or several are running: give ``twin`` or ``endpoint``.
+        ConfigError: The file of MOTM_ZENOH_CONFIG cannot be used; a ValueError.
     """
     return Twin(*find(endpoint, twin), name=name, timeout=timeout)
 
@@ -62,7 +62,7 @@ class Twin(Commanding[Answer]):
     """A running twin: its newest state, all of its events, and commands. Usable from several threads."""
 
     def __init__(self, endpoint: str, twin: str, *, name: str = "", timeout: float = 5.0) -> None:
-        """Connect; use `connect` to find the twin as well. Raises NoTwin."""
+        """Connect to a known twin; `connect` also finds it. Raises NoTwin."""
         try:
             self.client = TwinClient(endpoint, twin)
         except zenoh.ZError as error:  # a configuration of mode "client" wants somebody there at once
@@ -80,10 +80,10 @@ class Twin(Commanding[Answer]):
         return self.client.keys.twin
 
     def send(self, command: Command, timeout: float = 2.0) -> Answer:
-        """Send a command and wait for what it does: a new run has begun, steps are made. Raises Refused, TimeoutError.
+        """Send a command; return when its new run has begun or its steps are done. Raises Refused and TimeoutError.
 
-        Everything else holds from the period after ``index`` of the answer. ``timeout`` [s] is for the answer; a run
-        that waits for an external robot has begun as well, without a first period.
+        Other commands hold from the period after ``index`` of the answer. ``timeout`` [s] is for the answer. A run that
+        waits for an external robot counts as begun, without a first period.
         """
         before, shown = self.client.status(), self.client.tick()
         answer = self.client.command(command, timeout, name=self._name)
@@ -109,7 +109,7 @@ class Twin(Commanding[Answer]):
         return self.client.robot()
 
     def scan(self) -> ScanMessage | None:
-        """The newest sweep of the lidar."""
+        """The newest sweep of the lidar; None before the first."""
         return self.client.scan()
 
     def grid(self) -> Grid | None:
@@ -121,36 +121,40 @@ class Twin(Commanding[Answer]):
         return self.client.metrics()
 
     def scene(self) -> Scene | None:
-        """The resolved scene that runs."""
+        """The scene that is loaded, resolved."""
         return self.client.scene()
 
     def session(self) -> bytes:
-        """The run so far, as JSON that `motm-twin replay` repeats. Raises `motm_twin.bus.client.NoSession`."""
+        """The run so far, as JSON for `motm-twin rerun`. Raises `motm_twin.bus.client.NoSession`."""
         return self.client.session()
 
     def ticks(self, timeout: float | None = None) -> Iterator[TickMessage]:
-        """Every newest tick until this is closed; a slow reader skips. Raises TimeoutError after silence [s]."""
+        """Iterate over the newest ticks until closed; a slow reader skips some.
+
+        Raises TimeoutError if none arrives for ``timeout`` [s].
+        """
         return self._newest(self.client.keys.tick, self.client.tick, timeout)
 
     def robots(self, timeout: float | None = None) -> Iterator[RobotStateMessage]:
-        """As `ticks`: the state of the robot at 50 Hz."""
+        """Iterate over the state of the robot at 50 Hz, as `ticks` does."""
         self.client.follow(self.client.keys.robot)
         return self._newest(self.client.keys.robot, self.client.robot, timeout)
 
     def events(self, since: int | None = None) -> Iterator[NumberedEvent]:
-        """Every event, none lost, until this is closed; from a number on (0: all that are kept), or the new ones.
+        """Iterate over all events, none lost, until closed.
 
-        Listening begins with this call. Raises EventsLost when this reader was slower than the history is long.
+        ``since``: number of the first event (0: all that the server keeps); None: new events, from this call on.
+        Raises EventsLost when the reader has fallen behind the server's history.
         """
         reader = EventReader(self.client, since)
         self._readers.add(reader)
         return iter(reader)
 
     def wait_until(self, condition: Callable[[TickMessage], bool], *, timeout: float) -> TickMessage:
-        """The first tick that is seen to fulfil a condition. Raises TimeoutError after ``timeout`` [s].
+        """Wait for a tick that fulfils a condition, and return it. Raises TimeoutError after ``timeout`` [s].
 
-        For the final score wait for ``tick.ended is not None``: when a tick is ``done``, the last cube may still fall,
-        and it counts when it lies in its bin. Where one never gets there, ``ended`` stays None; the ``state`` of the
+        For the final score wait for ``tick.ended is not None``: when a tick is ``done``, the last cube may still be
+        falling; it counts once it lies in its bin. If it never gets there, ``ended`` stays None; the ``state`` of the
         server becomes "done" in any case.
         """
         deadline = time.monotonic() + timeout
@@ -167,7 +171,7 @@ class Twin(Commanding[Answer]):
         raise TimeoutError(f"the condition did not come true within {timeout:g} s; {seen}")
 
     def close(self) -> None:
-        """Leave; iterators end. Closing twice is fine."""
+        """Disconnect; iterators end. Closing twice is allowed."""
         self.client.close()
         for reader in list(self._readers):
             reader.wake()
@@ -177,7 +181,7 @@ class Twin(Commanding[Answer]):
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Leave."""
+        """Disconnect."""
         self.close()
 
     def _newest(self, key: str, read: Callable, timeout: float | None) -> Iterator:
@@ -226,7 +230,7 @@ class Twin(Commanding[Answer]):
 
 
 def begins_run(command: Command, status: StatusMessage | None) -> bool:
-    """True when a command, once accepted, begins a new run."""
+    """True if a command, once accepted, begins a new run."""
     if isinstance(command, Play):
         return status is not None and status.state == "done"
     return isinstance(command, Load | Seed | Reset | Branch | UndoBranch)

@@ -1,4 +1,4 @@
-"""The control period: observe, map, place the base, plan, reach, check, command. One street, one Tick."""
+"""The control period: observe, map, place the base, plan, reach, check, command. Its record is the Tick."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field

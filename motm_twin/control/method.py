@@ -1,9 +1,8 @@
 """A method: everything that decides how the base drives and the arm reaches, under one name.
 
-Methods share all code that is the same. Most differ by parameters only; the others bring a placement strategy, a base
-controller, or an arm of their own. A method that plans the whole task beforehand asks for a rehearsal
-(`PlannerParts.rehearse`): a run of a simulated plant, period by period, which whoever builds the twin makes
-(`motm_twin.dry_run`).
+Methods share all common code. Most differ by parameters only; the others have their own placement strategy, base
+controller or arm. A method that plans the whole task in advance asks for a rehearsal (`PlannerParts.rehearse`): a run
+of a simulated plant, period by period (`motm_twin.dry_run`).
 """
 
 from collections.abc import Callable, Mapping
@@ -29,9 +28,9 @@ from motm_twin.planning.types import BaseController, BoolArray, PlacementStrateg
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Rehearsed:
-    """A run of the world as it is known beforehand: p periods, 5 p arm steps. Read only, so copies share it."""
+    """A run of the world as known in advance: p periods, 5 p arm steps. Read-only, so copies share it."""
 
-    poses: Array  # base at the beginning of each period, from where the commands given act; world, shape (p, 3)
+    poses: Array  # of the base at the start of each period, where its commands act; world, shape (p, 3)
     twists: Array  # base twist commanded at the end of each period [m/s, rad/s], shape (p, 2)
     in_range: BoolArray  # the target was in range of the arm, shape (p,)
     blocked: BoolArray  # the base stood at the closest free place, shape (p,)
@@ -39,7 +38,7 @@ class Rehearsed:
     rates: Array  # commanded joint rates [rad/s], shape (5 p, 7)
     closed: BoolArray  # the gripper was told to close, shape (5 p,)
     phases: tuple[str, ...]  # of the arm, length 5 p
-    outcomes: tuple[tuple[int, str], ...]  # arm step, and what the arm said in it: picked, placed, missed, lost
+    outcomes: tuple[tuple[int, str], ...]  # arm step, and its outcome: picked, placed, missed, lost
     failures: tuple[str, ...]  # tasks that were given up in rehearsal
 
     def __deepcopy__(self, memo: dict[int, Any]) -> "Rehearsed":
@@ -51,19 +50,19 @@ class Rehearsed:
         return len(self.poses)
 
 
-Timed = tuple[tuple[int, TaskEdit], ...]  # edits of the task list, each with the period at whose start it came
-Rehearse = Callable[[Timed], Rehearsed]  # raises ValueError when the rehearsal can not take an edit
+Timed = tuple[tuple[int, TaskEdit], ...]  # edits of the task list, each with the period at whose start it applies
+Rehearse = Callable[[Timed], Rehearsed]  # raises ValueError when the rehearsal cannot apply an edit
 
 
 @dataclass(frozen=True, kw_only=True)
 class PlannerParts:
     """Parts from which a method makes its planner."""
 
-    known: KnownWorld  # the robot, and the world as it knows it beforehand
+    known: KnownWorld  # the robot, and the world as it knows it in advance
     parameters: PlanningParameters
     clock: Callable[[], float] | None = None  # [s]; only where real time bounds a search
-    graphs: GraphCache | None = None  # of the planner before, when parameters change during a run
-    rehearse: Rehearse | None = None  # for methods that plan the whole task beforehand; a Twin gives it
+    graphs: GraphCache | None = None  # of the previous planner, when parameters change during a run
+    rehearse: Rehearse | None = None  # for methods that plan the whole task in advance; set by the Twin
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -76,12 +75,12 @@ class ArmParts:
 
 
 def map_ahead(parts: PlannerParts) -> StillMap | None:
-    """The map without what moves, for a controller that is to expect that on its course; None: it is not."""
+    """The map without dynamic obstacles, for a controller that predicts them; None: it does not."""
     return StillMap(parts.known) if parts.parameters.staa.prediction > 0.0 else None
 
 
 class Materials(NamedTuple):
-    """Things that the choices of a planner are made from, and that they share."""
+    """Parts that the choices of a planner share."""
 
     parts: PlannerParts
     graphs: GraphCache
@@ -90,7 +89,7 @@ class Materials(NamedTuple):
 
 
 class Policies(NamedTuple):
-    """Policies of a base controller: what it keeps of earlier plans, and what it does about those who come too near."""
+    """Policies of a base controller: what it keeps of earlier plans, and how it reacts to obstacles that come near."""
 
     commitment: Commitment
     evasion: Evasion
@@ -102,23 +101,23 @@ def paper_candidates(materials: Materials) -> Rule:
 
 
 def next_target_placement(materials: Materials, candidates: Rule) -> PlacementStrategy:
-    """The candidate with the least C_iC + 1.05 C_iN (Paper, Sec. IV)."""
+    """The candidate with the lowest C_iC + 1.05 C_iN (Paper, Sec. IV)."""
     parts = materials.parts
     return NextTargetPlacement(parts.known.robot, parts.parameters, materials.graphs, candidates)
 
 
 def search_anew(materials: Materials) -> Commitment:
-    """Nothing: every period searches anew (Paper)."""
+    """Keep nothing: every period starts a new search (Paper)."""
     return Anew()
 
 
 def stand_ground(materials: Materials) -> Evasion:
-    """Nothing: dynamic obstacles are obstacles where they are (Paper)."""
+    """No evasion: dynamic obstacles are obstacles where they are (Paper)."""
     return StandsItsGround()
 
 
 def make_way(materials: Materials) -> Evasion:
-    """The base moves out of the way of what would meet it."""
+    """The base moves out of the way of dynamic obstacles that would reach it."""
     return MakesWay(materials.parts.known, materials.parts.parameters.evasion)
 
 
@@ -133,17 +132,17 @@ def staa_control(materials: Materials, policies: Policies) -> BaseController:
 
 @dataclass(frozen=True, kw_only=True)
 class BaseChoices:
-    """Choices of which the planner of a method is made: a table whose lines are compared between methods.
+    """Choices that make up the planner of a method: a table to compare methods line by line.
 
-    The values here are the paper's. What differs by numbers only (termination, penalty, Bezier heuristic, ...) is in
+    The defaults are the paper's. Differences in numbers only (termination, penalty, Bezier heuristic, ...) are in
     `Method.parameters`.
     """
 
-    view: Callable[[KnownWorld], View | None] = lambda known: None  # the map on which it plans: as it is seen
+    view: Callable[[KnownWorld], View | None] = lambda known: None  # the map used for planning: as perceived
     candidates: Callable[[Materials], Rule] = paper_candidates
     placement: Callable[[Materials, Rule], PlacementStrategy] = next_target_placement
     commitment: Callable[[Materials], Commitment] = search_anew  # what is kept of earlier plans
-    evasion: Callable[[Materials], Evasion] = stand_ground  # what is done about somebody who comes too near
+    evasion: Callable[[Materials], Evasion] = stand_ground  # reaction to a dynamic obstacle that comes too near
     controller: Callable[[Materials, Policies], BaseController] = staa_control
 
     def __call__(self, parts: PlannerParts) -> BasePlanner:
@@ -174,10 +173,10 @@ class Method:
 
     name: str
     title: str  # a few words, for tables and figures
-    summary: str  # one sentence: what it does otherwise than the paper's method
+    summary: str  # one sentence: how it differs from the paper's method
     source: str  # "Paper, Sec. ...", an article, or "own"
-    known: str = ""  # what has been published of it
-    chosen: str = ""  # what is not, and what was chosen here
-    parameters: Mapping[str, ParameterValue] = field(default_factory=dict)  # of `control.tuning`, other than shipped
+    known: str = ""  # what is published about it
+    chosen: str = ""  # what is not, and our choice
+    parameters: Mapping[str, ParameterValue] = field(default_factory=dict)  # of `control.tuning`, if not the default
     planner: Callable[[PlannerParts], BasePlanner] = paper_planner
     arm: Callable[[ArmParts], Manipulator] = paper_arm

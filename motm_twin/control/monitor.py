@@ -1,4 +1,4 @@
-"""The monitor: the last word before the plant. It knows limits and raw scan points, and nothing of plans.
+"""The monitor: the last check before the plant. It knows limits and raw scan points, but no plans.
 
 It passes an actuation on, or slows it, with a reason: not finite, above a limit, scan too old, or a stop from the
 commanded speed would end in something the lidar sees.

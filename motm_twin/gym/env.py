@@ -1,4 +1,4 @@
-"""The twin as a Gymnasium environment: one step is one control period of 50 ms, of the same loop that `run` runs."""
+"""The twin as a Gymnasium environment: one step is one control period (50 ms) of the loop of `run`."""
 
 from collections.abc import Callable
 from types import EllipsisType
@@ -27,7 +27,7 @@ Action = NDArray[np.float32]
 
 
 class MotmEnv(gymnasium.Env[Observed, Action]):
-    """Manipulation on the move for an agent. docs/gym.md has the actions, the observations and the reward."""
+    """Manipulation on the move for a learning agent. docs/gym.md has the actions, the observations and the reward."""
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": 20}  # noqa: RUF012 - as Gymnasium has it
 
@@ -46,19 +46,28 @@ class MotmEnv(gymnasium.Env[Observed, Action]):
         on_tick: Callable[[Tick], None] | None = None,
         render_mode: str | None = None,
     ) -> None:
-        """Nothing runs before `reset`.
+        """Make the environment; nothing runs before `reset`.
 
-        ``scene``: a shipped scene or a file; ``variant``: one of it, None for its default; left out, "random" where
-        the scene has it, else its default. ``actions``: "base" or "whole_body"; ``arm``: the method whose arm reaches
-        in the mode "base". ``guard``: the base is slowed before whatever the map shows, as when a person drives it.
-        ``beams``: lidar sectors observed.
-        ``time_limit`` [s], None: the scene's. ``stop_on_contact``: a contact that the robot caused ends the episode.
-        ``on_tick``: reads every Tick, as with `motm_twin.trial.run_scene`. Raises ValueError.
+        Args:
+            scene: Name of a shipped scene, or path of a scene file.
+            variant: Named variant; None: the scene's default. By default "random" where the scene has it.
+            actions: "base" (2 numbers) or "whole_body" (10).
+            arm: Method whose arm is used in the mode "base".
+            guard: Slow the base before anything on the map, as when a user drives it.
+            weights: Weights of the reward.
+            beams: Number of lidar sectors that are observed.
+            time_limit: End of an episode [s]; None: the scene's.
+            stop_on_contact: End the episode at a contact that the robot caused.
+            on_tick: Called with every Tick.
+            render_mode: "rgb_array" or None.
+
+        Raises:
+            ValueError: One of these is not possible.
         """
         if render_mode not in (None, "rgb_array"):
             raise ValueError(f"render mode {render_mode!r}: use 'rgb_array' or None")
         if time_limit is not None and not time_limit > 0.0:
-            raise ValueError(f"time limit {time_limit} s: it has to be positive, or None for the scene's own")
+            raise ValueError(f"time limit {time_limit} s: give a positive one, or None for the scene's own")
         self.render_mode = render_mode
         self.weights = weights or RewardWeights()
         self._name, self._time_limit = scene, time_limit
@@ -77,26 +86,26 @@ class MotmEnv(gymnasium.Env[Observed, Action]):
 
     @property
     def twin(self) -> Twin:
-        """The twin that runs; edits posted to it disturb the world as a person does. RuntimeError before `reset`."""
+        """The running twin; edits posted to it change the world. Raises RuntimeError before `reset`."""
         if self._twin is None:
             raise RuntimeError("nothing runs yet: reset the environment first")
         return self._twin
 
     @property
     def view(self) -> AgentView:
-        """Knowledge of the robot now, in the loop's own types."""
+        """Current knowledge of the robot, in the loop's own types."""
         self.twin  # noqa: B018 - raises before a reset
         return self._view
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Observed, dict]:
-        """Begin an episode. ``seed`` is the scene's seed, as of `motm-twin run --seed`; without it, one is drawn.
+        """Begin an episode. ``seed`` is the scene's, as in `motm-twin run --seed`; None: one is drawn.
 
-        ``options``: {"variant": NAME} for this episode, {"scene": Scene} to run one of your own making as it is.
+        ``options``: {"variant": NAME} for this episode, or {"scene": Scene} for your own scene.
         """
         super().reset(seed=seed)
         scene = self._scene(seed, dict(options or {}))
         if scene.robot.base != self._base or scene.robot.lidar.range_max > self._reader.range_max:
-            raise ValueError(f"scene {scene.name} has another robot than the environment was made with")
+            raise ValueError(f"scene {scene.name} has another robot than this environment: make a new one for it")
         self._twin = Twin(scene, method=self._method)
         self._score, self._settle = Score(), SETTLE_PERIODS
         self._limit = self._time_limit or scene.time_limit
@@ -106,7 +115,7 @@ class MotmEnv(gymnasium.Env[Observed, Action]):
         return self._observed(), self._info()
 
     def step(self, action: Action) -> tuple[Observed, float, bool, bool, dict]:
-        """One period under this action, clipped to -1 .. 1. Raises ValueError for one that is none."""
+        """Run one period with this action, clipped to -1 .. 1. Raises ValueError for a wrong or non-finite one."""
         twin = self.twin
         self._take(action)
         tick = twin.advance()
@@ -123,7 +132,7 @@ class MotmEnv(gymnasium.Env[Observed, Action]):
         return self._observed(), reward(self.weights, before, self._score), terminated, truncated, self._info()
 
     def render(self) -> NDArray[np.uint8] | None:  # pyright: ignore[reportIncompatibleMethodOverride]
-        """The world from above as the referee knows it, shape (height, width, 3); None without a render mode."""
+        """Picture of the true world from above, shape (height, width, 3); None without a render mode."""
         if self._picture is None:
             return None
         twin = self.twin
@@ -132,12 +141,12 @@ class MotmEnv(gymnasium.Env[Observed, Action]):
         return self._picture.draw(truth, self._view, self._score)
 
     def snapshot(self) -> dict[str, Any]:
-        """A copy of the whole state, random numbers of the world included: `restore` goes on from there."""
+        """Copy of the whole state, random generators included, for `restore`."""
         twin = {"twin": self.twin.snapshot(), "scene": self.twin.scene}  # first: it raises before a reset
         return {**twin, "score": self._score, "settle": self._settle, "view": self._view}
 
     def restore(self, state: dict[str, Any]) -> Observed:
-        """Continue from a snapshot of the same episode; its observation. ValueError for another scene or seed."""
+        """Continue from a snapshot; returns its observation. Raises ValueError for one of another scene or seed."""
         if state["scene"] != self.twin.scene:
             raise ValueError("the snapshot is of another scene or seed: reset to that first")
         self.twin.restore(state["twin"])
@@ -148,7 +157,7 @@ class MotmEnv(gymnasium.Env[Observed, Action]):
         given = options.pop("scene", None)
         variant = options.pop("variant", self._variant)
         if options:
-            raise ValueError(f"reset options {', '.join(map(repr, options))}: there are 'variant' and 'scene'")
+            raise ValueError(f"reset options {', '.join(map(repr, options))}: only 'variant' and 'scene' exist")
         if given is not None:
             return given
         number = int(self.np_random.integers(MOST_SEED)) if seed is None else seed
@@ -208,5 +217,5 @@ def _places(tick: Tick) -> int:
 
 
 def _arrangement(scene: str) -> str | None:
-    """The variant of a scene that is run when none is named: random arrangements where it has them."""
+    """Default variant of the environment: random arrangements where the scene has them."""
     return "random" if "random" in load_document(scene).variants() else None

@@ -22,10 +22,10 @@ from motm_twin.planning.types import BasePlan, SearchBudget
 
 
 class Expert:
-    """Decides as a method does, on what the robot knows. For one episode: make a new one after every reset."""
+    """A method that chooses actions from the robot's knowledge. For one episode: make a new one after every reset."""
 
     def __init__(self, env: MotmEnv, method: str = "motm") -> None:
-        """``env``: `unwrapped`, after its `reset`. ValueError for a method that cannot act in it."""
+        """Make an expert for ``env.unwrapped``, after its `reset`. ValueError for a method that cannot act in it."""
         chosen = find_method(method)
         check_fits(chosen, whole_body=env.whole_body)
         numbers = tuned(chosen.parameters)

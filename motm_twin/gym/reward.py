@@ -8,7 +8,7 @@ from motm_twin.model.plant import Truth
 
 @dataclass(frozen=True, kw_only=True)
 class RewardWeights:
-    """Worth of each event. Objects count once, so lifting and putting down the same one again earns nothing."""
+    """Weight of each event. Objects count once: lifting the same one again earns nothing."""
 
     second: float = -1.0  # for every second that passes
     pick: float = 10.0  # an object lifted for the first time
@@ -53,7 +53,7 @@ def score_of(before: Score, tick: Tick, truth: Truth, time: float) -> Score:
 
 
 def reward(weights: RewardWeights, before: Score, now: Score) -> float:
-    """Worth of the change from one score to the next."""
+    """Reward of the change from one score to the next."""
     return (
         weights.second * (now.time - before.time)
         + weights.pick * (len(now.picked) - len(before.picked))

@@ -1,4 +1,4 @@
-"""Methods by name: the paper's, its ablations, `fast`, and the rivals that they are compared with."""
+"""Methods by name: the paper's, its ablations, `fast`, and the rivals."""
 
 from typing import TYPE_CHECKING
 
@@ -17,7 +17,7 @@ def names() -> tuple[str, ...]:
 
 
 def find(name: str) -> "Method":
-    """The method of this name, or of ``FILE.py:NAME``; raises MethodError, which lists the near ones."""
+    """Return the method of this name, or of ``FILE.py:NAME``. Raises MethodError, which lists similar names."""
     from motm_twin.methods.registry import find_method
 
     return find_method(name)

@@ -10,7 +10,7 @@ import msgspec
 
 from motm_twin.model.bounds import FARTHEST, Between, Count, Length, OneOf, Text
 from motm_twin.model.faults import FaultFields
-from motm_twin.model.scene import Task
+from motm_twin.model.scene import BEHAVIOURS, Task
 
 SHAPES = ("box", "cylinder", "temi", "person")
 INDEX = Between(0, 10**7)  # of a period (almost six days of them) or of a task
@@ -72,6 +72,13 @@ class SendAgent(msgspec.Struct, frozen=True, kw_only=True, tag="send_agent", for
     name: Name
     x: Coordinate
     y: Coordinate
+
+
+class SetBehaviour(msgspec.Struct, frozen=True, kw_only=True, tag="set_behaviour", forbid_unknown_fields=True):
+    """Choose how a Temi or person moves among others: `blind` stops for nobody, `orca` needs the extra [people]."""
+
+    name: Name
+    behaviour: Annotated[str, OneOf(BEHAVIOURS)]
 
 
 class RemoveBody(msgspec.Struct, frozen=True, kw_only=True, tag="remove_body", forbid_unknown_fields=True):
@@ -141,7 +148,16 @@ class Drive(msgspec.Struct, frozen=True, kw_only=True, tag="drive", forbid_unkno
 
 
 WorldEdit = (
-    AddObstacle | MoveBody | ReleaseBody | FreezeBody | SendAgent | RemoveBody | MoveObject | PushRobot | InjectFault
+    AddObstacle
+    | MoveBody
+    | ReleaseBody
+    | FreezeBody
+    | SendAgent
+    | SetBehaviour
+    | RemoveBody
+    | MoveObject
+    | PushRobot
+    | InjectFault
 )
 TaskEdit = InsertTask | RemoveTask | MoveTask
 ControlEdit = TaskEdit | SetParameter | Announce | Drive

@@ -17,3 +17,8 @@ def hint(wrong: str, names: Iterable[str]) -> str:
 
 class MethodError(ValueError):
     """A method that cannot be used; ``str()`` of it is one line for the person who named it."""
+
+
+def scene_name(scene: str, variant: str | None) -> str:
+    """Name of a scene to be shown, with its variant where it has one."""
+    return f"{scene} / {variant}" if variant else scene

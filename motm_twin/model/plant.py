@@ -95,6 +95,7 @@ class BodyTruth(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     yaw: float
     state: str = ""  # objects: resting | held | binned:<bin> | dropped; agents: driving | waiting | ...
     size: tuple[float, float, float] = (0.0, 0.0, 0.0)  # extents x, y, z [m]
+    behaviour: str = ""  # of an agent: yield | blind | orca | social_force
 
 
 class Contact(msgspec.Struct, frozen=True, kw_only=True, eq=False):

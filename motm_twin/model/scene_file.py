@@ -3,6 +3,8 @@
 The format is documented in ``docs/scenes.md``; its types are in ``scene_format.py``.
 """
 
+from numbers import Integral
+
 import msgspec
 
 from motm_twin.model.bounds import SEED
@@ -25,9 +27,15 @@ class SceneListing(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def load_scene(name_or_path: str, variant: str | None = None, seed: int | None = None) -> Scene:
-    """One variant of a shipped scene or of a user's file, resolved and checked.
+    """Load one variant of a shipped scene or of your own file, resolved and checked.
 
-    ``variant`` None is the scene's default variant, ``seed`` None the seed of the file. Raises SceneError.
+    Args:
+        name_or_path: Name of a shipped scene, path of a .yaml file, ``generated:SEED@DIFFICULTY`` or ``barn:SEED``.
+        variant: Named variant; None: the scene's default.
+        seed: Seed of noise and random arrangements; None: the seed of the file.
+
+    Raises:
+        SceneError: The scene, variant or seed cannot be used; the message says why and what to do.
     """
     return _resolve(load_document(name_or_path), variant, seed)
 
@@ -60,8 +68,8 @@ def check_document(document: Document) -> tuple[Scene, ...]:
 
 
 def _resolve(document: Document, variant: str | None, seed: int | None) -> Scene:
-    if seed is not None and SEED.refusal("seed", seed):
-        raise SceneError(f"the seed must be a whole number from 0 to 2^63 - 1, got {seed}", file=document.file)
+    if seed is not None and (not isinstance(seed, Integral) or SEED.refusal("seed", seed)):
+        raise SceneError(f"the seed must be a whole number from 0 to 2^63 - 1, got {seed!r}", file=document.file)
     root, chosen = with_variant(document, variant)
     resolver = Resolver(root, seed)
     scene = resolver.scene(document.name, chosen)

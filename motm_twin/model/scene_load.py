@@ -57,7 +57,7 @@ def find_scene(name_or_path: str) -> tuple[Path, str]:
     if looks_like_path:
         close = difflib.get_close_matches(path.stem, names, n=1)
         shipped = f"; the shipped scene '{close[0]}' is called without folder and ending" if close else ""
-        raise SceneError(f"no such scene file{shipped}", file=show(text))
+        raise SceneError(f"there is no such scene file{shipped}", file=show(text))
     raise SceneError(
         f"no scene is called {show(text)} (a path to your own .yaml file works too, generated:SEED and barn:SEED); "
         f"{near(text, names)}"

@@ -1,4 +1,4 @@
-"""The map of a period: the pre-made map, and what the lidar has seen besides (Paper, Sec. III; grid as in STAA*)."""
+"""The map of a period: the pre-made map, and what the lidar has seen in addition (Paper, Sec. III; grid of STAA*)."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

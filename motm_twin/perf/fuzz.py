@@ -49,6 +49,7 @@ EXAMPLES: dict[str, dict[str, Any]] = {
     "release_body": {"name": "table", "velocity": [0.5, 0.0]},
     "freeze_body": {"name": "table", "frozen": True},
     "send_agent": {"name": "temi1", "x": 1.0, "y": 0.0},
+    "set_behaviour": {"name": "temi1", "behaviour": "blind"},
     "remove_body": {"name": "cabinet"},
     "move_object": {"name": "cube1", "x": 3.0, "y": 1.5},
     "push_robot": {"dx": 0.1, "dy": 0.0, "turn": 0.1},

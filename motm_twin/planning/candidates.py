@@ -94,6 +94,7 @@ class Judged(NamedTuple):
     current: Array
     onward: Array
     waits: bool = False  # for candidates that something moving takes; C_iN is the way to one of them
+    waiting: Array | None = None  # [s] of C_iC until each is free, (m,); None: nobody is expected
 
 
 Rule = Callable[[Target, Survey], Judged]

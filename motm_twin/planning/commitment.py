@@ -17,10 +17,12 @@ import numpy as np
 from motm_twin.model.geometry import Array, frozen
 from motm_twin.model.motion import kernel, step
 from motm_twin.model.profile import BaseLimits
+from motm_twin.model.reason import Kind
 from motm_twin.model.state import Stateful
 from motm_twin.perception.world_map import WorldMap
 from motm_twin.planning.braking import stopping_clearance
 from motm_twin.planning.collision import Body, Field, clearance
+from motm_twin.planning.encounters import WORTH
 from motm_twin.planning.lattice import NO_LATTICE, cannot_turn, half_width, settle_lattice
 from motm_twin.planning.parameters import CommitmentParameters, Room, StaaParameters
 from motm_twin.planning.prediction import at_half_steps, gap_to
@@ -43,7 +45,7 @@ class Kept:
     times: Array  # [s] of its nodes from the beginning on, shape (n,)
     states: Array  # x, y, heading, v, w at them, shape (n, 5)
     accelerations: Array  # [m/s^2, rad/s^2] between them, shape (n - 1, 2)
-    to_go: Array  # [s] what is left of its cost at each node, shape (n,)
+    to_go: Array  # [s] what is left of its cost at each node, but for being among others, shape (n,)
 
 
 @dataclass
@@ -60,6 +62,7 @@ class Rest(NamedTuple):
     states: Array  # x, y, heading, v, w of its nodes from now on, shape (n, 5)
     times: Array  # [s] of them from now on, shape (n,)
     to_go: Array  # [s] what is left of its cost at each, shape (n,)
+    among: Array  # [s] of that, for being among others, shape (n,)
     job: Job
 
     @property
@@ -77,6 +80,7 @@ class Rest(NamedTuple):
             local_poses=frozen(states),
             local_times=frozen(times),
             local_to_go=frozen(self.to_go),
+            local_among=self.among,
             time_to_range=_time_to_range(states, times, self.job) if arrives else found.time_to_range,
         )
 
@@ -90,6 +94,10 @@ class BaseSearch(Protocol):
 
     def ahead(self, problem: BaseProblem) -> tuple[Field, Field, Array]:
         """Distances and grid of what stands, and discs of what moves."""
+        ...
+
+    def among(self, problem: BaseProblem, states: Array, times: Array) -> Array:
+        """Cost [s] that is left at each of the states (n, 5) for being among others, (n,)."""
         ...
 
     def room(self, problem: BaseProblem) -> Room:
@@ -176,7 +184,10 @@ class KeepPlans(Stateful[CommitmentState]):
         )  # fmt: skip
         if not done if kept.arrives else not free:
             return None
-        return Rest(kept, states, times, np.concatenate(([to_go], kept.to_go[node + 1 :])), job)
+        among = base.among(problem, states, times)
+        if among[0] > WORTH:  # somebody is expected on it now
+            return None
+        return Rest(kept, states, times, np.concatenate(([to_go], kept.to_go[node + 1 :])) + among, among, job)
 
     def lattice(
         self, problem: BaseProblem, s: Settings, world: World, cells: CellVisibility, memory: Memory
@@ -198,7 +209,8 @@ class KeepPlans(Stateful[CommitmentState]):
 
     def choose(self, problem: BaseProblem, found: BasePlan, rest: Rest | None, *, informed: bool) -> BasePlan:
         """The plan of this period, or what is left of the one before when that is not dearer."""
-        if found.status in (PlanStatus.IDLE, PlanStatus.ESCAPING) or problem.target is None:
+        gives_way = found.why is not None and found.why.kind == Kind.GIVES_WAY
+        if gives_way or found.status in (PlanStatus.IDLE, PlanStatus.ESCAPING) or problem.target is None:
             self._state = CommitmentState()
             return found
         if rest is not None and not _better(found, rest, informed):
@@ -259,7 +271,7 @@ def _kept(problem: BaseProblem, target: Target, plan: BasePlan, informed: bool) 
         times=plan.local_times,
         states=plan.local_poses,
         accelerations=np.diff(plan.local_poses[:, 3:], axis=0) / np.diff(plan.local_times)[:, None],
-        to_go=plan.local_to_go,
+        to_go=plan.local_to_go - plan.local_among if len(plan.local_among) else plan.local_to_go,
     )
 
 

@@ -11,21 +11,32 @@ from motm_twin.model.profile import RobotProfile
 from motm_twin.model.reason import Kind, Reason
 from motm_twin.perception.floor import FRESH
 from motm_twin.perception.still_map import StillMap
+from motm_twin.perception.tracks import IDENTITY
 from motm_twin.planning import search_memory, staa
 from motm_twin.planning.bezier import bezier_curve
 from motm_twin.planning.braking import best_braking
 from motm_twin.planning.collision import Field, body_of, clearances
 from motm_twin.planning.commitment import Anew, Commitment, time_left
 from motm_twin.planning.cost_to_go import Table
+from motm_twin.planning.encounters import WORTH, Weights, costs_along, near
 from motm_twin.planning.escape import Escape, depth_of, find_escape, find_room, find_turn, overlapping_cells
 from motm_twin.planning.evasion import Evasion, StandsItsGround
 from motm_twin.planning.global_path import GraphCache, leaves_disc, path_to_goal, rates_of, shortest_path
 from motm_twin.planning.lattice import NO_LATTICE
 from motm_twin.planning.parameters import PlanningParameters, Room, fitted, room_for
-from motm_twin.planning.prediction import NOBODY, expected
+from motm_twin.planning.prediction import NOBODY, arriving, expected
 from motm_twin.planning.reach import Job, ReachModel, first_in_reach, first_node_in_reach, in_reach
 from motm_twin.planning.rtr import path_rtr, turn
-from motm_twin.planning.search_settings import LocalGoal, Question, search_settings
+from motm_twin.planning.search_settings import (
+    LAYERS,
+    LONGER,
+    WIDTH,
+    LocalGoal,
+    Question,
+    far_sighted,
+    search_settings,
+    weights_among,
+)
 from motm_twin.planning.types import (
     BasePlan,
     BaseProblem,
@@ -37,6 +48,7 @@ from motm_twin.planning.types import (
     empty_path,
 )
 from motm_twin.planning.visibility import Graph
+from motm_twin.planning.waiting import Among, best_wait
 
 CLOCK_CHUNK = 32  # expansions between two looks at the clock
 STILL_V = 1e-3  # [m/s]
@@ -76,6 +88,7 @@ class StaaController:
         self._global_rates = rates_of(profile.base, rotation_cost=parameters.staa.rotation_cost)
         self._asked: tuple[BaseProblem, Placement] | None = None  # only to explain the last period
         self._memory: search_memory.Memory | None = None
+        self._far: search_memory.Memory | None = None  # of searches among others
         self._cells: tuple[Graph, tuple[float, ...], search_memory.CellVisibility] | None = None
 
     def plan(self, problem: BaseProblem, placement: Placement, budget: SearchBudget) -> BasePlan:
@@ -118,7 +131,7 @@ class StaaController:
         job = self.job(problem, asked.target)
         world = search_memory.World(
             still, proximity, self.body, asked.graph, goal.table, asked.next_table or goal.table, job, NO_LATTICE,
-            self._seen_floor(problem), moving,
+            self._seen_floor(problem), moving, self.others(problem),
         )  # fmt: skip
         cells = self._cell_visibility(asked.graph, field)
         memory = self._memory_for(budget.expansions, asked.graph)
@@ -137,14 +150,56 @@ class StaaController:
                 return self._escape(problem, field), informed
             why = self._no_motion(problem, asked.target, field, expansions)
             return self._brake(problem, field, why, goal, expansions, cut=cut), informed
-        return self._found(asked, settings, job, memory, arrives=status == staa.GOAL, cut=cut), informed
+        found = self._found(asked, settings, job, memory, arrives=status == staa.GOAL, cut=cut)
+        return self._among_others(asked, found, settings, world, cells), informed
+
+    def _among_others(
+        self, asked: Question, found: BasePlan, settings: search_memory.Settings, world: search_memory.World,
+        cells: search_memory.CellVisibility,
+    ) -> BasePlan:  # fmt: skip
+        """The plan; where it meets others or does not arrive, a better one of a search that looks farther ahead."""
+        arrives = found.status == PlanStatus.GOAL
+        here = np.array([*asked.problem.pose, *asked.problem.twist])
+        soon = LAYERS * LONGER * settings.node_duration
+        if (arrives and found.local_among[0] < WORTH) or settings.bound < math.inf:
+            return found
+        if not len(near(world.others, here, soon, self.limits.forward_speed, self.body)):
+            return found
+        s = far_sighted(settings, float(found.local_to_go[0]) if arrives else math.inf)
+        if self._far is None or len(self._far.scratch) <= len(asked.graph.vertex):
+            self._far = search_memory.make_memory(LAYERS * WIDTH, s.notches, 2 * len(asked.graph.vertex))
+        pose, twist = (np.array(part, dtype=np.float64) for part in (asked.problem.pose, asked.problem.twist))
+        staa.start_search(pose, twist, time_left(asked.target), self._far)
+        status = staa.run_search(LAYERS * WIDTH, s, world, cells, self._far)
+        if int(self._far.count[search_memory.SOLUTION]) < 0:
+            return found
+        other = self._found(asked, s, world.job, self._far, arrives=status == staa.GOAL, cut=found.cut_by_clock)
+        driven = found if arrives and found.local_to_go[0] <= other.local_to_go[0] else other
+        return self._waits(asked, world.others, s.among, driven) or driven
+
+    def _waits(self, asked: Question, others: Array, weights: Weights, driven: BasePlan) -> BasePlan | None:
+        """The plan to stand until others have passed, when that is cheaper than the one that would be driven."""
+        here = np.array([*asked.problem.pose, *asked.problem.twist])
+        goal, among = asked.goal, Among(others, self.body, weights)
+        wait, last = best_wait(here, goal.global_path, self.limits, among), driven.local_poses[-1]
+        onward, _ = path_to_goal(asked.graph, goal.table, last[:3])
+        after = best_wait(last, onward, self.limits, among, float(driven.local_times[-1]))
+        to_go = float(driven.local_to_go[0]) + (0.0 if driven.status == PlanStatus.GOAL else after.cost)
+        if wait.track < 0 or driven.t_h + goal.after + wait.cost >= to_go:
+            return None
+        other = others[wait.track]
+        why = Reason(
+            kind=Kind.GIVES_WAY, subject=f"track {int(other[IDENTITY])}", value=math.hypot(other[2], other[3]),
+            limit=wait.delay, unit="m/s",
+        )  # fmt: skip
+        return self._stop(asked.problem, asked.field, PlanStatus.BRAKING, why, asked.goal, driven.expansions)
 
     def _found(
         self, asked: Question, settings: search_memory.Settings, job: Job, memory: search_memory.Memory, *,
         arrives: bool, cut: bool,
     ) -> BasePlan:  # fmt: skip
         """The plan that a search has found: to the node that ends it, or to the best one."""
-        goal, dt = asked.goal, self.parameters.node_duration
+        goal, dt = asked.goal, settings.node_duration
         branch = search_memory.branch_to(memory, max(int(memory.count[search_memory.SOLUTION]), 0))
         poses = memory.state[branch]
         t_h = self._time_to_goal(asked.problem, job, settings, goal)
@@ -157,12 +212,13 @@ class StaaController:
             local_poses=frozen(poses),
             local_times=frozen(np.arange(len(branch)) * dt),
             local_to_go=frozen(search_memory.to_go(memory, branch)),
+            local_among=self.among(asked.problem, poses, dt * np.arange(len(branch), dtype=np.float64)),
             bezier=frozen(self._bezier(poses[-1], settings, bool(memory.passed[branch[-1]]))),
             expansions=int(memory.count[search_memory.EXPANSIONS]),
             cut_by_clock=cut,
             t_h=t_h,
             k=self.penalty_scale(t_h),
-            time_to_range=self._time_to_range(poses, job, asked.graph, goal),
+            time_to_range=self._time_to_range(poses, dt, job, asked.graph, goal),
         )
 
     def ahead(self, problem: BaseProblem) -> tuple[Field, Field, Array]:
@@ -175,6 +231,20 @@ class StaaController:
             proximity = self._still.proximity(world) if grid else proximity
         field = self._graphs.field(world)
         return field, field._replace(value=np.array(proximity, dtype=np.float32)) if grid else field, moving
+
+    def others(self, problem: BaseProblem) -> Array:
+        """Tracks (k, 7) that the search meets where they are expected; none where it is told nothing of them."""
+        if self.parameters.risk_weight == 0.0:
+            return np.zeros((0, 7))  # not a read-only one: kernels are compiled once
+        return arriving(problem.world.tracks, self.limits.velocity_lag)
+
+    def among(self, problem: BaseProblem, states: Array, times: Array) -> Array:
+        """Cost [s] that is left at each of the states (n, 5) after times [s] (n,) for being among others, (n,)."""
+        others = self.others(problem)
+        if not len(others):
+            return frozen(np.zeros(len(states)))
+        costs = costs_along(states, times, others, self.body, weights_among(self.parameters))
+        return frozen(costs.sum() - np.cumsum(costs))
 
     def room(self, problem: BaseProblem) -> Room:
         """The room that plans of this period keep."""
@@ -347,9 +417,8 @@ class StaaController:
         goal = np.array([s.goal_x, s.goal_y, s.goal_heading])
         return bezier_curve(last[:3], goal, offset=s.bezier_offset)
 
-    def _time_to_range(self, poses: Array, job: Job, graph: Graph, goal: LocalGoal) -> float:
+    def _time_to_range(self, poses: Array, dt: float, job: Job, graph: Graph, goal: LocalGoal) -> float:
         """When the target comes into reach: in the local plan, else on the path that follows it [s]."""
-        dt = self.parameters.node_duration
         reached = first_node_in_reach(poses, dt, job)
         if reached < math.inf:
             return reached * dt

@@ -25,13 +25,12 @@ from motm_twin.model.state import Stateful
 from motm_twin.perception.still_map import StillMap
 from motm_twin.planning.braking import stopping_clearance
 from motm_twin.planning.collision import Body, Field, clearance, field_of
+from motm_twin.planning.encounters import STEP, encounters, near
 from motm_twin.planning.parameters import EvasionParameters
 from motm_twin.planning.prediction import gap_to, gap_to_point
-from motm_twin.planning.types import BasePlan, BaseProblem, PlanStatus
+from motm_twin.planning.types import BasePlan, BaseProblem, Encounter, PlanStatus
 
-STEP = 0.1  # [s] between two looks
 LOOKS, LOOKED = 3, 15  # steps between two tests of the stop, and the last with one
-AROUND = 0.5  # [m] more than that movers are given room
 UNSAFE = 0.3  # [s] what a state costs that is not passively safe
 
 
@@ -92,6 +91,8 @@ class MakesWay(Stateful[EvasionState]):
         if cannot_brake(here[:3], movers, p.brakes, body):
             state.wary_until = problem.time + p.wary_for
         horizon = p.horizon if problem.time < state.wary_until else p.horizon_trusting
+        told = near(movers, here, p.horizon, limits.forward_speed, body)
+        plan = _told(plan, sampled(plan, here, p.horizon), told, body)
         movers = near(movers, here, horizon, limits.forward_speed, body)
         around = Around(movers, Room(p.room, p.room_growth), self._stop, body)
         planned = sampled(plan, here, horizon)
@@ -109,13 +110,13 @@ class MakesWay(Stateful[EvasionState]):
         if cost >= met - p.gain:
             return plan
         state.out_of_way = True
-        return evading(problem, plan, best, movers)
+        return _told(evading(problem, plan, best, movers), best, told, body, plan.encounters)
 
 
-def near(movers: Array, here: Array, horizon: float, speed: float, body: Body) -> Array:
-    """Those of the movers (k, 5 or more) that can meet the base within the horizon [s]."""
-    apart = np.hypot(movers[:, 0] - here[0], movers[:, 1] - here[1]) - movers[:, 4] - body.reach
-    return movers[apart < horizon * (speed + np.hypot(movers[:, 2], movers[:, 3])) + AROUND, :5]
+def _told(plan: BasePlan, states: Array, movers: Array, body: Body, evaded: tuple[Encounter, ...] = ()) -> BasePlan:
+    """The plan with its encounters with movers (k, 7) on states (n, 5) every `STEP`."""
+    found = encounters(states, movers, body, evaded)
+    return msgspec.structs.replace(plan, encounters=found, courtesy=sum(other.courtesy for other in found))
 
 
 def cannot_brake(pose: Array, movers: Array, deceleration: float, body: Body) -> bool:
@@ -168,7 +169,7 @@ def evading(problem: BaseProblem, plan: BasePlan, states: Array, movers: Array) 
 class Around(NamedTuple):
     """Surroundings that motions are judged by."""
 
-    movers: Array  # x, y [m], velocity [m/s], radius [m], shape (k, 5)
+    movers: Array  # tracks, (k, 7)
     room: Room
     stop: Stop
     body: Body

@@ -115,6 +115,16 @@ class StaaParameters:
         Slider("Penalty beside what is expected", "Base control",
             "Time that a node at such an obstacle is charged for, less with every metre, nothing from 1 m on.",
             (0.0, 2.0, 0.1), paper=0.0)] = 0.0  # fmt: skip
+    risk_weight: Annotated[float,
+        Number("s", OWN, "costs a node where somebody surely is; 0: they are obstacles where they are"),
+        Slider("Price of a meeting", "Base control",
+            "Time that a node is charged for where somebody is expected, times the probability; 0 expects nobody.",
+            (0.0, 20.0, 0.5), paper=0.0)] = 0.0  # fmt: skip
+    courtesy_weight: Annotated[float,
+        Number("", OWN, "of a second of somebody else's time: in the stopping way of whoever comes"),
+        Slider("Courtesy", "Base control",
+            "Weight of the time that the plan takes from others, by being in the way that they need to stop.",
+            (0.0, 3.0, 0.1), paper=0.0)] = 0.0  # fmt: skip
     steadiness: Annotated[float,
         Number("", OWN, "share of the time [s] of full yaw acceleration that is paid for it; STAA* pays none"),
         Slider("Steadiness", "Base control",
@@ -190,8 +200,8 @@ class StaaParameters:
             raise ValueError(f"notches {self.notches}: need an odd number of at least 3, so that 0 is one of them")
         if self.node_duration <= 0.0 or self.cell <= 0.0 or self.growth_margin <= 0.0 or self.local_radius <= 0.0:
             raise ValueError("node_duration, cell, growth_margin and local_radius must be positive")
-        if min(self.prediction, self.moving_weight, self.steadiness) < 0.0:
-            raise ValueError("prediction, moving_weight and steadiness must not be negative")
+        if min(self.prediction, self.moving_weight, self.risk_weight, self.courtesy_weight, self.steadiness) < 0.0:
+            raise ValueError("prediction, steadiness and the weights of others must not be negative")
 
 
 def growth(footprint: Footprint, p: StaaParameters) -> float:

@@ -174,7 +174,7 @@ def _chosen_before(last: PlacementState, target: Target, pose: Array, p: Placeme
 
 def _why(judged: Judged, chosen: int, target: Target, survey: Survey) -> Reason:
     """Reason of the choice."""
-    candidates, current, onward, waits = judged
+    candidates, current, onward, waits, waiting = judged
     name, largest = target.name, survey.model.placement.radius_max
     if waits:
         return Reason(kind=Kind.BESIDE_TAKEN, subject=name, value=float(onward[chosen]), unit="s")
@@ -182,6 +182,9 @@ def _why(judged: Judged, chosen: int, target: Target, survey: Survey) -> Reason:
     if chosen < 0:
         closed_in = Reason(kind=Kind.CLOSED_IN, subject=name)
         return closed_in if outside is None else Reason(kind=Kind.UNREACHABLE, subject=name, cause=outside)
+    if waiting is not None and waiting[chosen] > 0.0:
+        free = float(current[chosen] - waiting[chosen])
+        return Reason(kind=Kind.SOON_FREE, subject=name, value=float(waiting[chosen]), limit=free, unit="s")
     costs = {"value": float(current[chosen]), "limit": float(onward[chosen]), "unit": "s"}
     if candidates.mode == Mode.RING:
         return Reason(kind=Kind.RING, subject=name, other=f"{candidates.radius:.2f} m", **costs)

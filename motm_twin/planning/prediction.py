@@ -1,10 +1,13 @@
-"""Prediction of dynamic obstacles while a plan is carried out: discs on their course, as long as is asked for.
+"""Prediction of dynamic obstacles while a plan is carried out.
 
-STAA* expects obstacles to go on as they do for 1 s of its search, and to stand after that. The paper expects nothing
-(Sec. VIII, "Obstacle Motion Prediction").
+STAA* expects obstacles to go on as they do for 1 s of its search, and to stand after that: discs on their course. The
+paper expects nothing (Sec. VIII, "Obstacle Motion Prediction"). A method with foresight asks for the probability that a
+place is taken at a time: each goes on straight, and the ellipse in which it is grows, more along its way than across.
 """
 
 import math
+from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -13,6 +16,23 @@ from motm_twin.model.motion import kernel
 from motm_twin.planning.collision import Body
 from motm_twin.planning.kernels import length_of
 
+GOES = 0.1  # [m/s] slower ones are obstacles where they are
+STARTS = 0.5  # [m/s] faster ones are on their way: they do not start to walk
+HIDES = 0.25  # [m] radius that anybody has at least: a part of it may be hidden
+FARTHEST = 3.0  # standard deviations beyond which nobody is expected
+SHOWN = 2.0  # standard deviations that an ellipse holds: 95 % along either axis
+
+
+class Spread(NamedTuple):
+    """Rates by which the standard deviation of somebody's place grows [m/s], and the room that is kept [m]."""
+
+    along: float = 0.08  # his way: of speed
+    across: float = 0.06  # of direction
+    starts: float = 0.20  # of one who stands, and may start to walk; less the faster he is
+    room: float = 0.20
+
+
+SPREAD = Spread()
 NOBODY = np.zeros((1, 0, 3))
 NOBODY.setflags(write=False)
 
@@ -51,10 +71,18 @@ def gap_to(x: float, y: float, c: float, s: float, discs: Array, body: Body) -> 
 @kernel
 def gap_to_point(x: float, y: float, c: float, s: float, px: float, py: float, body: Body) -> float:
     """Distance [m] from the footprint at a pose to a point; 0 inside."""
+    return max(0.0, signed_gap(x, y, c, s, px, py, body))
+
+
+@kernel
+def signed_gap(x: float, y: float, c: float, s: float, px: float, py: float, body: Body) -> float:
+    """Distance [m] from the footprint at a pose to a point; inside less than 0, to the nearest side."""
     half_l, half_w = body.corner[3, 0] - body.centre_x, body.corner[3, 1]
     dx, dy = px - x, py - y
-    along, across = abs(c * dx + s * dy - body.centre_x), abs(c * dy - s * dx)
-    return length_of(max(0.0, along - half_l), max(0.0, across - half_w))
+    along, across = abs(c * dx + s * dy - body.centre_x) - half_l, abs(c * dy - s * dx) - half_w
+    if along < 0.0 and across < 0.0:
+        return max(along, across)
+    return length_of(max(0.0, along), max(0.0, across))
 
 
 @kernel
@@ -64,3 +92,57 @@ def way_to(x: float, y: float, discs: Array) -> float:
     for i in range(discs.shape[0]):
         least = min(least, length_of(discs[i, 0] - x, discs[i, 1] - y) - discs[i, 2])
     return max(0.0, least)
+
+
+def ellipses(track: Array, times: Sequence[float]) -> Array:
+    """Ellipses that hold a track (7,) after each time [s], shape (n, 6).
+
+    Rows: time, x, y, half axes along and across its way [m], direction of the way [rad].
+    """
+    x, y, vx, vy, radius, sd = (float(value) for value in track[:6])
+    way, more = math.atan2(vy, vx), may_start(math.hypot(vx, vy), SPREAD)
+    rates = (SPREAD.along + more, SPREAD.across + more)
+    rows = [(t, x + t * vx, y + t * vy, *(radius + SHOWN * grown(sd, rate, t) for rate in rates), way) for t in times]
+    return np.array(rows).reshape(-1, 6)
+
+
+def arriving(tracks: Array, lag: float) -> Array:
+    """Those of the tracks (k, 7) that go on, when the base begins to follow a plan, ``lag`` [s] from now."""
+    going = tracks[np.hypot(tracks[:, 2], tracks[:, 3]) >= GOES].copy()
+    going[:, :2] += lag * going[:, 2:4]
+    going[:, 4] = np.maximum(going[:, 4], HIDES)
+    return going
+
+
+@kernel
+def may_start(speed: float, spread: Spread) -> float:
+    """More [m/s] of both rates for somebody at a speed [m/s], who may start to walk."""
+    return spread.starts * max(0.0, 1.0 - speed / STARTS)
+
+
+@kernel
+def grown(sd: float, rate: float, time: float) -> float:
+    """Standard deviation [m] of a place after a time [s], ``sd`` now."""
+    return math.sqrt(sd * sd + (rate * time) * (rate * time))
+
+
+@kernel
+def probability_taken(
+    x: float, y: float, c: float, s: float, time: float, mover: Array, spread: Spread, body: Body
+) -> float:
+    """Probability that a mover (6 or more,) is nearer than its room to the footprint at a pose after a time [s].
+
+    c, s: cosine and sine of the heading. Its place is normal in the direction of the base, where the footprint is a
+    wall.
+    """
+    px, py = mover[0] + time * mover[2], mover[1] + time * mover[3]
+    speed, dx, dy = length_of(mover[2], mover[3]), x + c * body.centre_x - px, y + s * body.centre_x - py
+    away = length_of(dx, dy)
+    ahead = (mover[2] * dx + mover[3] * dy) / (speed * away) if speed * away > 1e-6 else 0.0
+    more = may_start(speed, spread)
+    along, across = grown(mover[5], spread.along + more, time), grown(mover[5], spread.across + more, time)
+    sd = max(1e-3, math.sqrt((ahead * along) ** 2 + (1.0 - ahead * ahead) * across * across))
+    if away > body.outer + mover[4] + spread.room + FARTHEST * sd:
+        return 0.0
+    gap = signed_gap(x, y, c, s, px, py, body) - mover[4] - spread.room
+    return 0.5 * math.erfc(gap / (sd * math.sqrt(2.0)))

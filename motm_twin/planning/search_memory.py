@@ -11,6 +11,7 @@ from motm_twin.model.motion import kernel
 from motm_twin.planning.bezier import bernstein
 from motm_twin.planning.collision import Body, Field
 from motm_twin.planning.cost_to_go import Table, cheapest
+from motm_twin.planning.encounters import Weights
 from motm_twin.planning.kernels import inlined
 from motm_twin.planning.reach import Job
 from motm_twin.planning.visibility import Graph, push_out, visible_vertices
@@ -63,7 +64,10 @@ class Settings(NamedTuple):
     region_y: float
     region_radius: float
     bound: float  # [s] a plan that costs as much is of no use; inf: any is
+    layers: int  # nodes of a plan in which all depths are searched alike; 0: the cheapest node is always next
+    width: int  # nodes of each depth that are expanded then
     moving_weight: float
+    among: Weights  # of being among others
     steadiness: float
 
 
@@ -106,6 +110,7 @@ class World(NamedTuple):
     lattice: LatticeCosts
     floor: SeenFloor
     moving: Array  # discs where what moves is expected, every half node, (n, k, 3); `field` is without it then
+    others: Array  # tracks of those whose place is a matter of probability, (k, 7); `field` is without them then
 
 
 class CellVisibility(NamedTuple):
@@ -123,7 +128,7 @@ class CellVisibility(NamedTuple):
 
 G, H, LEFT, T_GOAL = 0, 1, 2, 3  # columns of Memory.cost
 PARENT, ACTION, DEPTH = 0, 1, 2  # columns of Memory.link
-NODES, QUEUE, EXPANSIONS, BEST, SOLUTION = 0, 1, 2, 3, 4  # of Memory.count
+NODES, QUEUE, EXPANSIONS, BEST, SOLUTION, LAYER, TAKEN = 0, 1, 2, 3, 4, 5, 6  # of Memory.count
 
 
 class Memory(NamedTuple):

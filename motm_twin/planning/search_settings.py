@@ -9,7 +9,9 @@ from motm_twin.planning import staa
 from motm_twin.planning.candidates import is_avoided
 from motm_twin.planning.collision import Body, Field
 from motm_twin.planning.cost_to_go import Table
+from motm_twin.planning.encounters import Weights
 from motm_twin.planning.parameters import Room, StaaParameters
+from motm_twin.planning.prediction import SPREAD
 from motm_twin.planning.search_memory import Settings
 from motm_twin.planning.types import BaseProblem, Mode, Placement, Target
 from motm_twin.planning.visibility import Graph
@@ -18,6 +20,10 @@ from motm_twin.planning.visibility import Graph
 FREE = 0.25
 # Settings that are parameters as they are; the margin is that of the room, which may be less.
 _SHARED = {each.name for each in dataclasses.fields(StaaParameters)} & set(Settings._fields) - {"margin"}
+
+
+# A search among others looks farther ahead, in longer steps: longer than `node_duration` by a factor, and coarser.
+LONGER, NOTCHES, CELL, HEADING_BINS, LAYERS, WIDTH = 2.0, 3, 0.2, 16, 10, 60
 
 
 class LocalGoal(NamedTuple):
@@ -44,6 +50,19 @@ class Question(NamedTuple):
     graph: Graph
     goal: LocalGoal
     next_table: Table | None
+
+
+def weights_among(p: StaaParameters) -> Weights:
+    """Weights of a node of the search among others."""
+    return Weights(p.risk_weight, p.courtesy_weight * p.node_duration, SPREAD)
+
+
+def far_sighted(s: Settings, bound: float) -> Settings:
+    """The numbers of a search that finds the way among others, who are met where they will be."""
+    return s._replace(
+        node_duration=LONGER * s.node_duration, free=LONGER * s.free, notches=NOTCHES, cell=CELL,
+        heading_bins=HEADING_BINS, epsilon=1.0, layers=LAYERS, width=WIDTH, bound=bound,
+    )  # fmt: skip
 
 
 def search_settings(
@@ -80,4 +99,7 @@ def search_settings(
         region_y=float(problem.pose[1]),
         region_radius=p.local_radius + 1.0,
         bound=bound,
+        among=weights_among(p),
+        layers=0,
+        width=0,
     )

@@ -18,6 +18,7 @@ from motm_twin.planning.bezier import bezier_points, time_below
 from motm_twin.planning.braking import can_stop
 from motm_twin.planning.collision import BORDER, ROUNDING, SLOPE, Body, clearance, clearance_from, distance_at
 from motm_twin.planning.cost_to_go import FAR
+from motm_twin.planning.encounters import cost_among
 from motm_twin.planning.kernels import heap_pop, heap_push, inlined, kernel, length_of
 from motm_twin.planning.lattice import lattice_cost
 from motm_twin.planning.prediction import at_half_steps, gap_to, way_to
@@ -28,12 +29,14 @@ from motm_twin.planning.search_memory import (
     BEST,
     DEPTH,
     EXPANSIONS,
+    LAYER,
     LEFT,
     NODES,
     PARENT,
     QUEUE,
     SOLUTION,
     T_GOAL,
+    TAKEN,
     CellVisibility,
     G,
     H,
@@ -60,6 +63,8 @@ MID_WAY_C, MID_WAY_S, MID, MID_C, MID_S, HALF_WAY, WHOLE_WAY, HEADING_BIN, YAW_R
     24,
 )
 ALL_ROUND = 3.1  # [rad] half a field of view from which on the lidar sees where the base reverses to
+APART = 1e4  # [s] between the keys of two layers
+LATER, LATEST = 0.6, 16  # [s] of a bin of time in the closed list, and their number
 BEZIER_GAIN = 0.05  # [s] a curve that cannot save more than this is not looked at
 
 
@@ -116,11 +121,11 @@ def _passes(x: float, y: float, heading: float, s: Settings) -> bool:
 
 
 @inlined
-def _cell_of(x: float, y: float, v_bin: int, row: Array, s: Settings) -> int:
-    """The cell of the closed list that a node lies in; row of `swing`."""
+def _cell_of(x: float, y: float, v_bin: int, row: Array, later: int, s: Settings) -> int:
+    """The cell of the closed list that a node lies in; row of `swing`. ``later``: bin of time, where that counts."""
     i, j = int(math.floor(x / s.cell)) + 100_000, int(math.floor(y / s.cell)) + 100_000
     k, w = int(row[HEADING_BIN]), int(row[YAW_RATE_BIN])
-    return (((i * 200_000 + j) * s.heading_bins + k) * s.speed_bins + v_bin) * s.speed_bins + w
+    return ((((i * 200_000 + j) * s.heading_bins + k) * s.speed_bins + v_bin) * s.speed_bins + w) * LATEST + later
 
 
 @kernel
@@ -364,10 +369,11 @@ def _child(
     pose[2], pose[3], pose[4] = row[FACING], v_end, row[YAW_RATE]
     if length_of(pose[0] - s.region_x, pose[1] - s.region_y) > s.region_radius:
         return
-    memory.cell[n] = _cell_of(pose[0], pose[1], v_bin, row, s)
+    depth = memory.link[node, DEPTH] + 1
+    later = min(int(depth * s.node_duration / LATER), LATEST - 1) if world.others.shape[0] > 0 else 0
+    memory.cell[n] = _cell_of(pose[0], pose[1], v_bin, row, later, s)
     if _close(memory.cell[n], memory.closed, 0):
         return
-    depth = memory.link[node, DEPTH] + 1
     free = _free_way(before, pose, row, depth, allowed, s, world)
     if free == -math.inf:
         return
@@ -384,6 +390,13 @@ def _child(
     if s.moving_weight > 0.0:
         discs = world.moving[at_half_steps(2 * depth, world.moving)]
         spent += s.moving_weight * max(0.0, 1.0 - way_to(pose[0], pose[1], discs))
+    if world.others.shape[0] > 0:
+        mx, my = _half_way(before, pose, row, s)
+        half, end = (depth - 0.5) * s.node_duration, depth * s.node_duration
+        spent += max(
+            cost_among(mx, my, row[MID_C], row[MID_S], half, world.others, world.body, s.among),
+            cost_among(pose[0], pose[1], c, si, end, world.others, world.body, s.among),
+        )
     if spent + h >= s.bound:
         return
     memory.cost[n, G] = spent
@@ -395,7 +408,31 @@ def _child(
         at_end = _passes(pose[0], pose[1], pose[2], s)
         memory.passed[n] = done or at_end or (s.goal_test == PASS_TEST and _passes(mx, my, row[MID], s))
     memory.count[NODES] = n + 1
-    memory.count[QUEUE] = heap_push(memory.key, memory.item, memory.count[QUEUE], memory.cost[n, G] + s.epsilon * h, n)
+    key = memory.cost[n, G] + s.epsilon * h + (APART * depth if s.width > 0 else 0.0)
+    memory.count[QUEUE] = heap_push(memory.key, memory.item, memory.count[QUEUE], key, n)
+
+
+@inlined
+def _is_best(node: int, s: Settings, memory: Memory) -> bool:
+    """A popped node is the best so far: nearest to the goal, or of layers the cheapest of the deepest."""
+    best = memory.count[BEST]
+    if best < 0:
+        return True
+    if s.width > 0:
+        return memory.link[node, DEPTH] > memory.link[best, DEPTH]
+    return memory.cost[node, H] < memory.cost[best, H]
+
+
+@inlined
+def _left_out(node: int, s: Settings, memory: Memory) -> bool:
+    """Enough nodes of its depth were expanded; counts those."""
+    if s.width == 0:
+        return False
+    count, depth = memory.count, memory.link[node, DEPTH]
+    if depth > count[LAYER]:
+        count[LAYER], count[TAKEN] = depth, 0
+    count[TAKEN] += 1
+    return count[TAKEN] > s.width
 
 
 @kernel
@@ -428,9 +465,12 @@ def run_search(limit: int, s: Settings, world: World, cells: CellVisibility, mem
             if memory.passed[node]:
                 count[SOLUTION] = node
                 return GOAL
-            if count[BEST] < 0 or memory.cost[node, H] < memory.cost[count[BEST], H]:
+            if _is_best(node, s, memory):
                 count[BEST] = node
-            if _close(memory.cell[node], memory.closed, 1):
+                if 0 < s.layers <= memory.link[node, DEPTH]:
+                    count[SOLUTION] = node
+                    return ABORTED
+            if _close(memory.cell[node], memory.closed, 1) or _left_out(node, s, memory):
                 continue
         count[EXPANSIONS] += 1
         swings = _swings(node, memory.cost[node, LEFT], s.by_job and world.job.kind == MANIPULATE, s, memory)
@@ -438,6 +478,8 @@ def run_search(limit: int, s: Settings, world: World, cells: CellVisibility, mem
         for i in range(-half, half + 1):
             a = s.a_max * i / half
             v_end = min(s.v_f, max(-s.v_r, memory.state[node, 3] + a * s.node_duration))
+            if world.others.shape[0] > 0 and v_end * memory.state[node, 3] < 0.0:
+                v_end = 0.0  # whoever may have to wait can stand
             if v_end == v_before:
                 continue
             v_before = v_end

@@ -109,6 +109,52 @@ class Placement(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 NO_COSTS = frozen(np.zeros(0))
 
 
+class Yields(StrEnum):
+    """Party that gives way in an encounter."""
+
+    NOBODY = ""  # nobody has to
+    ROBOT = "robot"
+    OTHER = "other"
+
+
+class Passes(StrEnum):
+    """Side on which the base passes somebody whose way it crosses."""
+
+    NEITHER = ""  # it does not cross that way
+    BEHIND = "behind"
+    IN_FRONT = "in front"
+
+
+class Encounter(msgspec.Struct, frozen=True, kw_only=True):
+    """One dynamic obstacle that the base comes near to when the plan is carried out, and who gives way."""
+
+    track: int  # identity of its track
+    yields: Yields
+    passes: Passes
+    time: float  # [s] from now until both are nearest to each other
+    gap: float  # [m] between them then
+    speed: float  # [m/s] of the other
+    courtesy: float  # [s] of the other's time that the plan takes: in its stopping way, weighted by nearness
+
+    @property
+    def why(self) -> Reason:
+        """Giving way in one sentence, typed."""
+        kind = _GIVES_WAY.get((self.yields, self.passes), Kind.KEEPS_CLEAR)
+        return Reason(kind=kind, subject=f"track {self.track}", value=self.speed, limit=self.time, unit="m/s")
+
+
+_GIVES_WAY = {
+    (Yields.ROBOT, Passes.BEHIND): Kind.PASSES_BEHIND,
+    (Yields.ROBOT, Passes.NEITHER): Kind.GIVES_WAY,
+    (Yields.ROBOT, Passes.IN_FRONT): Kind.GIVES_WAY,
+    (Yields.OTHER, Passes.BEHIND): Kind.IS_GIVEN_WAY,
+    (Yields.OTHER, Passes.NEITHER): Kind.IS_GIVEN_WAY,
+    (Yields.OTHER, Passes.IN_FRONT): Kind.IS_GIVEN_WAY,
+    (Yields.NOBODY, Passes.BEHIND): Kind.PASSES_BEHIND,
+    (Yields.NOBODY, Passes.IN_FRONT): Kind.PASSES_IN_FRONT,
+}
+
+
 class BasePlan(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """The acceleration of the base in this period, and the plan behind it."""
 
@@ -121,12 +167,15 @@ class BasePlan(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     local_poses: Array  # x, y, heading, v, w at each node of the local plan, shape (j, 5)
     local_times: Array  # [s] from now, shape (j,)
     local_to_go: Array = NO_COSTS  # [s] what the search counts from each node on, penalties included, (j,) or (0,)
+    local_among: Array = NO_COSTS  # [s] of `local_to_go` that is paid for being among others, (j,) or (0,)
     bezier: Array  # sampled Bezier of the chosen branch's last node, shape (b, 2); may be empty
     expansions: int
     cut_by_clock: bool
     t_h: float  # [s] estimated time until the goal is achieved
     k: float  # proximity penalty scale max(0.1, min(t_h/3, 1))
     time_to_range: float  # [s] estimated until the target is in reach of the arm; 0 when it is, inf when unknown
+    encounters: tuple[Encounter, ...] = ()  # with dynamic obstacles, the soonest first; of methods with foresight
+    courtesy: float = 0.0  # [s] of the others' time that the plan takes, a cost of it: the sum over its encounters
 
     @property
     def reason(self) -> str:

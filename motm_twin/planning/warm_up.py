@@ -37,7 +37,7 @@ def warm_up_placement() -> Placement:
     distance = np.zeros_like(problem.world.distance)
     distance[:, :20] = 1.0
     crowded = msgspec.structs.replace(
-        problem.world, seen_points=crowd, seen_static=np.zeros(len(crowd), dtype=bool), distance=distance
+        problem.world, seen_points=frozen(crowd), seen_static=np.zeros(len(crowd), dtype=bool), distance=distance
     )
     placement.place(msgspec.structs.replace(problem, world=crowded))
     return placement.place(problem)
@@ -93,7 +93,7 @@ def _problem() -> BaseProblem:
         distance=distance,
         proximity=np.clip(1.0 - distance, 0.0, 1.0),
         polygons=(np.array([[1.7, -0.3], [2.3, -0.3], [2.3, 0.3], [1.7, 0.3]]),),
-        seen_points=np.zeros((0, 2)),
+        seen_points=frozen(np.zeros((0, 2))),
         seen_static=np.zeros(0, dtype=bool),
     )
     target = Target(kind="pick", name="cube", position=np.array([2.0, 0.0]), dwell=1.0)

@@ -8,6 +8,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from motm_twin.methods import UNNAMED_METHOD
+from motm_twin.model.names import scene_name
 from motm_twin.model.period import PERIOD
 from motm_twin.program import table_console
 from motm_twin.record.reader import Health, read
@@ -94,7 +95,7 @@ def _runs(path: str | Path) -> list[RunInfo]:
         found.append(
             RunInfo(
                 run=run.key[1],
-                scene="" if scene is None else f"{scene.name} / {scene.variant}, seed {scene.seed}",
+                scene="" if scene is None else f"{scene_name(scene.name, scene.variant)}, seed {scene.seed}",
                 from_s=round(run.indices[0] * PERIOD, 3),
                 to_s=round((run.indices[-1] + 1) * PERIOD, 3),
                 periods=len(run.indices),

@@ -96,6 +96,8 @@ def read(path: str | Path, health: Health | None = None) -> Iterator[Entry]:
             yield from _records(file, health)
     except Overfull as error:
         raise SessionError(error.problem, file=str(path)) from error
+    except FileNotFoundError as error:
+        raise SessionError("there is no such file", file=str(path)) from error
     except OSError as error:
         raise SessionError(f"cannot be read: {error.strerror or error}", file=str(path)) from error
 

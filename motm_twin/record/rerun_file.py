@@ -13,6 +13,7 @@ from motm_twin.bus.plant_messages import from_message
 from motm_twin.control.method import Method
 from motm_twin.control.tick import Tick
 from motm_twin.model.edits import Announce, WorldEdit
+from motm_twin.model.names import scene_name
 from motm_twin.model.plant import Actuation, Detection, Observation, Scan
 from motm_twin.model.scene import PlanarPose, Scene, Task
 from motm_twin.record.recording import Recording, Run, observations_of, ticks_of
@@ -26,6 +27,7 @@ _NOT_COMPARED = (
     "server_time", "run", "began", "first", "past", "ended", "stage_ms", "inspected", "preview", "announced",
 )  # fmt: skip
 _NOT_COMPARED_OF_PLAN = ("cut_by_clock", "staa_path")
+_ADDED = ("tracks", "encounters", "courtesy")  # older recordings do not have them
 _OF_TRUTH = ("objects", "agents", "obstacles", "furniture", "removed", "faults", "score")  # nobody knows it again
 MOST_FIELDS = 5
 Json = dict[str, Any]
@@ -176,7 +178,7 @@ def rerun_run(recording: Recording, run: Run, method: Method | None = None) -> R
     made_with = {} if run.session is None else run.session.made_with
     return RunReport(
         run=run.key[1],
-        scene=f"{session.scene.name} / {session.scene.variant}, seed {session.scene.seed}",
+        scene=f"{scene_name(session.scene.name, session.scene.variant)}, seed {session.scene.seed}",
         periods=twin.index,
         compared=compared,
         hashes=hashes,
@@ -276,6 +278,8 @@ def _compare(then: Any, now: Any, place: str, found: list[str]) -> None:
         return
     if isinstance(then, dict) and isinstance(now, dict):
         for name in {**then, **now}:
+            if name in _ADDED and name not in then:
+                continue
             inner = f"{place}.{name}" if place else name
             _compare(then.get(name), now.get(name), inner, found)
     elif isinstance(then, list) and isinstance(now, list) and len(then) == len(now):

@@ -28,7 +28,7 @@ from motm_twin.completion import Completion, all_placed
 from motm_twin.control.method import Method
 from motm_twin.control.tick import Tick
 from motm_twin.control.tuning import check, parameter
-from motm_twin.interrupts import put_off
+from motm_twin.interrupts import end_with_parent, put_off
 from motm_twin.methods.registry import find_method
 from motm_twin.model.edits import Edit, InsertTask, ParameterValue, SetParameter
 from motm_twin.model.names import MethodError
@@ -324,7 +324,7 @@ def _lines(readers: dict[Connection, str]) -> Iterator[Line]:
 
 def _work(data: bytes, changes: Changes, start: int, name: str, method: str | None, write: Connection) -> None:
     """One run, in its own process, which ends with its parent."""
-    threading.Thread(target=_end_with_parent, name="parent", daemon=True).start()
+    end_with_parent()
     os.nice(NICE)
     try:
         own = None if method is None else find_method(method)
@@ -337,13 +337,6 @@ def _work(data: bytes, changes: Changes, start: int, name: str, method: str | No
     except Exception as error:
         traceback.print_exc()
         write.send(_Broken(run=name, error=f"{type(error).__name__}: {error}", bad_input=False))
-
-
-def _end_with_parent() -> None:
-    parent = multiprocessing.parent_process()
-    if parent is not None:
-        wait([parent.sentinel])
-        os._exit(FAILED)
 
 
 def stream(file: str, changes: list[str], seconds: float, method: str | None = None) -> int:

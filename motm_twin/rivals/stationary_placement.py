@@ -207,7 +207,8 @@ class StationaryPlacement(Stateful[StationaryState]):
             for i in np.flatnonzero(np.hypot(*(pose[:, :2] - place_refused).T) <= self.stationary.refused_distance):
                 rejected[i] = rejected[i] or Rejection.REFUSED
         of_place: Any = place_of.reshape(-1).astype(np.int32)
-        candidates, current, onward, _ = costs_of(Candidates(Mode.REACH, 0.0, pose, place, of_place, rejected), survey)
+        judged = costs_of(Candidates(Mode.REACH, 0.0, pose, place, of_place, rejected), survey)
+        candidates, current, onward = judged.candidates, judged.current, judged.onward
         cost = self._cost(target, share, self.arm_reach.azimuth(pose, target), current, onward)
         cost = cost + self.stationary.over_cost * self._over_seen(pose, target, here.world)
         return Rated(candidates, direction, share, current, onward, cost)
@@ -276,9 +277,9 @@ class StationaryPlacement(Stateful[StationaryState]):
     def _reason(self, rated: Rated, i: int, mode: str) -> str:
         text = f"{mode} with {100.0 * rated.share[i]:.0f} % of the best manipulability"
         if self._terms.current:
-            text += f", {rated.current[i]:.1f} s to it"
+            text += f", {rated.current[i]:.1f} s to get there"
         if self._terms.onward:
-            text += f" and {rated.onward[i]:.1f} s from it to the next target"
+            text += f" and {rated.onward[i]:.1f} s on to the next target"
         return text
 
 

@@ -200,7 +200,8 @@ def decode_session(data: bytes, *, file: str = "") -> Session:
     except msgspec.ValidationError as error:
         raise SessionError(f"is not a session: {error}", file=file) from error
     except (msgspec.MsgspecError, UnicodeDecodeError) as error:
-        raise SessionError(f"is neither a session nor a recording: {error}", file=file) from error
+        cure = "give a .json of `run --save`, or a .mcap"
+        raise SessionError(f"is neither a session nor a recording: {error}; {cure}", file=file) from error
     return session
 
 

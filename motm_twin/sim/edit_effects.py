@@ -18,6 +18,7 @@ from motm_twin.model.edits import (
     ReleaseBody,
     RemoveBody,
     SendAgent,
+    SetBehaviour,
     WorldEdit,
 )
 from motm_twin.model.geometry import Array, wrap_angle
@@ -72,6 +73,10 @@ class Effects:
                 agent.stop()
             case SendAgent():
                 _send(agent_of(state, edit.name), edit)
+            case SetBehaviour():
+                agent = agent_of(state, edit.name)
+                agent.agent = msgspec.structs.replace(agent.agent, behaviour=edit.behaviour)
+                agent.stop()
             case RemoveBody():
                 effect.moved = self._remove(state, edit.name)
             case MoveObject():

@@ -109,6 +109,7 @@ def _agent(item: AgentState) -> BodyTruth:
         yaw=float(item.pose[2]),
         state=item.mode,
         size=(2.0 * agent.radius, 2.0 * agent.radius, agent.height),
+        behaviour=agent.behaviour,
     )
 
 

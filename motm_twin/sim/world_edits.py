@@ -15,10 +15,12 @@ from motm_twin.model.edits import (
     ReleaseBody,
     RemoveBody,
     SendAgent,
+    SetBehaviour,
     WorldEdit,
 )
 from motm_twin.model.geometry import wrap_angle
 from motm_twin.model.names import hint
+from motm_twin.model.rvo import require_pyrvo
 from motm_twin.sim.bodies import Outline, disc_outline, put_down, robot_outline, square_outline
 from motm_twin.sim.kernels import entered, gaps
 from motm_twin.sim.layout import STILL, STILL_TURN, Furnishings, Scenery
@@ -52,6 +54,10 @@ def check_edit(furnishings: Furnishings, state: PlantState, scenery: Scenery, ed
         case SendAgent():
             names.require(edit.name, names.agents, "an agent")
             _check_goal(state, scenery, edit)
+        case SetBehaviour():
+            names.require(edit.name, names.agents, "an agent")
+            if edit.behaviour == "orca":
+                require_pyrvo(EditError)
         case RemoveBody():
             names.require(edit.name, names.bodies)
             if edit.name in furnishings.pieces:

@@ -204,7 +204,7 @@ def experiment(name: str, methods: Sequence[str] = (), trials: int | None = None
     if name not in EXPERIMENTS:
         raise ValueError(f"there is no experiment {name!r}; {hint(name, EXPERIMENTS)}")
     if trials is not None and not 1 <= trials <= MOST_TRIALS:
-        raise ValueError(f"{trials} trials: allowed are 1 to {MOST_TRIALS:,}")
+        raise ValueError(f"{trials} trials: give 1 to {MOST_TRIALS:,}")
     entry = EXPERIMENTS[name]
     chosen = methods_of(methods) or entry.methods
     return Experiment(name, entry.title, tuple(entry.specs(chosen, trials)))
@@ -258,7 +258,7 @@ def _sweep(parameter: str) -> Callable[[Sequence[str], int | None], Specs]:
 
 EXPERIMENTS: dict[str, Entry] = {
     "exp1": Entry(title="Experiment 1: six cubes from a table into two bins", specs=_on("exp1")),
-    "exp1a": Entry(title="Experiment 1a: two boxes that the map does not know", specs=_on("exp1a")),
+    "exp1a": Entry(title="Experiment 1a: two unmapped boxes", specs=_on("exp1a")),
     "exp2": Entry(title="Experiment 2: four Temis drive round the table", specs=_with_temis("random")),
     "blind": Entry(title="Experiment 2 with Temis that do not stop for the robot", specs=_with_temis("blind")),
     "one_temi": Entry(title="Experiment 2 with one Temi", specs=_with_temis("one_temi")),

@@ -177,7 +177,7 @@ GROUPS: dict[str, Group] = {
         ),
         Group(
             name="exp1a",
-            title="Experiment 1a, the ten trials with two boxes that the map does not know",
+            title="Experiment 1a, the ten trials with two unmapped boxes",
             trials=_published("exp1a"),
             goals=(*_done(60), _mean_limit(107.0)),
         ),

@@ -258,7 +258,7 @@ def run_or_stop(experiments: Iterable[Experiment], *, out: Path, workers: int, c
 def kept_text(out: Path, names: Iterable[str]) -> str:
     """The sentence that says what is kept after Ctrl-C, and how to go on."""
     kept = sum(len(Store(out / name).read()) for name in names)
-    return f"\nstopped; {kept} finished trials are in {out}: the same command goes on from there"
+    return f"\nstopped; {kept} finished trials are in {out}: the same command resumes there"
 
 
 @contextmanager

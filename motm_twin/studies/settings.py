@@ -13,39 +13,39 @@ class BenchSettings:
     """Names of groups and experiments, and their options.
 
     Args:
-        groups: Names of groups of trials or experiments, or all; without one they are listed with their times. Or
-            barn, and after it scene files of worlds of that challenge; or people, or tracker, alone.
-        methods: Names of methods, or all, or ablations; or FILE.py:NAME of your own.
-        trials: Number of random arrangements, seeds from 0; without it the ten published ones.
-        changes: Fields of the resolved scene, as noise.lidar_range_sd=0.05, detections=named or agents.*.speed=0.6.
+        groups: Names of groups or experiments, or all; without a name they are listed with their times. Or barn,
+            followed by scene files of worlds of that challenge; or people, or tracker, alone.
+        methods: Methods to compare, or all, or ablations; FILE.py:NAME for your own.
+        trials: Number of random arrangements, seeds from 0; without it the ten published arrangements.
+        changes: Change fields of the scene: noise.lidar_range_sd=0.05, detections=named, agents.*.speed=0.6.
         workers: Processes.
         backend: loky, processes of this machine; ray, a Ray cluster (extra "cluster").
         address: Of the Ray cluster, or auto.
-        retry_failed: Run trials again that were without success.
+        retry_failed: Run failed trials again.
         out: Folder of the JSON results.
-        seconds: Page, bus and scale: time of each measurement.
-        minutes: Page only: time over which memory is watched.
-        visits: Page only: pages that come and break off.
+        seconds: Page, bus and scale: time of each measurement [s].
+        minutes: Page only: time over which memory is watched [min].
+        visits: Page only: number of pages that connect and drop.
         share: Soak, period, task, faults, mismatch, screening and the studies of grasps only: part of the full counts.
-        kinds: Faults only: these kinds of faults, or none for trials without one.
-        scenes: Faults only: these of exp1, exp1a and exp2.
-        situations: People and tracker only: these of the situations among people, as circle or exp2_blind.
-        numbers: Screening only: these numbers of docs/parameters.md, or groups, as arm.qp or planning.reach.r_min.
+        kinds: Faults only: kinds of faults; none for trials without one.
+        scenes: Faults only: some of exp1, exp1a and exp2.
+        situations: People and tracker only: some of the situations among people, such as circle or exp2_blind.
+        numbers: Screening only: numbers of docs/parameters.md, or groups, such as arm.qp or planning.reach.r_min.
         quick: Growth, anytime, solvers and grasp_rule only: a few points, half a minute.
-        plant: simulated: kinematic; mujoco: contact dynamics (docs/physics.md), of groups of trials and experiments.
+        plant: simulated: kinematic; mujoco: contact dynamics (docs/physics.md), for groups of trials and experiments.
         worlds: Barn only: number of worlds like those of the challenge, seeds from 0.
         profile: Barn only: limits of the Jackal, nominal or of its controller; without it those of the file.
     """
 
-    groups: Positional[list[str]] = field(default_factory=list)
-    methods: tuple[str, ...] = ()
-    trials: int | None = None
-    changes: tuple[str, ...] = ()
+    groups: Annotated[Positional[list[str]], arg(metavar="[GROUP ...]")] = field(default_factory=list)
+    methods: Annotated[tuple[str, ...], arg(metavar="METHOD ...")] = ()
+    trials: Annotated[int | None, arg(metavar="INT")] = None
+    changes: Annotated[tuple[str, ...], arg(metavar="FIELD=VALUE ...")] = ()
     workers: int = 2
     backend: Literal["loky", "ray"] | None = None
-    address: str | None = None
+    address: Annotated[str | None, arg(metavar="ADDRESS")] = None
     retry_failed: FlagCreatePairsOff[bool] = False
-    out: Path = Path("out/bench")
+    out: Annotated[Path, arg(metavar="DIR")] = Path("out/bench")
     seconds: float = 60.0
     minutes: float = 3.0
     visits: int = 1000
@@ -76,18 +76,18 @@ class PaperSettings:
 
     Args:
         out: Folder for everything; trials that are in it are not run again.
-        quick: In less than five minutes, to see that it works: one trial of every method and modification on Experiment
-            1, of four methods on 1a, of motm and fast on 2; one seed of one level of every error and of late grasps;
-            one value of every swept parameter.
-        full: Fifty seeds everywhere; says how long, and needs --yes, but not to go on.
-        yes: Start also what takes hours.
-        only: Only these figures and tables, with the trials that they are made from.
-        draw: Run no experiment: draw what is in the folder, from whichever plan and state of the source.
-        no_page: No photographs of the page.
-        workers: Processes.
-        backend: loky: processes here; ray: a cluster (extra [cluster]).
-        address: Of the Ray cluster.
-        retry_failed: Run trials again that were without success.
+        quick: A check of less than five minutes: one trial of every method and modification on Experiment 1, of four
+            methods on 1a, of motm and fast on 2; one seed of one level of every error and of late grasps; one value of
+            every swept parameter.
+        full: Fifty seeds everywhere. Prints how long that takes, and needs --yes to start, but not to resume.
+        yes: Start plans that take hours.
+        only: Make these figures and tables only, with the trials that they are made from.
+        draw: Run no experiment: draw the trials in the folder, whatever plan and source they are from.
+        no_page: Leave out the screenshots of the page.
+        workers: Number of processes.
+        backend: loky: processes of this machine; ray: a Ray cluster (extra [cluster]).
+        address: Address of the Ray cluster.
+        retry_failed: Run failed trials again.
     """
 
     out: Annotated[Path, arg(metavar="DIR")] = Path("out/paper")
@@ -99,7 +99,7 @@ class PaperSettings:
     no_page: FlagCreatePairsOff[bool] = False
     workers: int = 2
     backend: Literal["loky", "ray"] = "loky"
-    address: str | None = None
+    address: Annotated[str | None, arg(metavar="ADDRESS")] = None
     retry_failed: FlagCreatePairsOff[bool] = False
 
     @property

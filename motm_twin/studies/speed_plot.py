@@ -10,6 +10,7 @@ from motm_twin.control.tick import Tick
 from motm_twin.measures.agents import Encounters
 from motm_twin.measures.interval import STANDS, Sampler
 from motm_twin.measures.measures import part_of
+from motm_twin.model.names import scene_name
 from motm_twin.model.profile import BaseLimits
 from motm_twin.model.scene import Scene
 from motm_twin.studies.paper.part import (
@@ -76,7 +77,7 @@ class SpeedFigure:
             above, below = fig.subplots(2, 1, height_ratios=(3, 2))
             _speed(above, self.steps, self.limits)
             above.set_title(
-                f"{result['scene']} / {result['variant']}, seed {result['seed']}, {result['method']}: "
+                f"{scene_name(result['scene'], result['variant'])}, seed {result['seed']}, {result['method']}: "
                 f"{result['time_s']:.1f} s, {result['path_length_m']:.1f} m; "
                 f"reference tour {result['reference_tour_s']:.1f} s",
                 pad=34.0,

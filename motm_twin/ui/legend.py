@@ -24,23 +24,24 @@ class Layer(msgspec.Struct, frozen=True):
 
 
 LAYERS = (
-    Layer("grid", "Ground", "occupancy grid: dark is occupied, lighter is the margin round it", colours.ground_css(),
-          "area", ("/map",)),
-    Layer(PLACES, "Where the base could stand", "candidate base poses: yellow is cheap, violet dear, grey impossible; "
-          "click one to read its costs", colours.viridis_css(), "dots", ("/plan/candidates",)),
-    Layer("there", "Way there", "global path to the chosen place; dashed: to the place that you clicked",
+    Layer("grid", "Ground", "what the robot takes for occupied: brown, and lighter the margin round it",
+          colours.ground_css(), "area", ("/map",)),
+    Layer(PLACES, "Where the base could stand", "each dot is a place for the next target, and its nose the heading: "
+          "yellow costs little time, violet much, grey is impossible; click one to read its costs",
+          colours.viridis_css(), "dots", ("/plan/candidates",)),
+    Layer("there", "Way there", "way of the base to the chosen place; dashed: to the place that you clicked",
           colours.css(colours.WAY_THERE), "line", ("/plan/global_path", "/plan/inspected")),
-    Layer("on", "Way on", "path from there to the next target, which the choice of the place counts in; dashed: from "
-          "the place that you clicked", colours.css(colours.WAY_ON), "line",
+    Layer("on", "Way on", "way from there to the next target, whose time the choice of the place counts as well; "
+          "dashed: from the place that you clicked", colours.css(colours.WAY_ON), "line",
           ("/plan/next_path", "/plan/inspected_next")),
-    Layer("plan", "Plan", "motion of the next seconds, as the local search found it: silhouettes of the base, and the "
-          "whole robot at its next grasp or release; light: the curve on which the search judges how to arrive",
-          colours.css(colours.PLAN), "line",
-          ("/plan/local_plan", "/plan/bezier", "/robot/silhouette", "/robot/arrival")),
+    Layer("plan", "Plan", "motion of the next seconds: silhouettes of the base, and the whole robot at its next grasp "
+          "or release; light blue: the curve on which the search judges how to arrive", colours.css(colours.PLAN),
+          "line", ("/plan/local_plan", "/plan/bezier", "/robot/silhouette", "/robot/arrival")),
     Layer("target", "Target", "the chosen place of the base, and where the robot believes its target to be",
           colours.css(colours.TARGET), "frame", ("/plan/goal", "/marks")),
-    Layer("people", "Their ways", "where Temis and people have gone in the last seconds", colours.css(colours.PEOPLE),
-          "line", ("/bodies/trails",)),
+    Layer("people", "People and Temis", "followed by the robot: number, arrow to where each will be in 1 s, ellipses "
+          "of where it may be in 1 s and 2 s, and its trail; bold ring: the robot waits for it, or passes it",
+          colours.css(colours.PEOPLE), "line", ("/bodies/trails", "/tracks")),
     Layer(LIDAR, "Lidar", "what the beams of the newest sweep have met", colours.css(colours.LIDAR), "dots",
           ("/lidar",), on=False),
     Layer(STAA, "STAA* path", "path of the unmodified STAA*, for comparison", colours.css(colours.STAA_PATH),

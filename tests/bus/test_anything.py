@@ -12,7 +12,7 @@ from motm_twin.bus.commands import Branch, Inspect, Refused, Reset, UndoBranch, 
 from motm_twin.bus.library import FileLibrary
 from motm_twin.control.tuning import PARAMETERS
 from motm_twin.model.faults import NAMES as FAULTS
-from motm_twin.model.scene import DriveTo, Pick, Place
+from motm_twin.model.scene import BEHAVIOURS, DriveTo, Pick, Place
 from motm_twin.model.scene_file import load_scene
 from motm_twin.twin import Twin
 
@@ -62,6 +62,7 @@ ANYTHING = st.one_of(
     st.builds(commands.MoveBody, name=NAMES, x=X, y=Y, heading=TURN, held=st.booleans()),
     st.builds(commands.ReleaseBody, name=NAMES, velocity=st.tuples(st.floats(-3.0, 3.0), st.floats(-3.0, 3.0))),
     st.builds(commands.FreezeBody, name=NAMES, frozen=st.booleans()),
+    st.builds(commands.SetBehaviour, name=NAMES, behaviour=st.sampled_from(BEHAVIOURS)),
     st.builds(commands.SendAgent, name=NAMES, x=X, y=Y),
     st.builds(commands.RemoveBody, name=NAMES),
     st.builds(commands.MoveObject, name=NAMES, x=X, y=Y),

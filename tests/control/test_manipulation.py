@@ -104,7 +104,7 @@ def test_an_object_that_was_never_seen_is_not_grasped():
     )
     result = run_pick(blind, straight(0.3, 0.6))
     assert not result.picked and result.missed == 0
-    assert any("waiting for a sight" in reason for reason in result.reasons)
+    assert any("waiting to see" in reason for reason in result.reasons)
 
 
 @pytest.mark.parametrize("spoil", ["q", "odometry", "twist"])
@@ -233,4 +233,4 @@ def test_a_program_whose_furniture_rows_give_way_names_the_row():
     active = ("joint 4", "lidar static", "hand - table", "forearm - lidar")
     assert _gave_way(0.0, active, 0.02) is None
     gave = str(_gave_way(0.05, active, 0.02))
-    assert gave == "gave way by 0.05 m/s: hand - table is nearer than the joints can brake"
+    assert gave == "moved off at 0.05 m/s (hand - table): too near for the joints to brake in time"

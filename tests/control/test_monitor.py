@@ -154,7 +154,7 @@ def test_a_base_that_turns_away_from_a_post_may_keep_turning_while_it_brakes():
 def test_without_a_scan_that_was_found_good_the_base_stands():
     monitor = Monitor(RobotProfile())
     verdict = monitor.check(asking(0.5), observation(), DT, scan_stamp=None)
-    assert verdict.reason == "stopped: no usable lidar scan has come yet"
+    assert verdict.reason == "stopped: no usable lidar scan has arrived yet"
     assert not verdict.actuation.twist.any()
 
 

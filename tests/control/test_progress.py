@@ -99,7 +99,7 @@ def test_a_task_without_progress_is_put_off_once_then_given_up():
     assert not sequence.hold_up(1.0, LIMITS.other_order - 1.0, None, pose)
     (event,) = sequence.hold_up(2.0, LIMITS.other_order + 0.1, Reason(kind=Kind.CLOSED_IN, subject=first), pose)
     assert event.kind == "postponed"
-    assert "obstacles close every way" in event.text
+    assert "obstacles block every way" in event.text
     assert sequence.report()[0].target != first
     assert [task.target for task in sequence.report()].count(first) == 1
     assert sequence.report()[-2].target == first

@@ -89,7 +89,7 @@ def test_the_reason_is_what_the_arm_waited_for_most_of_the_time_and_not_at_the_e
         why = held if k % 3 else Reason(kind=Kind.STARTS_OVER)
         last = Reason(kind=Kind.WAITS_FOR_SIGHT, subject="cube1")
         tasks.watch(float(k), True, ELSEWHERE, why=last if k == LIMITS.stall_limit + 1 else why)
-    assert "not done: the hand is held 0.39 m from a seen static obstacle" in tasks.failures[0]
+    assert "not done: the hand keeps off a static obstacle, 0.39 m away" in tasks.failures[0]
 
 
 def test_being_out_of_reach_for_long_starts_the_stall_clock_again():

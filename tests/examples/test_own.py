@@ -92,10 +92,7 @@ def test_the_rule_of_the_text_works_as_it_is_shown(tmp_path):
 
 
 def test_the_arm_of_the_text_leaves_by_its_own_rule(tmp_path):
-    given = 'EARLY = Method(name="early", title="", summary="", source="", arm=arm)'
-    (tmp_path / "early.py").write_text(
-        f"from motm_twin.methods.method import Method\n{blocks()[1]}\n{given}\n", encoding="utf-8"
-    )
+    (tmp_path / "early.py").write_text(blocks()[1], encoding="utf-8")
     twin = Twin(load_scene("exp1", "trial1", 0), method=find_method(f"{tmp_path / 'early.py'}:EARLY"))
     ticks = [twin.advance() for _ in range(90)]
     left = next(tick for tick in ticks if tick.arm[0].phase == "transit")
@@ -105,10 +102,7 @@ def test_the_arm_of_the_text_leaves_by_its_own_rule(tmp_path):
 def test_the_limit_of_the_text_keeps_the_hand_below_its_ceiling(tmp_path):
     scene = load_scene("exp1", "trial1", 0)
     text = blocks()[2].replace("Ceiling(1.0)", "Ceiling(0.8)")
-    given = 'LOW = Method(name="low", title="", summary="", source="", arm=arm)'
-    (tmp_path / "low.py").write_text(
-        f"from motm_twin.methods.method import Method\n{text}\n{given}\n", encoding="utf-8"
-    )
+    (tmp_path / "low.py").write_text(text, encoding="utf-8")
     frankie, highest = Frankie(scene.robot), {}
     for method in ("motm", f"{tmp_path / 'low.py'}:LOW"):
         twin = Twin(scene, method=find_method(method))

@@ -181,7 +181,7 @@ def test_it_waits_beside_what_moves_and_does_not_go_round_the_table():
     problem, beside = _before_a_table_that_is_taken(Taken(world_of((TABLE,))))
     assert closest.mode in ("reach", "closest") and closest.goal[1] > 1.3  # the other side
     assert beside.mode == "closest" and beside.goal[1] < 0.5
-    assert beside.reason.startswith("what moves leaves no free candidate of cube")
+    assert beside.reason.startswith("moving obstacles take every place to stand for cube")
     free = clearances(beside.goal[None], 1.0, field_of(problem.world), body_of(RobotProfile().footprint))
     assert free[0] >= PlanningParameters().placement.clearance
     assert beside.cost[beside.chosen] < closest.cost_current[closest.chosen]

@@ -14,13 +14,13 @@ ABLATIONS = (ROOT / "docs" / "notebook" / "ablations.md").read_text(encoding="ut
 MEASURED = {  # row of docs/results.md: rows of docs/notebook/experiments.md that it repeats
     "Experiment 1, the ten published trials: mean, trial 1": ("1, ten arrangements, mean",),
     "Experiment 1, random arrangements, seeds 0-49": ("1, random, seeds 0 to 49, mean",),
-    "Experiment 1a, two boxes that the map does not know, the ten": ("1a, mean",),
+    "Experiment 1a, two unmapped boxes, the ten": ("1a, mean",),
     "the same, random arrangements, seeds 0-49": ("1a, random, seeds 0 to 49, mean",),
     "Experiment 2, four Temis, seeds 0-49": ("2, seeds 0 to 49, mean", "2 over 1, by seed"),
     "the same with one Temi, seeds 0-49": ("2 with one Temi, seeds 0 to 49, mean", "over 1, by seed"),
 }
 SHORT = {  # row of README.md: row of docs/results.md that it repeats, and how many cells that has
-    "Experiment 1a, two boxes": ("Experiment 1a, the ten: mean", 3),
+    "Experiment 1a, two unmapped boxes": ("Experiment 1a, the ten: mean", 3),
     "Experiment 2, four Temis that **stop for the robot**, seeds 0-9": ("Experiment 2, four Temis that stop", 3),
     "`blind`: the same with Temis that **do not stop**, seeds 0-2": ("the same with Temis that do not stop", 3),
     "Experiment 1, random arrangements, seeds 0-49": ("Experiment 1, random arrangements, seeds 0-49", 4),

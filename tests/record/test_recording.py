@@ -249,7 +249,7 @@ def test_what_is_no_recording_is_refused_with_a_sentence(tmp_path):
         (tmp_path / "x.mcap").write_bytes(content)
         with pytest.raises(SessionError, match="is no recording"):
             info(tmp_path / "x.mcap")
-    with pytest.raises(SessionError, match="No such file"):
+    with pytest.raises(SessionError, match="no such file"):
         info(tmp_path / "none.mcap")
 
 

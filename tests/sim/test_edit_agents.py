@@ -6,7 +6,7 @@ from edit_scenes import body, room
 from sim_hands import act
 from sim_scenes import QUIET, box, scene
 
-from motm_twin.model.edits import AddObstacle, FreezeBody, MoveBody, ReleaseBody, RemoveBody, SendAgent
+from motm_twin.model.edits import AddObstacle, FreezeBody, MoveBody, ReleaseBody, RemoveBody, SendAgent, SetBehaviour
 from motm_twin.model.scene import Agent
 from motm_twin.sim.plant import SimulatedPlant
 
@@ -55,6 +55,33 @@ def test_an_agent_with_a_round_goes_to_the_point_and_then_on_with_its_round():
     assert np.hypot(*(track - (1.0, 1.5)).T).min() < 0.2
     assert track[-100:, 1].max() > 3.3
     assert np.ptp(track[-100:, 0]) > 1.0
+
+
+@pytest.mark.parametrize("shape", ["temi", "person"])
+@pytest.mark.parametrize("behaviour", ["yield", "blind", "orca"])
+def test_an_agent_behaves_as_it_is_told(shape, behaviour):
+    if behaviour == "orca":
+        pytest.importorskip("pyrvo")
+    plant = SimulatedPlant(scene(start=(0.0, 0.0, 0.0)))  # the robot stands in the way
+    plant.apply(AddObstacle(name="new", shape=shape, x=-2.5, y=0.05))
+    plant.apply(SetBehaviour(name="new", behaviour=behaviour))
+    plant.apply(SendAgent(name="new", x=3.0, y=0.0))
+    track = positions(plant, "new", 20.0)
+    assert body(plant, "new").behaviour == behaviour
+    contacts = plant.truth().contacts
+    assert (len(contacts) > 0) == (behaviour == "blind"), contacts
+    assert behaviour == "yield" or track[-1, 0] > 2.9
+
+
+def test_a_behaviour_is_refused_for_what_is_no_agent_and_without_its_extra(monkeypatch):
+    plant = SimulatedPlant(room())
+    with pytest.raises(ValueError, match="'crate' is not an agent"):
+        plant.apply(SetBehaviour(name="crate", behaviour="blind"))
+    with pytest.raises(ValueError, match="behaviour"):
+        plant.apply(SetBehaviour(name="temi", behaviour="rude"))
+    monkeypatch.setattr("motm_twin.model.rvo.find_spec", lambda _: None)
+    with pytest.raises(ValueError, match=r"motm_twin\[people\]"):
+        plant.apply(SetBehaviour(name="temi", behaviour="orca"))
 
 
 @pytest.mark.parametrize("waypoints", [(), ((0.0, 3.5), (-2.0, 3.5))])

@@ -19,6 +19,7 @@ from motm_twin.model.edits import (
     ReleaseBody,
     RemoveBody,
     SendAgent,
+    SetBehaviour,
 )
 from motm_twin.model.faults import NAMES as FAULTS
 from motm_twin.model.state import state_hash
@@ -44,6 +45,7 @@ edits = st.one_of(
     st.builds(ReleaseBody, name=name, velocity=st.tuples(speed, speed)),
     st.builds(FreezeBody, name=name, frozen=st.booleans()),
     st.builds(SendAgent, name=name, x=place, y=place),
+    st.builds(SetBehaviour, name=name, behaviour=st.sampled_from(("yield", "blind"))),
     st.builds(RemoveBody, name=name),
     st.builds(MoveObject, name=name, x=place, y=place),
     st.builds(PushRobot, dx=st.floats(-0.5, 0.5), dy=st.floats(-0.5, 0.5), turn=st.floats(-1.2, 1.2)),

@@ -1,5 +1,6 @@
 """Tables and figures of the report: what is one group, what a contact does to a time, and what the figures say."""
 
+import math
 from itertools import pairwise
 
 import pytest
@@ -256,14 +257,23 @@ CUTS = [
 
 
 def test_the_cut_in_that_came_nearest_is_drawn_a_second_before_it_began():
-    part = drawn(watched.draw_cutting_in(episode(cut_ins=CUTS)))
+    part = drawn(watched.draw_cutting_in(episode(cut_ins=CUTS), episode(cut_ins=CUTS[:1])))
     assert part.facts["shown"] == {"time_s": pytest.approx(3.0), "agent": "temi_1"}
-    assert "at 4.00 s would touch the robot within 0.60 m and 1.5 s" in part.caption
-    assert [row["least_gap_m"] for row in part.rows] == [0.50, 0.20]
+    assert "at 4.00 s would touch the robot in 0.60 m and 1.5 s" in part.caption
+    assert [row["least_gap_m"] for row in part.rows] == [0.50, 0.20, 0.50]
+
+
+def test_beside_it_stands_the_meeting_with_the_same_agent_of_the_method_that_predicts():
+    away = episode(cut_ins=CUTS[:1])
+    part = drawn(watched.draw_cutting_in(episode(cut_ins=CUTS), away))
+    nearest = min(away.moments, key=lambda each: math.dist(each.pose[:2], each.agents[0][1:3]))
+    assert part.facts["after"]["time_s"] == pytest.approx(max(0.0, nearest.time - 1.0), abs=0.5)
+    assert part.n == "two trials, 2 and 1 cut-ins"
+    assert len(part.figure.axes) == 2
 
 
 def test_where_nobody_was_cut_in_on_the_report_says_so():
-    part = watched.draw_cutting_in(episode())
+    part = watched.draw_cutting_in(episode(), episode())
     assert isinstance(part, Missing)
     assert "in none of the completed trials" in part.reason
     assert part.larger

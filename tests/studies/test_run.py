@@ -147,7 +147,7 @@ def test_ctrl_c_ends_at_once_and_says_how_to_go_on(end, tmp_path):
     end(process.pid)
     said = process.communicate(timeout=60)[0]
     assert process.returncode == 130, said
-    assert "goes on from there" in said
+    assert "resumes there" in said
     assert "Traceback" not in said
     assert 1 <= len(Store(tmp_path / "exp1").read()) < 500
     deadline = time.monotonic() + 60.0

@@ -120,24 +120,35 @@ def test_a_page_that_put_its_camera_back_when_it_began_is_sent_there_again(enter
     assert np.allclose(page.camera.position, first), "nothing is sent to a page that is there"
 
 
-def test_a_slow_page_that_cuts_the_corners_of_a_move_has_not_moved_its_camera(entered) -> None:
-    """It shows one of several poses that were sent, and glides from there to the newest one."""
+def test_a_slow_page_that_reports_late_on_its_way_to_a_view_has_not_moved_its_camera(entered, monkeypatch) -> None:
     page, cameras = entered
-    page.camera.fov = FIELD_OF_VIEW
+    now = [0.0]
+    monkeypatch.setattr(time, "monotonic", lambda: now[0])
     pictures(cameras)
-    start = page.camera.position.copy()
-    page.tells(start)
+    page.tells(page.camera.position)
+    cameras.turned(page)
     cameras.choose(page, "Top")
-    time.sleep(0.3)
+    now[0] += 0.3
     pictures(cameras)
-    part = page.camera.position.copy()
-    time.sleep(0.2)
+    aside = page.camera.position + np.array([0.4, 0.0, 0.0])
+    now[0] += 20.0
     pictures(cameras)
-    shown = 0.5 * (start + part)  # it skips what was sent in between
-    page.tells(0.5 * (shown + page.camera.position))
+    there = page.camera.position.copy()
+    page.tells(aside)
+    pictures(cameras)
     assert cameras.mode(page) == "Top"
-    page.tells(part + np.array([3.0, 0.0, 0.0]))
+    assert np.allclose(page.camera.position, there)
+    cameras.turned(page)
+    page.tells(aside)
     assert cameras.mode(page) == "Free", "a hand moves it"
+
+
+def test_a_grip_that_does_not_turn_the_view_leaves_it_fixed(entered) -> None:
+    page, cameras = entered
+    pictures(cameras)
+    cameras.turned(page)
+    page.tells(page.camera.position)
+    assert cameras.mode(page) == "Overview"
 
 
 @pytest.mark.parametrize("arrived", [False, True])
@@ -178,6 +189,7 @@ def test_a_hand_makes_the_camera_free(entered) -> None:
     page, cameras = entered
     pictures(cameras)
     page.tells(page.camera.position)
+    cameras.turned(page)
     page.tells(page.camera.position + np.array([0.0, 0.3, 0.2]))
     assert cameras.mode(page) == "Free"
 

@@ -136,14 +136,14 @@ def test_a_new_obstacle_comes_to_free_floor_away_from_others():
 def test_it_stands_on_the_way_and_says_so():
     place = free_place([0.0, 0.0, 0.0], None, [], way=[(0.0, 0.0), (1.0, 0.0), (1.0, 3.0)])
     assert (place.x, place.y) == pytest.approx((1.0, 0.5))
-    assert place.where == "1.5 m before the robot, on its way"
+    assert place.where == "1.5 m in front of the robot, on its way"
     taken = free_place([0.0, 0.0, 0.0], None, [place[:2]], way=[(0.0, 0.0), (1.0, 0.0), (1.0, 3.0)])
     assert math.dist(taken[:2], place[:2]) > 0.7
 
 
 def test_without_a_way_it_stands_before_the_robot_and_out_of_sight_only_when_nothing_else_is_left():
     before = free_place([0.0, 0.0, math.pi / 2], None, [])
-    assert (before.x, before.y) == pytest.approx((0.0, 1.5)) and before.where == "1.5 m before the robot"
+    assert (before.x, before.y) == pytest.approx((0.0, 1.5)) and before.where == "1.5 m in front of the robot"
     seen = free_place([0.0, 0.0, 0.0], None, [], sees=lambda p: p[1] > 1.0)
     assert seen.y > 1.0
     looked_at = free_place([0.0, 0.0, 0.0], None, [], look_at=(9.0, 9.0), sees=lambda p: math.dist(p, (9, 9)) < 1)

@@ -6,9 +6,7 @@ import pytest
 from fake_twin import fake_scene
 from person import in_hand, with_arm
 
-from motm_twin.bus.messages import (
-    BodyMessage,
-)
+from motm_twin.bus.messages import BodyMessage, EncounterMessage, TrackMessage
 from motm_twin.control.arm.bodies import BODIES
 from motm_twin.control.arm.controller import _BOUND_NAMES
 from motm_twin.model.furniture import pieces
@@ -24,6 +22,46 @@ from motm_twin.ui.panel.why_tab import (
 replace = msgspec.structs.replace
 PHASES = ("stow", "transit", "final", "closing", "lift", "carry", "release", "retry")
 SCENE = fake_scene()
+
+
+def test_the_sentence_tells_for_whom_the_robot_waits_and_on_which_side_it_passes(driving):
+    here = driving.robot.true_pose[:2]
+    walker = BodyMessage(
+        name="Ann",
+        kind="person",
+        position=[here[0] + 1.0, here[1], 0.0],
+        yaw=0.0,
+        state="walking",
+        size=[0.5, 0.5, 1.7],
+    )
+    tracks = [
+        TrackMessage(track=number, position=[here[0] + x, here[1]], velocity=[0.0, 0.5], radius=0.25, position_sd=0.02,
+                     expected=[])
+        for number, x in ((3, 1.05), (7, 2.5))
+    ]  # fmt: skip
+    met = replace(driving, agents=[walker], tracks=tracks)
+
+    def said(tick, **plan):
+        return avoided(replace(tick, plan=replace(tick.plan, **plan)), SCENE)
+
+    def other(track, yields="", passes=""):
+        return EncounterMessage(
+            track=track, yields=yields, passes=passes, time=1.0, gap=0.4, speed=0.5, courtesy=0.0, reason="",
+            why=Reason(kind=Kind.KEEPS_CLEAR),
+        )  # fmt: skip
+
+    brakes = replace(met, why=Reason(kind=Kind.MEETS_MOVER, value=0.6, limit=0.5))
+    assert said(brakes) == "braking for Ann"
+    assert said(replace(brakes, robot=replace(met.robot, twist=[0.0, 0.0]))) == "waiting for Ann"
+    assert said(met, why=Reason(kind=Kind.MAKES_WAY, value=0.5)) == "making way for Ann"
+    assert said(met, encounters=[other(7, passes="behind")]) == "passing behind person 7"
+    assert said(met, encounters=[other(3, passes="in front")]) == "passing in front of Ann"
+    assert said(met, encounters=[other(3, yields="other")]) == "Ann gives way"
+    assert said(met, encounters=[other(3, passes="in front"), other(7, yields="robot")]) == "giving way to person 7"
+    assert said(met, encounters=[replace(other(7, passes="behind"), time=6.0)]) == said(
+        met
+    )  # much may change until then
+    assert said(met, encounters=[other(7)]) == said(met)
 
 
 @pytest.mark.parametrize("kind", ["pick", "place"])

@@ -214,6 +214,8 @@ def a_box_is_thrown(visitor):
 
 def a_temi_is_sent_frozen_and_deleted(visitor):
     first = place_new(visitor, "Temi", "temi 1", (HERE, THERE))
+    visitor.choose("On its way", "Stops for nobody")
+    until(lambda: body(visitor, "temi 1").behaviour == "blind", 30.0, "it still stops for others")
     visitor.press("Send to…")
     visitor.says("should go")
     visitor.click((*AWAY, 0.0))

@@ -123,7 +123,7 @@ def test_space_plays_and_pauses_from_tabs_buttons_lists_sliders_and_checkboxes_b
         visitor.speed("1/2")
         until(lambda: client.status().speed == 0.5, 30.0, "speed")
         space("paused", "a closed list")
-        chip = page.get_by_role("button", name="Their ways")
+        chip = page.get_by_role("button", name="People and Temis")
         chip.click()
         space("playing", "a chip of the legend")
         assert chip.get_attribute("aria-pressed") == "false"

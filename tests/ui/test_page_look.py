@@ -13,7 +13,7 @@ from page import changed, until, visiting
 
 from motm_twin.sessions.session import Session
 from motm_twin.ui.legend import LAYERS
-from motm_twin.ui.scene.picking import CANDIDATE_HEIGHT
+from motm_twin.ui.scene.picking import CANDIDATE_HEIGHT, RING
 
 SIGHT = 1e-4  # share of the pixels that must change at least
 BACK = 3  # periods
@@ -117,7 +117,7 @@ def candidates(visitor):
     inspected = until(lambda: visitor.twin.client.tick().inspected, 30.0, "its paths are not computed")
     assert inspected.candidate == chosen
     assert inspected.path
-    out = [i for i in range(count) if all(placement.rejected[(i + step) % count] for step in (-1, 0, 1))]
+    out = [i for i in range(1, RING - 1) if all(placement.rejected[i + step] for step in (-1, 0, 1))]
     nearest = min(out, key=lambda i: placement.poses[i][1])  # in front of the table
     visitor.click((*placement.poses[nearest][:2], CANDIDATE_HEIGHT))
     visitor.says("Not possible: ")

@@ -106,7 +106,7 @@ def test_no_token_is_for_this_machine_only(started, capsys):
 
 @pytest.mark.parametrize(
     ("no_token", "says"),
-    [(False, "who has this address may drive"), (True, "anybody on this machine may look and drive")],
+    [(False, "anybody with this address may look and drive"), (True, "anybody on this machine may look and drive")],
 )
 def test_who_may_drive_is_told_with_the_address(monkeypatch, capsys, no_token, says):
     def run(supervisor):

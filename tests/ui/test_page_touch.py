@@ -33,6 +33,7 @@ def test_fingers_zoom_turn_drag_and_tap_at_the_size_of_a_phone(browser, begun):
     view = eye(visitor)
     hand.drags([way(visitor.pixel(FLOOR), (0, 0), (70, 0))])
     until(lambda: turned(view, eye(visitor)) > 0.1, SHOWN, "a finger on the floor does not turn the view")
+    until(lambda: visitor.page.evaluate("motm.data.now.camera") == "Free", SHOWN, "the view is not the visitor's")
 
     size = (0.4, 0.4, 0.6)
     act(twin.client, AddObstacle(name="box", shape="box", x=BOX[0], y=BOX[1], heading=0.0, size=size))

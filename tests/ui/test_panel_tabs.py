@@ -1,6 +1,7 @@
 """A whole panel without a browser: its widgets are made, follow what is shown, and send what they should."""
 
 import json
+from importlib.util import find_spec
 
 import msgspec
 import pytest
@@ -24,6 +25,7 @@ from motm_twin.bus.commands import (
     RemoveBody,
     RemoveTask,
     SendAgent,
+    SetBehaviour,
     SetParameter,
     Speed,
     Step,
@@ -150,6 +152,24 @@ def test_bodies_are_added_and_the_selected_one_is_sent_and_deleted(person):
     person.shows()
     person.presses("Delete")
     assert person.last == RemoveBody(name=agent)
+
+
+def test_people_and_temis_behave_as_it_is_chosen_for_the_selected_one(person):
+    agent = person.scene.agents[0].name
+    person.chooses("Selected", agent)
+    person.widget("On its way")._impl.update_timestamp = 0.0  # nobody has just chosen
+    bodies = [msgspec.structs.replace(body, behaviour="social_force") for body in person.ticks[-1].agents]
+    person.shows(tick=msgspec.structs.replace(person.ticks[-1], agents=bodies))
+    manner = person.widget("On its way")
+    assert manner.visible and manner.value == "As the scene says"
+    person.chooses("On its way", "As the scene says")
+    assert person.sent == []
+    person.chooses("On its way", "Stops for nobody")
+    assert person.last == SetBehaviour(name=agent, behaviour="blind")
+    assert ("Steers clear (ORCA)" in manner.options) == (find_spec("pyrvo") is not None)
+    person.chooses("Selected", next(iter(pieces(person.scene))))
+    person.shows()
+    assert not manner.visible
 
 
 def test_furniture_is_announced_and_cubes_are_put_elsewhere(person):

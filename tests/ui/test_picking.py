@@ -13,10 +13,24 @@ from motm_twin.bus.commands import Answer, MoveBody, TakeWheel
 from motm_twin.bus.messages import BodyMessage
 from motm_twin.ui.hub import View
 from motm_twin.ui.scene.drag import Drag, on_plane, spot_of, throw
-from motm_twin.ui.scene.picking import Clicks, Ray, Surroundings, waiting_job
+from motm_twin.ui.scene.picking import CANDIDATES, Clicks, Ray, Surroundings, drawn_candidates, waiting_job
 
 SCENE = fake_scene()
 TABLE = (4.2, 1.77)
+
+
+def test_every_possible_place_of_any_ring_is_drawn_and_impossible_ones_of_the_smallest_only(tick):
+    def drawn(possible, chosen):
+        rejected = ["" if k in possible else "no" for k in range(360)]
+        placement = msgspec.structs.replace(
+            tick.placement, rejected=rejected, chosen=chosen, poses=[[0.0, 0.0, 0.0]] * 360
+        )
+        return drawn_candidates(placement).tolist()
+
+    assert drawn({3, 100, 359}, 359) == [*range(72), 100, 359]
+    many = drawn(set(range(360)), 300)
+    assert len(many) == CANDIDATES and 300 in many and many == sorted(many)
+    assert drawn(set(), -1) == list(range(72))
 
 
 def test_a_ray_meets_the_plane_it_points_at_and_no_other():

@@ -13,12 +13,14 @@ from fake_twin import fake_scene
 from motm_twin.bus.client import TwinClient
 from motm_twin.bus.connection import free_port
 from motm_twin.bus.encode import tick_message
-from motm_twin.bus.messages import BodyMessage
+from motm_twin.bus.messages import BodyMessage, TrackMessage
 from motm_twin.model.furniture import pieces
 from motm_twin.model.kinematics import Frankie
 from motm_twin.model.profile import RobotProfile
+from motm_twin.model.reason import Kind, Reason
 from motm_twin.model.scene import Box, Bump, Cylinder, Prism, Solid
 from motm_twin.model.scene_file import list_scenes, load_scene
+from motm_twin.planning.prediction import ellipses
 from motm_twin.twin import Twin
 from motm_twin.ui import colours
 from motm_twin.ui.hub import Hub, Shown
@@ -81,6 +83,54 @@ def person(name, **fields):
     return BodyMessage(
         name=name, kind="person", position=[0.5, 0.5, 0.0], yaw=0.3, state="standing", size=[0.5, 0.5, 1.75], **fields
     )
+
+
+def test_a_place_that_was_clicked_tells_its_costs(view, tick):
+    placement = msgspec.structs.replace(
+        tick.placement, poses=[[1.0, 0.0, 0.0], [2.0, 0.0, 0.0], [3.0, 0.0, 0.0]], cost_current=[2.0, 3.0, None],
+        cost_next=[4.0, None, None], cost=[6.0, 3.0, None], rejected=["", "", "collision with desk"], chosen=0,
+    )  # fmt: skip
+    label = view._plan.candidates._cost
+    for picked, words in enumerate(("2.0 s to get there, 4.0 s on to the next target", "3.0 s to get there",
+                                    "collision with desk")):  # fmt: skip
+        view._hub.view.picked = picked
+        if picked == 0:
+            show(view, msgspec.structs.replace(tick, placement=placement), fake_scene())
+            view._hub.view.picked = picked  # another scene forgets it
+        show(view, msgspec.structs.replace(tick, placement=placement), view._scene)
+        assert label.visible and label.text == words
+        assert label.position[0] == pytest.approx(placement.poses[picked][0], abs=0.05)
+    view._hub.view.picked = None
+    show(view, msgspec.structs.replace(tick, placement=placement), view._scene)
+    assert not label.visible
+
+
+def a_track(number, position, velocity):
+    row = np.array([*position, *velocity, 0.25, 0.02, number])
+    return TrackMessage(
+        track=number, position=list(position), velocity=list(velocity), radius=0.25, position_sd=0.02,
+        expected=ellipses(row, (1.0, 2.0, 3.0)).tolist(),
+    )  # fmt: skip
+
+
+def test_tracks_have_a_number_an_arrow_and_ellipses_that_grow_and_a_ring_marks_the_one_that_is_met(view, tick):
+    scene, why = fake_scene(), Reason(kind=Kind.MEETS_MOVER, value=0.4, limit=0.5)
+    tracks = [a_track(3, (2.0, 1.0), (0.5, 0.0)), a_track(7, (3.0, 2.0), (0.0, 0.0))]
+    show(view, msgspec.structs.replace(tick, tracks=tracks, why=why), scene)
+    drawn = view._tracks
+    assert [label.text for label in drawn._labels if label.visible] == ["3", "7"]
+    assert np.allclose([label.position[:2] for label in drawn._labels[:2]], [(2.5, 1.0), (3.0, 1.55)])
+    points, corners = drawn._lines.points, 48
+    assert len(points) == 3 + 2 * corners  # of the one that moves
+    assert np.allclose(points[0, :, :2], [(2.0, 1.0), (2.5, 1.0)])
+    first, second = points[3 : 3 + corners, 0], points[3 + corners :, 0]
+    assert np.allclose(first.mean(axis=0)[:2], (2.5, 1.0), atol=1e-3)
+    assert np.allclose(second.mean(axis=0)[:2], (3.0, 1.0), atol=1e-3)
+    assert np.all(np.ptp(second, axis=0)[:2] > np.ptp(first, axis=0)[:2])
+    assert np.ptp(second, axis=0)[0] > np.ptp(second, axis=0)[1] > 0.5  # longer along its way
+    assert drawn._ring.visible and np.allclose(drawn._ring.position[:2], (2.0, 1.0))
+    show(view, msgspec.structs.replace(tick, tracks=[], why=None), scene)
+    assert not (drawn._lines.visible or drawn._ring.visible or any(label.visible for label in drawn._labels))
 
 
 def test_a_trail_is_left_by_what_goes_and_not_by_what_is_put_elsewhere_or_seen_earlier(view, tick):

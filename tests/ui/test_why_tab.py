@@ -20,7 +20,7 @@ from motm_twin.ui.history import Part, Sample, sample
 from motm_twin.ui.panel.drive_tab import in_hand as in_hand_of
 from motm_twin.ui.panel.forces import forces_card
 from motm_twin.ui.panel.panel import status_card
-from motm_twin.ui.panel.plots import Curve, number, path_of, plots_html
+from motm_twin.ui.panel.plots import number, plots, thinned
 from motm_twin.ui.panel.score import result_card, score_card, timing_card
 from motm_twin.ui.panel.why_tab import (
     READY_MANIPULABILITY,
@@ -123,34 +123,34 @@ def test_overruns_are_counted_against_the_budget():
     assert "no period yet" in timing_card(rows(0))
 
 
-def test_a_curve_keeps_its_dips_and_has_gaps_where_nothing_is_near():
-    time = 0.05 * np.arange(1200)
-    values = np.ones(1200)
-    values[603] = 0.0  # one period only
-    values[800:900] = math.nan
-    path = path_of(time, Curve(values=values, colour=""), 0.0, 1.0)
-    assert path.count("M") == 2
-    assert " 80" in path
-    assert len(path) < 4000
+def test_a_curve_keeps_the_worst_of_what_it_leaves_out():
+    table = rows(1200, distance=1.0, speed=0.2, period=9.0)
+    fields = Sample._fields.index
+    table[603, fields("distance")], table[604, fields("period")] = 0.0, 70.0  # one period only
+    table[800:900, fields("distance")] = math.nan
+    thin = thinned(table)
+    assert len(thin) == 120
+    assert np.nanmin(thin[:, fields("distance")]) == 0.0 and thin[:, fields("period")].max() == 70.0
+    assert np.isnan(thin[:, fields("distance")]).sum() == 10
+    assert np.isin(thin[:, 0], table[:, 0]).all()
 
 
 def test_plots_take_everything_a_run_may_bring():
-    empty = plots_html(rows(0), BaseLimits(), {})
-    assert "no period yet" in empty
     for table in (rows(1), rows(2400), rows(5, distance=math.nan, linear_slack=math.nan, angular_slack=math.nan),
                   rows(5, period=math.nan, dq1=math.nan)):  # fmt: skip
-        page = plots_html(table, BaseLimits(), {"d_s": 0.2})
-        assert page.count("<svg") == 6
-        assert "nan" not in page
-    assert len(plots_html(rows(2400), BaseLimits(), {})) < 60_000
+        thin = thinned(table)
+        found = plots(thin, BaseLimits(), {"d_s": 0.2})
+        assert len(found) == 6 and sum(len(plot.data(thin[:, 0])) * len(thin) * 8 for plot in found) < 60_000
+        assert all(len(values) == len(thin) for plot in found for values in plot.data(thin[:, 0]))
+        assert "nan" not in "".join(plot.heading for plot in found)
+        assert found[0].regions[0][0] == 0.2
 
 
-def test_plots_say_how_far_a_curve_goes_beyond_the_frame_and_name_regions_once():
-    near = plots_html(rows(9, distance=0.4, linear_slack=0.01, angular_slack=0.0, period=10.0), BaseLimits(), {})
-    assert "up to" not in near
-    far = plots_html(rows(9, distance=4.8, linear_slack=1.4404, period=10.0), BaseLimits(), {})
-    assert "up to 4.8<" in far and "up to 1440<" in far and far.count("up to") == 2
-    assert far.count("slows down") == far.count("too near") == far.count(">limit<") == 1
+def test_nothing_near_is_drawn_far_away():
+    (near, *_) = plots(rows(9, distance=0.4), BaseLimits(), {})
+    (none, *_) = plots(rows(9, distance=math.nan), BaseLimits(), {})
+    assert near.now == "0.40" and none.now == "none near"
+    assert near.data(np.zeros(9))[1].max() == 0.4 and none.data(np.zeros(9))[1].min() > near.range[1]
 
 
 @pytest.mark.parametrize(
@@ -261,9 +261,9 @@ def test_forces_stand_beside_the_thresholds_of_the_reflex(driving):
 
 def test_forces_are_plotted_where_there_are_some():
     felt = rows(40, left=40.0, right=39.0, torque=12.0, wrist=8.0)
-    page = plots_html(felt, BaseLimits(), {})
-    assert page.count("<svg") == 9
-    assert "40, 39" in page and "12.0" in page and "nan" not in page
+    found = plots(felt, BaseLimits(), {})
+    assert len(found) == 9
+    assert [plot.now for plot in found[6:]] == ["40, 39", "12.0", "8.0"]
     payload = msgspec.json.encode(replace(tick_message(FakeTwin(fake_scene()).advance(), 1, 0.0), forces=FORCES))
     taken = sample(msgspec.json.decode(payload, type=Part))
     assert (taken.left, taken.right, taken.torque, taken.wrist) == (38.0, 40.0, 12.3, 9.0)

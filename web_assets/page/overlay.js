@@ -361,6 +361,22 @@
 
   document.addEventListener("keydown", (event) => event.key === "i" && !event.isTrusted && motm.look(controls.wrist));
 
+  // mouse, finger or key may turn the view
+
+  const TURNS = /^(Key[WASDQE]|Arrow\w+)$/, OFTEN = 200; // [ms]
+  let pressed = false, turned = -1e9;
+  const scene = ({ target }) => target instanceof HTMLCanvasElement && target !== track && target !== motm.wrist;
+  const turns = () => {
+    if (performance.now() - turned < OFTEN) return;
+    turned = performance.now();
+    say("turned");
+  };
+  addEventListener("pointerdown", (event) => (pressed = scene(event)), true);
+  for (const name of ["pointerup", "pointercancel"]) addEventListener(name, () => (pressed = false), true);
+  addEventListener("pointermove", () => pressed && turns(), true);
+  addEventListener("wheel", (event) => scene(event) && turns(), { capture: true, passive: true });
+  document.addEventListener("keydown", (event) => TURNS.test(event.code) && turns());
+
   // a link to a moment: #t=47.5&cam=Follow
 
   const link = new URLSearchParams(location.hash.slice(1));
@@ -401,7 +417,7 @@
     }
     if (mark === "now" || mark === "events") bring();
     if (mark === "now") propose(), motm.changed?.();
-    if (mark === "now" && link.size && !cover.isConnected) follow();
+    if (mark === "now" && link.size && !cover.isConnected && (ask || motm.answer)) follow();
     if (typeof value.says === "string" && says.textContent !== value.says) says.textContent = value.says;
   };
   const again = () => {

@@ -7,6 +7,7 @@
   const FURNITURE = /^(wood|dark_wood|steel|white|dark|inside|card|tape|wall|plain)(_\d+)?$/; // motm_twin/ui/scene/furniture.py
   const ROBOT = "/robot/link/base_link", HAND = "/robot/link/panda_hand";
   const CUT = { Follow: [ROBOT, 0.6, 0.9], Gripper: [HAND, 0, 0.25] }; // by camera: node, height and radius [m]
+  const LOWEST = 0.15, AIM = 0.4; // [m] height of the eye at least; of what is looked at from lower down
   const SEARCH = 1000, GAP = 200; // [ms] between two looks for new furniture; between two pictures of the wrist
   const WIDTH = 256, HEIGHT = 192, PALM = 0.07; // [px] of them; [m] what is nearer is the hand itself
 
@@ -24,6 +25,16 @@
     return spot.z > 1 ? null : [box.left + (box.width * (1 + spot.x)) / 2, box.top + (box.height * (1 - spot.y)) / 2];
   };
   motm.look = (button) => button.classList.toggle("on", !(motm.wrist.hidden = !motm.wrist.hidden));
+
+  const raise = () => { // an eye below the floor comes up, as far from what it looks at, and on the same side of it
+    if (camera.position.y >= LOWEST) return;
+    const e = camera.matrixWorld.elements, aim = camera.position.clone();
+    const far = e[9] < -0.05 ? (aim.y - AIM) / e[9] : 3, off = Math.sqrt(Math.max(far ** 2 - (AIM - LOWEST) ** 2, 0.5));
+    aim.set(aim.x - far * e[8], AIM, aim.z - far * e[10]);
+    camera.position.set(aim.x - off * e[2], LOWEST, aim.z + off * e[0]);
+    camera.lookAt(aim);
+    camera.updateMatrixWorld();
+  };
 
   const pierced = (material) => {
     material.onBeforeCompile = (shader) => {
@@ -89,6 +100,7 @@
       const [renderer, scene, seenBy, target] = given;
       if (!inside && !target && seenBy?.isPerspectiveCamera && scene.children.length > 2) {
         camera = seenBy;
+        raise();
         prepare(scene);
         fromWrist(renderer, scene);
         for (const act of motm.frames) act(scene);

@@ -1,20 +1,20 @@
-"""Limits of the arm's speed towards what it must not touch: rows ``G (v, w, qdot) <= h`` of the quadratic program.
+"""Limits of the arm's speed towards obstacles: rows ``G (v, w, qdot) <= h`` of the quadratic program.
 
-All of them are one line: at the distance d the approach speed may be
+All of them are one damper line: at the distance d the approach speed is at most
 
     xi (d - d_s) / (d_i - d_s),    negative below d_s: retreat        (Paper, Sec. V)
 
-A limit is a class with `names`, `soft` and `rows`. To add one, write it and list it in `arm_limits`: nothing else has
-to know of it. Those of the lidar are soft, but for the height: mapped furniture and the robot's own base must not give
-way for them.
+A limit is a class with `names`, `soft` and `rows`. To add one, write it and list it in `arm_limits`, or pass it to
+`Manipulator(limits=...)`; nothing else changes. Limits from the lidar are soft, except that of the height: they must
+not make the rows of mapped furniture and of the robot's own base give way.
 
-As printed in the paper the line reads as a bound of d-dot; it must bound the approach, -d-dot. The line goes on beyond
-d_i, as an allowance above xi: where it began only at d_i, a hand that swings at 1 m/s was 0.4 m/s over it.
+As printed in the paper the line bounds d-dot; it must bound the approach, -d-dot. The line continues beyond d_i, where
+it allows more than xi: when it began only at d_i, a hand that swings at 1 m/s exceeded it by 0.4 m/s.
 
 The paper limits one point, the gripper's centre. A static obstacle (occupied for 3 s, at rest for 12 s if it was seen
 to move) close to the target would forbid the grasp, so its d_s shrinks to the target's distance to it less a margin,
-from the approach until the gripper is d_s away again. A moving one keeps d_s. Beyond the paper, elbow, forearm and
-wrist keep off what the lidar sees, and every body off furniture and the robot's own base.
+from the approach until the gripper is d_s away again. A dynamic obstacle keeps d_s. Beyond the paper, elbow, forearm
+and wrist keep away from what the lidar sees, and every body from furniture and the robot's own base.
 """
 
 import math
@@ -85,11 +85,11 @@ class Around(NamedTuple):
 class Limit(Protocol):
     """A limit of the arm's speed."""
 
-    names: tuple[str, ...]  # of what its rows may be about, as Ticks tell them
-    soft: bool  # gives way by a variable of its own, so that furniture does not give way with it
+    names: tuple[str, ...]  # of its rows, as shown in the Tick; `Rows.name` is an index into them
+    soft: bool  # True: its slack is shared with the lidar's rows only, False: with those of furniture
 
     def rows(self, arm: Arm, around: Around) -> Rows:
-        """Its rows in this step."""
+        """Rows of this step; `NO_ROWS` when it does not apply."""
         ...
 
 
@@ -116,7 +116,7 @@ class GripperLimit:
 
 
 class HeightLimit:
-    """The gripper does not sink while it must retreat: how tall an obstacle is nobody knows, it may be over it."""
+    """The gripper does not sink while it must retreat: it may be above an obstacle, whose height is unknown."""
 
     names = ("lidar height",)
     soft = False

@@ -7,6 +7,7 @@ from typing import Any
 
 import msgspec
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
 from matplotlib.patheffects import Normal, Stroke
@@ -16,7 +17,7 @@ from motm_twin.control.targets import odometry_to_world
 from motm_twin.control.tick import Tick
 from motm_twin.measures import Measures
 from motm_twin.measures.agents import CUT_DISTANCE, CUT_TIME
-from motm_twin.model.geometry import Array, from_frame
+from motm_twin.model.geometry import Array, from_frame, to_frame
 from motm_twin.model.kinematics import Frankie
 from motm_twin.model.period import PERIOD
 from motm_twin.model.scene import Scene
@@ -27,7 +28,6 @@ from motm_twin.studies.paper.data import command_of
 from motm_twin.studies.paper.part import (
     BLACK,
     BLUE,
-    ONE_COLUMN,
     ORANGE,
     TWO_COLUMNS,
     Drawn,
@@ -262,78 +262,111 @@ PLAN_STEP = 3  # every third node of the plan
 RADIUS = 0.25  # [m] of a Temi, for its outline only
 
 
-def draw_cutting_in(episode: Episode) -> Part:
-    """The closest cut-in of the episode, a second before it."""
-    found = episode.measures["cut_ins"]
+def draw_cutting_in(before: Episode, after: Episode) -> Part:
+    """The closest cut-in of a trial, a second before it; and the same Temi and task with a method that predicts."""
+    found = before.measures["cut_ins"]
     if not found:
         return Missing(
             name=CUTTING_IN_NAME,
             title=CUTTING_IN_TITLE,
             larger=True,
             reason="in none of the completed trials of motm in Experiment 2 the robot cut in front of anybody; the one "
-            f"that was recorded has seed {episode.spec.seed}",
+            f"that was recorded has seed {before.spec.seed}",
         )
     cut = min(found, key=lambda each: each.get("least_gap_m", each["gap_m"]))
     crossing = round(cut["time"] / PERIOD)
-    index = max(0, crossing - round(BEFORE_S / PERIOD))
-    here = episode.moments[index]
+    meeting, gap = _meeting(after, cut["agent"], before.moments[crossing].task)
+    here, there = (before.moments[_earlier(crossing)], after.moments[_earlier(meeting)])
+    cuts, later = len(found), len(after.measures["cut_ins"])
     return Drawn(
         name=CUTTING_IN_NAME,
         title=CUTTING_IN_TITLE,
         caption=(
-            f"Experiment 2, seed {episode.spec.seed}, at {here.time:.2f} s. Nothing is predicted: the plan leads in "
-            f"front of the Temi, which at {cut['time']:.2f} s would touch the robot within {cut['gap_m']:.2f} m and "
-            f"{cut['gap_s']:.1f} s. A cut-in: by its own motion, not by the agent's turning, the base gets in front of "
+            f"Experiment 2, seed {before.spec.seed}. Left: {before.spec.method} at {here.time:.2f} s. Nothing is "
+            f"predicted: the plan leads in front of the Temi, which at {cut['time']:.2f} s would touch the robot in "
+            f"{cut['gap_m']:.2f} m and {cut['gap_s']:.1f} s. Right: {after.spec.method}, which predicts, on the same "
+            f"task at {there.time:.2f} s, a second before it is nearest to the same Temi, {gap:.2f} m from outline to "
+            "outline. A cut-in: by its own motion, not by the agent's turning, the base gets in front of "
             f"an agent that drives, within {CUT_DISTANCE:g} m and {CUT_TIME:g} s of being touched while they close. "
-            f"This trial has {len(found)}; no completed one has more."
+            f"The left trial has {cuts}; no completed one of this method has more. The right one has {later}."
         ),
-        command=command_of(episode.spec),
-        n=f"one trial, {len(found)} cut-ins",
+        command=f"{command_of(before.spec)}; {command_of(after.spec)}",
+        n=f"two trials, {cuts} and {later} cut-ins",
         rows=[
-            {"time_s": each["time"], **{name: value for name, value in each.items() if name != "time"}}
-            for each in found
+            {"method": each.spec.method, "time_s": one["time"], **{k: v for k, v in one.items() if k != "time"}}
+            for each in (before, after)
+            for one in each.measures["cut_ins"]
         ],
         facts={
             "shown": {"time_s": here.time, "agent": cut["agent"]},
             "pose": here.pose,
             "plan": here.plan,
             "agents": here.agents,
+            "after": {"time_s": there.time, "gap_m": gap, "pose": there.pose, "plan": there.plan},
         },
-        figure=_cutting_in_figure(episode, cut, index, crossing),
+        figure=_cutting_in_figure(before, after, cut, crossing, meeting),
     )
 
 
-def _cutting_in_figure(episode: Episode, cut: dict[str, Any], index: int, crossing: int) -> Figure:
-    """The period ``index``, the plan of the robot, and both at the cut-in in period ``crossing``."""
-    here, there = episode.moments[index], episode.moments[crossing]
+def _earlier(index: int) -> int:
+    """The period `BEFORE_S` before another."""
+    return max(0, index - round(BEFORE_S / PERIOD))
+
+
+def _meeting(episode: Episode, agent: str, task: str) -> tuple[int, float]:
+    """Period of a task in which the base is nearest to an agent, and the gap [m] between their outlines then."""
     scene = load_scene(episode.spec.scene, episode.spec.variant, episode.spec.seed)
+    body = scene.robot.footprint
+    half, middle = 0.5 * np.array([body.length, body.width]), np.array([body.offset_x, 0.0])
+    gaps = np.full(len(episode.moments), math.inf)
+    for index, moment in enumerate(episode.moments):
+        if moment.task == task:
+            (place,) = (each[1:3] for each in moment.agents if each[0] == agent)
+            beside = np.abs(to_frame(np.array(moment.pose), np.array([place]))[0] - middle) - half
+            gaps[index] = np.hypot(*np.maximum(beside, 0.0)) - RADIUS
+    return int(np.argmin(gaps)), float(gaps.min())
+
+
+def _cutting_in_figure(before: Episode, after: Episode, cut: dict[str, Any], crossing: int, meeting: int) -> Figure:
+    """Robot, its plan and the Temi a second before the cut-in, and before the same meeting with prediction."""
+    pairs = [(each, _earlier(index), index) for each, index in ((before, crossing), (after, meeting))]
+    x, y = _window([each.moments[index] for each, *periods in pairs for index in periods], cut["agent"])
     with styled():
-        fig = figure(ONE_COLUMN, 78.0)
-        axes = fig.add_subplot()
-        ground.setting(axes, scene)
-        if here.target is not None:
-            ground.cubes(axes, [here.target], "#C00000", 14.0)
-        ground.path(axes, np.array(here.path), "#E3000F", width=1.2)
-        for pose in here.plan[PLAN_STEP::PLAN_STEP]:
-            ground.robot(axes, np.array(pose), scene.robot.footprint, alpha=0.25)
-        ground.robot(axes, np.array(here.pose), scene.robot.footprint)
-        for k, agent in enumerate(here.agents):
-            chosen = agent[0] == cut["agent"]
-            steps = range(round(HISTORY_S / HISTORY_STEP_S), 0, -1) if chosen else range(0)
-            for step in steps:
-                past = episode.moments[max(0, index - round(step * HISTORY_STEP_S / PERIOD))].agents[k]
-                ground.temi(axes, past[1], past[2], RADIUS, colour=ORANGE, alpha=0.5 - 0.09 * step)
-            ground.temi(axes, agent[1], agent[2], RADIUS, colour=ORANGE if chosen else "#DDDDDD")
-        ground.robot(axes, np.array(there.pose), scene.robot.footprint, fill=False)
-        axes.add_patch(_swept(episode, crossing, cut))
-        axes.plot(there.pose[0], there.pose[1], "x", color="black", ms=7, mew=1.8, zorder=9)
-        ground.metres(axes, *_window(here, there, cut["agent"]))
-        axes.plot([], [], "o", mfc=ORANGE, mec="black", label="Temi (transparent: its last 3 s)")
-        axes.plot([], [], "s", mfc=BLUE, mec="black", label="Frankie (transparent: its plan)")
-        axes.plot([], [], "x", color="black", mew=1.8, ls="", label="Frankie 1 s later, when the cut-in begins")
-        axes.plot([], [], "-", color=ORANGE, lw=1.0, label="what the Temi then sweeps before it would touch it")
-        fig.legend(loc="outside lower center", ncols=1)
+        fig = figure(TWO_COLUMNS, 100.0)
+        panels = fig.subplots(1, 2, sharey=True)
+        for axes, (each, index, then) in zip(panels, pairs, strict=True):
+            _meet(axes, each, cut["agent"], index, then)
+            ground.metres(axes, x, y)
+            axes.set_title(f"{each.spec.method}, {each.moments[index].time:.2f} s", loc="left")
+        panels[0].add_patch(_swept(before, crossing, cut))
+        panels[1].set_ylabel("")
+        panels[0].plot([], [], "o", mfc=ORANGE, mec="black", label="Temi (transparent: its last 3 s)")
+        panels[0].plot([], [], "s", mfc=BLUE, mec="black", label="Frankie (transparent: its plan)")
+        panels[0].plot([], [], "x", color="black", mew=1.8, ls="", label="Frankie 1 s later: the cut-in, the meeting")
+        panels[0].plot([], [], "-", color=ORANGE, lw=1.0, label="what the Temi then sweeps before it would touch it")
+        fig.legend(loc="outside lower center", ncols=2)
     return fig
+
+
+def _meet(axes: Axes, episode: Episode, agent: str, index: int, then: int) -> None:
+    """One episode in period ``index``: plan, robot, the agent's way; and the robot's outline in period ``then``."""
+    here, there = episode.moments[index], episode.moments[then]
+    scene = load_scene(episode.spec.scene, episode.spec.variant, episode.spec.seed)
+    ground.setting(axes, scene)
+    if here.target is not None:
+        ground.cubes(axes, [here.target], "#C00000", 14.0)
+    ground.path(axes, np.array(here.path), "#E3000F", width=1.2)
+    for pose in here.plan[PLAN_STEP::PLAN_STEP]:
+        ground.robot(axes, np.array(pose), scene.robot.footprint, alpha=0.25)
+    ground.robot(axes, np.array(here.pose), scene.robot.footprint)
+    for k, each in enumerate(here.agents):
+        chosen = each[0] == agent
+        for step in range(round(HISTORY_S / HISTORY_STEP_S), 0, -1) if chosen else ():
+            past = episode.moments[max(0, index - round(step * HISTORY_STEP_S / PERIOD))].agents[k]
+            ground.temi(axes, past[1], past[2], RADIUS, colour=ORANGE, alpha=0.5 - 0.09 * step)
+        ground.temi(axes, each[1], each[2], RADIUS, colour=ORANGE if chosen else "#DDDDDD")
+    ground.robot(axes, np.array(there.pose), scene.robot.footprint, fill=False)
+    axes.plot(there.pose[0], there.pose[1], "x", color="black", ms=7, mew=1.8, zorder=9)
 
 
 def _swept(episode: Episode, crossing: int, cut: dict[str, Any]) -> Polygon:
@@ -348,11 +381,10 @@ def _swept(episode: Episode, crossing: int, cut: dict[str, Any]) -> Polygon:
     return Polygon(corners, facecolor="none", edgecolor=ORANGE, lw=1.0, ls="-", zorder=8)
 
 
-def _window(here: Moment, crossing: Moment, agent: str) -> tuple[tuple[float, float], tuple[float, float]]:
-    """A square round robot, Temi and crossing."""
-    points = [here.pose[:2], crossing.pose[:2], *(each[1:3] for each in here.agents if each[0] == agent)]
-    if here.target is not None:
-        points.append(here.target)
+def _window(moments: list[Moment], agent: str) -> tuple[tuple[float, float], tuple[float, float]]:
+    """A square round robot, agent and target in these moments."""
+    points = [point for each in moments for point in (each.pose[:2], each.target) if point is not None]
+    points += [each[1:3] for moment in moments for each in moment.agents if each[0] == agent]
     low, high = np.min(points, axis=0), np.max(points, axis=0)
     half = max(1.5, 0.5 * float((high - low).max()) + 0.8)
     x, y = 0.5 * (low + high)

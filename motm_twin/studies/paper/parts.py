@@ -8,8 +8,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
+import msgspec
 from rich.console import Console
 
+from motm_twin.methods.registry import FORESIGHT
 from motm_twin.sessions.session import SOURCE, made_with
 from motm_twin.studies.paper import (
     data,
@@ -64,6 +66,15 @@ class Context:
         best = max(found, key=lambda result: (data.measure(result, EXAMPLE) or 0.0, -result["seed"]))
         self.console.print(f"  watching exp2 seed {best['seed']} again, for its figures")
         spec = TrialSpec("exp2", best["variant"], best["seed"], best["method"])
+        return self._watch(spec)
+
+    def with_foresight(self, episode: Episode) -> Episode:
+        """The same scene and seed with the method that predicts."""
+        spec = msgspec.structs.replace(episode.spec, method=FORESIGHT.name)
+        self.console.print(f"  watching exp2 seed {spec.seed} with {spec.method}")
+        return self._watch(spec)
+
+    def _watch(self, spec: TrialSpec) -> Episode:
         source = self.sources[0] if len(self.sources) == 1 else made_with()[SOURCE]
         return watch_trial(spec, self.out / EPISODES, source)
 
@@ -152,6 +163,13 @@ def _watched(name: str, title: str, draw: Callable[[Episode], Part]) -> Callable
     return make
 
 
+def _cutting_in(context: Context) -> Part:
+    def draw(episode: Episode) -> Part:
+        return watched.draw_cutting_in(episode, context.with_foresight(episode))
+
+    return _watched(watched.CUTTING_IN_NAME, watched.CUTTING_IN_TITLE, draw)(context)
+
+
 def _pages(context: Context) -> Part:
     if not context.pages:
         reason = "photographs of the page were not asked for"
@@ -195,7 +213,7 @@ PARTS: tuple[Source, ...] = (
         "cutting_in",
         "temis",
         WATCHED,
-        _watched(watched.CUTTING_IN_NAME, watched.CUTTING_IN_TITLE, watched.draw_cutting_in),
+        _cutting_in,
     ),
     Source("robustness", "robust", (Need("robustness"),), lambda c: robustness.draw_robustness(c.store)),
     Source("grasp_delay", "robust", (Need("grasp_delay"),), lambda c: robustness.draw_grasp_delay(c.store)),

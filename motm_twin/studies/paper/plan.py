@@ -26,7 +26,7 @@ QUICK_DELAY = 10.0  # [s] of the grasps in a quick report
 CPU_S = {"exp1": 9.0, "exp1a": 14.0, "exp2": 17.0}  # [s] of one processor per trial, the mean over all methods
 SHORT_S = 1.0  # [s] of one pick, as in the scenes of robustness and grasp delay
 LONGER = {"motm2022": 1.6}  # it gives up late
-EXP1, EXP1A, EXP2 = "Experiment 1", "Experiment 1a: two boxes that the map does not know", "Experiment 2: Temis"
+EXP1, EXP1A, EXP2 = "Experiment 1", "Experiment 1a: two unmapped boxes", "Experiment 2: Temis"
 OFF = "Each modification switched off alone"
 
 

@@ -52,6 +52,7 @@ class Thing:
     name: str
     kind: str  # agent | obstacle | piece | object
     frozen: bool = False
+    behaviour: str = ""  # of an agent
 
     @property
     def turns(self) -> bool:
@@ -61,9 +62,9 @@ class Thing:
 
 def things(scene: Scene, tick: TickMessage) -> dict[str, Thing]:
     """Everything that can be selected, by name: agents first, then added bodies, furniture and cubes."""
-    found = [Thing(body.name, "agent", body.state == "frozen") for body in tick.agents]
+    found = [Thing(body.name, "agent", body.state == "frozen", body.behaviour) for body in tick.agents]
     for body in tick.obstacles:
-        found.append(Thing(body.name, kind_of(body.kind), body.state == "frozen"))
+        found.append(Thing(body.name, kind_of(body.kind), body.state == "frozen", body.behaviour))
     found += [Thing(name, "piece") for name in pieces(scene) if name not in tick.removed]
     found += [Thing(item.name, "object") for item in tick.objects]
     return {thing.name: thing for thing in found}
@@ -77,7 +78,7 @@ def kind_of(shape: str) -> str:
 def new_body(
     kind: str, scene: Scene, tick: TickMessage, grid: Grid | None, view: Visibility | None = None
 ) -> tuple[AddObstacle, str]:
-    """A new body on free floor before the robot and in ``view``, with a name of its own; and a word on its place."""
+    """A new body on free floor in front of the robot and in ``view``, with its own name; and a word on its place."""
     bodies = (*tick.agents, *tick.obstacles)
     size = SIZES[kind]
     place = free_place(
@@ -112,7 +113,7 @@ def turned(thing: Thing, scene: Scene, tick: TickMessage, angle: float) -> MoveB
 
 
 def put_in_front(name: str, tick: TickMessage) -> MoveObject:
-    """A cube on the floor, or what stands there, before the robot."""
+    """A cube on the floor, or what stands there, in front of the robot."""
     x, y, heading = tick.robot.true_pose
     return MoveObject(name=name, x=x + AHEAD * math.cos(heading), y=y + AHEAD * math.sin(heading))
 
@@ -181,7 +182,7 @@ def free_place(
 
     ``way``: the robot's path [m], from where it is; ``look_at``: floor point [m] in the middle of the view; ``sees``:
     true for a point where a body can be seen. When no free place can be seen, the first free one is taken, and
-    when there is none, that before the robot.
+    when there is none, the one in front of the robot.
     """
     hidden: FreePlace | None = None
     for place in _wanted(pose, way, look_at):
@@ -201,7 +202,7 @@ def _wanted(pose: Vector, way: Sequence[Sequence[float]], look_at: Point | None)
         for along in ON_WAY:
             point = line.interpolate(along)
             if along < line.length and math.dist((x, y), (point.x, point.y)) >= NEAREST:
-                yield FreePlace(point.x, point.y, heading, f"{along:.1f} m before the robot, on its way")
+                yield FreePlace(point.x, point.y, heading, f"{along:.1f} m in front of the robot, on its way")
     for distance in DISTANCES:
         for angle in ANGLES:
             yield _beside(pose, distance, angle)
@@ -216,7 +217,7 @@ def _wanted(pose: Vector, way: Sequence[Sequence[float]], look_at: Point | None)
 
 def _beside(pose: Vector, distance: float, angle: float) -> FreePlace:
     x, y, heading = pose
-    side = "before" if abs(angle) < 0.5 else "behind" if abs(angle) > 2.0 else "beside"
+    side = "in front of" if abs(angle) < 0.5 else "behind" if abs(angle) > 2.0 else "beside"
     where = f"{distance:.1f} m {side} the robot"
     return FreePlace(x + distance * math.cos(heading + angle), y + distance * math.sin(heading + angle), heading, where)
 

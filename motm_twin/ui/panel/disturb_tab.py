@@ -1,10 +1,11 @@
 """The Disturb tab: new bodies, actions on the selected thing, pushes, and parts of the robot that fail."""
 
 import asyncio
+from importlib.util import find_spec
 
 import viser
 
-from motm_twin.bus.commands import Announce, Command, FreezeBody, InjectFault, RemoveBody
+from motm_twin.bus.commands import Announce, Command, FreezeBody, InjectFault, RemoveBody, SetBehaviour
 from motm_twin.bus.messages import TickMessage
 from motm_twin.model.faults import KINDS
 from motm_twin.model.scene import Scene
@@ -19,6 +20,10 @@ NEW = {"Temi": "temi", "Person": "person", "Box": "box", "Cylinder": "cylinder"}
 NOTHING = "(nothing)"
 LEFT, RIGHT, DELETE = "Turn it left", "Turn it right", "Delete"
 FREEZE, GO_ON, SEND, STAY = "Freeze", "Go on", "Send to…", "Do not send"
+BEHAVIOURS = {"Stops for others": "yield", "Stops for nobody": "blind"}
+if find_spec("pyrvo") is not None:
+    BEHAVIOURS["Steers clear (ORCA)"] = "orca"
+OTHERWISE = "As the scene says"  # a behaviour that is not offered here
 IN_FRONT, BACK = "In front of the robot", "Back to its place"
 SECONDS = {"lidar_off": 1.0, "camera_off": 2.0}  # of the faults of a click; the others last 5 s
 FAULTS = {
@@ -44,12 +49,15 @@ class DisturbTab(Block):
         super().__init__(gui, hub, visitor)
         self._names: tuple[str, ...] = ()
         self._just: Thing | None = None  # added, and not in a tick yet
-        gui.add_html(card(heading("Add before the robot")))
+        gui.add_html(card(heading("Add in front of the robot")))
         self.row(tuple(NEW), lambda name: self.add(NEW[name]), hint="keys T, P, B, C")
         gui.add_html(card(heading("With the selected thing")))
         self._choice = self.choice("Selected", (NOTHING,), self._select, hint="or click it in the scene")
         self._about = gui.add_html(about(None, ""))
         self._agent = self.row((FREEZE, SEND), self._with_agent)
+        self._manner = self.choice(
+            "On its way", (*BEHAVIOURS, OTHERWISE), self._behave, hint="how it moves among others, the robot included"
+        )
         self._piece = self.row(("Tell the robot",), lambda _: self._announce(), hint="its map follows")
         self._cube = self.row((IN_FRONT, BACK), self._with_cube)
         self._turn = self.row((LEFT, RIGHT, DELETE), self._turn_or_delete)
@@ -81,17 +89,17 @@ class DisturbTab(Block):
         thing = listed.get(selected)
         self._about.content = about(thing, view.sending, view.placing if view.placing == selected else "")
         kind = "" if thing is None else thing.kind
-        self._agent.visible, self._piece.visible, self._cube.visible = (
-            kind == other for other in ("agent", "piece", "object")
-        )
+        self._agent.visible = self._manner.visible = kind == "agent"
+        self._piece.visible, self._cube.visible = kind == "piece", kind == "object"
         self._turn.visible = thing is not None and thing.turns
         if thing is not None and kind == "agent":
             self._agent.options = (GO_ON if thing.frozen else FREEZE, STAY if view.sending == thing.name else SEND)
+            follow(self._manner, next((k for k, v in BEHAVIOURS.items() if v == thing.behaviour), OTHERWISE))
         self._grip.visible = disturb.held_cube(shown.newest) != ""
         self._faults.content = faults(shown.newest.faults)
 
     async def add(self, kind: str) -> None:
-        """Put a new body on the floor before the robot; once accepted, select it and say where it is.
+        """Put a new body on the floor in front of the robot; once accepted, select it and say where it is.
 
         A click moves it elsewhere.
         """
@@ -165,6 +173,11 @@ class DisturbTab(Block):
             sending = "" if view.sending == thing.name else thing.name
             view.aim_at_nothing()
             view.sending = sending
+
+    def _behave(self, words: str) -> None:
+        thing = self._thing()
+        if thing is not None and thing.kind == "agent" and words in BEHAVIOURS:
+            self.send(SetBehaviour(name=thing.name, behaviour=BEHAVIOURS[words]))
 
     async def _announce(self) -> None:
         """Announce the place of the selected piece to the robot, and say so."""

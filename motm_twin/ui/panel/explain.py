@@ -22,12 +22,13 @@ from motm_twin.model.reason import Kind, Reason
 from motm_twin.model.scene import Scene
 from motm_twin.model.scene_shapes import outline, rectangle
 from motm_twin.ui.scene.picking import body_outline, furniture_poses
+from motm_twin.ui.scene.track_view import met
 
 PLANS = {
     "goal": "reaches the goal",
     "aborted": "part of the way",
     "braking": "braking",
-    "escaping": "backing out",
+    "escaping": "moving clear",
     "idle": "standing",
 }
 MODES = {
@@ -235,7 +236,7 @@ def avoided(tick: TickMessage, scene: Scene | None) -> str:
     if tick.done or scene is None:
         return ""
     things = list(unmapped(tick, scene))
-    return _held_up(tick, scene, things) or _gripper(tick, scene, things) or _past(tick, scene, things)
+    return _met(tick) or _held_up(tick, scene, things) or _gripper(tick, scene, things) or _past(tick, scene, things)
 
 
 def limited_by(tick: TickMessage, scene: Scene | None) -> str:
@@ -297,6 +298,17 @@ def gripper(tick: TickMessage, scene: Scene) -> shapely.Point:
     """True place of the fingers on the floor plan [m]."""
     place, _ = _frankie(scene.robot).tcp_pose(np.array(tick.robot.true_pose), np.array(tick.robot.q))
     return shapely.Point(place[:2])
+
+
+def _met(tick: TickMessage) -> str:
+    """The track that the robot waits for, makes way for or passes, by the name of the body that it is of."""
+    found = met(tick)
+    if found is None:
+        return ""
+    track, bodies = found.track, (*tick.agents, *tick.obstacles)
+    near = min(bodies, key=lambda body: math.dist(body.position[:2], track.position), default=None)
+    known = near is not None and math.dist(near.position[:2], track.position) < SAME + track.radius
+    return found.words.format(near.name if near is not None and known else f"person {track.track}")
 
 
 def _held_up(tick: TickMessage, scene: Scene, things: list[Unmapped]) -> str:

@@ -59,6 +59,7 @@ class Overlay(Block):
             "ahead": (True, self._ahead),
             "hide": (False, self._hide),
             "camera": (False, lambda name: scene.cameras.choose(visitor.client, name)),
+            "turned": (False, lambda: scene.cameras.turned(visitor.client)),
             "drawn": (False, self._drawn),
         }
         asked = gui.add_text(ASK, "", visible=False)

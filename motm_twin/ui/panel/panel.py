@@ -13,6 +13,7 @@ import viser
 
 from motm_twin.bus.commands import NAME_MAX, HandOver, Reset, Step, TakeWheel
 from motm_twin.bus.messages import StatusMessage
+from motm_twin.model.names import scene_name
 from motm_twin.ui import colours
 from motm_twin.ui.documentation import link
 from motm_twin.ui.hub import Hub, Shown, Visitor, clean_name
@@ -258,7 +259,7 @@ def status_card(
         past = "" if looked_at is None else f";color:{PAST}"
         now = status.time if looked_at is None else looked_at
         clock = f'<span style="font-size:17px;font-weight:600{past}">{now:.2f} s</span>'
-        where = text(f"{status.scene}{f' / {status.variant}' if status.variant else ''}, seed {status.seed}")
+        where = text(f"{scene_name(status.scene, status.variant)}, seed {status.seed}")
         rows = [f'<div class="mu one" style="{line};margin-top:3px">{where} &middot; {_speed(state, status)}</div>']
     rows.append(says or '<div class="big two"></div>')
     alarm = _STATES[state][1] if state in {"error", "lost", "done"} else AMBER

@@ -1,13 +1,10 @@
-"""Curves of the last minute with their limits and regions, as light SVG, and the panel of their own that shows them.
-
-Drawn here and not by a plotting widget: regions, limits and units look as in the paper's figure, and one update is a
-few kilobytes.
-"""
+"""Curves of the last minute with their limits and regions, in a panel of their own."""
 
 import math
 import threading
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import viser
@@ -16,6 +13,7 @@ from numpy.typing import NDArray
 from motm_twin.bus.messages import TickMessage
 from motm_twin.control.arm.parameters import AvoidanceParameters
 from motm_twin.model.edits import ParameterValue
+from motm_twin.model.geometry import Array
 from motm_twin.model.joint_limits import DQ_MAX
 from motm_twin.model.physics import REFLEXES
 from motm_twin.model.profile import BaseLimits
@@ -25,44 +23,21 @@ from motm_twin.ui.panel.score import BUDGET
 
 WINDOW = 60.0  # [s]
 EVERY = 5  # updates (of 0.1 s) between pictures
-PANEL_WIDTH = 300  # [px]
+PANEL_WIDTH, HEIGHT, AXIS = 320, 92, 40  # [px]; of a plot, and more with its axis of time
+FONT = "10px sans-serif"
 PLOTS, PLOTS_KEY = "Plots of the last minute", "G"
-TICKS = (60, 45, 30, 15, 0)  # [s] before the shown period
-BUCKET = 0.25  # [s] of which the curve keeps least and largest; fixed in time, so that a curve only shifts
-WIDTH, HEIGHT = 480, 80  # units of the drawing; it is stretched to the panel
-APART = 15.0  # minimum units between two labels of an axis; the later one is left out
-LETTERS = 11.0  # units that the name of a region needs
-_FAR = 1.5  # [m] top of the plot of distances
-_MOST_SLACK = 500.0  # [mm/s, deg/s] and of slack, which may be large while driving
-_MOST_TIME = 100.0  # [ms] and of the period
-_LIMIT, _ZERO = "var(--motm-red)", "var(--motm-line)"
-JOINTS = ("var(--motm-blue)", "#0891b2", "#0d9488", "#65a30d", "#d97706", "#db2777", "#7c3aed")
-
+BUCKET = 0.5  # [s] of which a curve has one value; fixed in time, so that a curve only shifts
+WORST = {"distance": np.fmin, "linear_slack": np.fmax, "angular_slack": np.fmax, "period": np.fmax}  # of a bucket
+FAR = 1.5  # [m] top of the plot of distances; nothing near is drawn beyond it
+BLUE, ORANGE, TEAL, VIOLET, RED = "#3b82d6", "#d97706", "#0d9488", "#8b5cf6", "#dc4a4a"
+JOINTS = (BLUE, "#0891b2", TEAL, "#65a30d", ORANGE, "#db2777", VIOLET)  # on light and on dark
+NEAR, SLOW = "rgba(220, 60, 60, 0.22)", "rgba(240, 160, 40, 0.22)"  # regions, as in the paper's figure
 STYLE = """<style>
-.mp{font-size:11px;line-height:1.3;padding:1px 12px 4px 10px;font-variant-numeric:tabular-nums;color:var(--motm-mute)}
-.mp b{color:var(--motm-ink);font-weight:600;font-size:12px}
-.mp .t{display:flex;justify-content:space-between;align-items:baseline;white-space:nowrap}
-.mp .n{color:var(--motm-ink)}
-.mp .f{position:relative;height:74px;margin:4px 0 2px 32px;border:solid var(--motm-edge);border-width:0 0 1px 1px}
-.mp svg{position:absolute;inset:0;width:100%;height:100%}
-.mp path{fill:none;vector-effect:non-scaling-stroke;stroke-linejoin:round}
-.mp .y{position:absolute;right:calc(100% + 4px);transform:translateY(-50%);font-size:10px}
-.mp .r{position:absolute;left:4px;transform:translateY(-50%);font-size:10px;line-height:1;color:var(--motm-amber)}
-.mp .c{position:absolute;left:3px;font-size:10px;line-height:1;color:var(--motm-ink);padding:1px 2px;
- background:var(--motm-paper)}
-.mp .x{position:relative;height:13px;margin-left:32px;font-size:10px}
-.mp .x span{position:absolute;transform:translateX(-50%);white-space:nowrap}
-.mp .k{display:inline-block;width:14px;border-top:1.5px solid;vertical-align:middle;margin-right:3px}
+.mp{display:flex;justify-content:space-between;align-items:baseline;white-space:nowrap;font-size:11px;
+ padding:1px 12px 0 12px;font-variant-numeric:tabular-nums;color:var(--motm-mute)}
+.mp b{color:var(--motm-ink);font-size:12px}.mp .n{color:var(--motm-ink)}
+div:has(> div > .mp) .uplot-container {border: 0; margin: 0 8px 4px 2px}
 </style>"""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Curve:
-    """One line of a plot; values in the unit of the plot, nan where there is none."""
-
-    values: NDArray[np.float64]
-    colour: str
-    extremes: bool = True  # keep least and largest of every bucket; else only the last value
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -72,28 +47,85 @@ class Plot:
     title: str  # HTML
     unit: str  # HTML
     now: str  # the newest values, HTML
-    low: float
-    high: float
-    curves: tuple[Curve, ...]
-    regions: tuple[tuple[float, float, str, str], ...] = ()  # from, to, colour, name
-    limits: tuple[tuple[float, str], ...] = ()  # value, colour
-    labels: tuple[tuple[float, str], ...] = field(default=())  # value, text at the axis; the important ones first
+    curves: tuple[tuple[Array, str], ...]  # values, shape (n,), and colour
+    limits: tuple[float, ...] = ()  # dashed lines
+    regions: tuple[tuple[float, str], ...] = ()  # upper end and colour, from 0 up
+    range: tuple[float, float | None] = (0.0, None)  # lower and upper end; None: of the curves
+
+    def data(self, time: Array) -> tuple[Array, ...]:
+        """Columns of a plot, each shape (n,): times [s], curves, limits, and ends of the regions."""
+        ends = (*self.limits, *((0.0, *(end for end, _ in self.regions)) if self.regions else ()))
+        return (time, *(values for values, _ in self.curves), *(np.full(len(time), end) for end in ends))
+
+    def add(self, gui: viser.GuiApi, time: Array, *, last: bool) -> viser.GuiUplotHandle:
+        """Add its widget; the ``last`` one has the axis of time for all."""
+        none = {"points": {"show": False}}
+        series: list[Any] = [{}, *({"stroke": colour, "width": 1.5, **none} for _, colour in self.curves)]
+        series += [{"width": 1, "stroke": RED, "dash": (5, 4), **none} for _ in self.limits]
+        first = len(series)
+        series += [{"width": 0, **none} for _ in range(len(self.regions) + bool(self.regions))]
+        bands: list[Any] = [
+            {"series": (first + k + 1, first + k), "fill": fill} for k, (_, fill) in enumerate(self.regions)
+        ]
+        axes: list[Any] = [
+            {"show": last, "size": 20, "label": "time of the run [s]", "labelSize": AXIS - 20, "labelFont": FONT},
+            {"size": 42, "space": 24},
+        ]
+        for axis in axes:
+            axis["font"] = FONT
+        return gui.add_uplot(
+            self.data(time), tuple(series), bands=tuple(bands), axes=tuple(axes), legend={"show": False},
+            scales={"x": {"time": False}, "y": {"range": self.range}}, cursor={"sync": {"key": "motm"}},
+            height=HEIGHT + AXIS * last, padding=(6, 10, 0 if last else 6, 0),
+        )  # fmt: skip
+
+    @property
+    def heading(self) -> str:
+        """Title, unit and newest values, HTML."""
+        return f'<div class="mp"><span><b>{self.title}</b> [{self.unit}]</span><span class="n">{self.now}</span></div>'
 
 
-def plots_html(samples: NDArray[np.float64], base: BaseLimits, parameters: Mapping[str, ParameterValue]) -> str:
-    """All plots of the samples (`History.samples`) that end at the shown period."""
-    if not len(samples):
-        return f'{STYLE}<div class="mp">no period yet</div>'
-    drawn = [
-        distance_plot(samples, parameters),
-        *base_plots(samples, base),
-        joint_plot(samples),
-        slack_plot(samples),
-        period_plot(samples),
-        *(force_plots(samples) if np.isfinite(_column(samples, "torque")).any() else ()),
-    ]
-    time = samples[:, 0]
-    return STYLE + _key() + "".join(draw(plot, time) for plot in drawn) + _time_axis(float(time[-1]))
+def thinned(samples: NDArray[np.float64]) -> NDArray[np.float64]:
+    """One row for every `BUCKET`: its last period, but of the columns in `WORST` the worst of its periods."""
+    bucket = np.floor(samples[:, 0] / BUCKET + 1e-9)
+    starts = np.flatnonzero(np.diff(bucket, prepend=bucket[0] - 1.0))
+    rows = samples[np.append(starts[1:], len(samples)) - 1].copy()
+    for name, worst in WORST.items():
+        column = Sample._fields.index(name)
+        rows[:, column] = worst.reduceat(samples[:, column], starts)
+    return rows
+
+
+def plots(samples: NDArray[np.float64], base: BaseLimits, parameters: Mapping[str, ParameterValue]) -> list[Plot]:
+    """All plots of the samples (`History.samples`, at least one) that end at the shown period."""
+    column = {name: samples[:, k] for k, name in enumerate(Sample._fields)}
+    d_s, d_i, _ = bands(parameters)
+    distance, spin = column["distance"], math.degrees(base.yaw_rate)
+    turn, rates = np.degrees(column["yaw_rate"]), [100.0 * column[f"dq{k}"] / DQ_MAX[k - 1] for k in range(1, 8)]
+    linear, angular = 1e3 * column["linear_slack"], np.degrees(column["angular_slack"])
+    names = " ".join(f'<span style="color:{colour}">{k}</span>' for k, colour in enumerate(JOINTS, 1))
+    found = [
+        Plot(title="Gripper to obstacle", unit="m; red &lt; d<sub>s</sub>, orange &lt; d<sub>i</sub>",
+             now=number(distance[-1], ".2f", none="none near"), range=(0.0, FAR), regions=((d_s, NEAR), (d_i, SLOW)),
+             curves=((np.where(np.isfinite(distance), distance, 2.0 * FAR), BLUE),)),
+        _limited("Base speed", "m/s", ((column["speed"], BLUE),), (-base.reverse_speed, base.forward_speed), "+.2f"),
+        _limited("Yaw rate", "&deg;/s", ((turn, BLUE),), (-spin, spin), "+.0f"),
+        _limited(f"Joint rates {names}", "% of limit", tuple(zip(rates, JOINTS, strict=True)), (-100.0, 100.0), ""),
+        Plot(title=f"Slack {_named(('straight', BLUE), ('turning', ORANGE))}", unit="mm/s, &deg;/s",
+             now=_pair(linear[-1], angular[-1]), curves=((linear, BLUE), (angular, ORANGE))),
+        Plot(title="Computing time of a period", unit="ms", now=number(column["period"][-1], ".1f"),
+             curves=((column["period"], TEAL),), limits=(BUDGET,)),
+    ]  # fmt: skip
+    if np.isfinite(column["torque"]).any():  # under contact dynamics
+        left, right, torque, wrist = (column[name] for name in ("left", "right", "torque", "wrist"))
+        found += [
+            Plot(title=f"Fingers {_named(('left', BLUE), ('right', ORANGE))}", unit="N", now=_pair(left[-1], right[-1]),
+                 curves=((left, BLUE), (right, ORANGE))),
+            Plot(title="External torque, largest joint", unit="Nm", now=number(torque[-1], ".1f"),
+                 curves=((torque, VIOLET),), limits=tuple(REFLEXES.values())),
+            Plot(title="Force at the wrist", unit="N", now=number(wrist[-1], ".1f"), curves=((wrist, TEAL),)),
+        ]  # fmt: skip
+    return found
 
 
 def bands(parameters: Mapping[str, ParameterValue]) -> tuple[float, float, float]:
@@ -103,120 +135,22 @@ def bands(parameters: Mapping[str, ParameterValue]) -> tuple[float, float, float
     return d_s, d_i, xi
 
 
-def _column(samples: NDArray[np.float64], name: str) -> NDArray[np.float64]:
-    return samples[:, Sample._fields.index(name)]
-
-
-def distance_plot(samples: NDArray[np.float64], parameters: Mapping[str, ParameterValue]) -> Plot:
-    """Gripper to the nearest seen obstacle, with the regions of the paper's figure."""
-    d_s, d_i, _ = bands(parameters)
-    distance = _column(samples, "distance")
-    return Plot(
-        title="Gripper to obstacle",
-        unit="m",
-        now=number(distance[-1], ".2f", none="none seen near"),
-        low=0.0,
-        high=_FAR,
-        curves=(Curve(values=distance, colour="var(--motm-ink)"),),
-        regions=(
-            (0.0, d_s, "var(--motm-near)", "&lt; d<sub>s</sub> too near"),
-            (d_s, d_i, "var(--motm-slow)", "&lt; d<sub>i</sub> slows down"),
-        ),
-        labels=((d_s, f"{d_s:g}"), (d_i, f"{d_i:g}"), (_FAR, f"{_FAR:g}"), (1.0, "1"), (0.0, "0")),
-    )
-
-
-def base_plots(samples: NDArray[np.float64], base: BaseLimits) -> tuple[Plot, Plot]:
-    """Forward speed and yaw rate of the base with their limits."""
-    speed, turn = _column(samples, "speed"), np.degrees(_column(samples, "yaw_rate"))
-    moves, turns = (Curve(values=values, colour="var(--motm-blue)", extremes=False) for values in (speed, turn))
-    spin, now = math.degrees(base.yaw_rate), number(speed[-1], "+.2f")
-    return (
-        _limited("Base speed", "m/s", now, (moves,), (-base.reverse_speed, base.forward_speed), "g"),
-        _limited("Yaw rate", "&deg;/s", number(turn[-1], "+.0f"), (turns,), (-spin, spin), ".0f"),
-    )
-
-
 def _limited(
-    title: str, unit: str, now: str, curves: tuple[Curve, ...], limits: tuple[float, float], form: str
+    title: str, unit: str, curves: tuple[tuple[Array, str], ...], limits: tuple[float, float], form: str
 ) -> Plot:
     """A plot of a quantity between two limits, both with a little room beyond them."""
-    low, high = limits
-    room = 0.075 * (high - low)
+    room, now = 0.075 * (limits[1] - limits[0]), number(curves[0][0][-1], form) if form else ""
     return Plot(
-        title=title, unit=unit, now=now, low=low - room, high=high + room, curves=curves,
-        limits=((0.0, _ZERO), (high, _LIMIT), (low, _LIMIT)),
-        labels=((high, number(high, form)), (0.0, "0"), (low, number(low, form))),
-    )  # fmt: skip
-
-
-def joint_plot(samples: NDArray[np.float64]) -> Plot:
-    """Rates of the seven joints as shares of their limits."""
-    rates = 100.0 * np.stack([_column(samples, f"dq{k}") for k in range(1, 8)], axis=1) / DQ_MAX
-    fastest = int(np.nanargmax(np.abs(rates[-1]))) if np.isfinite(rates[-1]).any() else 0
-    names = " ".join(f'<span style="color:{colour}">{k}</span>' for k, colour in enumerate(JOINTS, 1))
-    now = number(rates[-1, fastest], "+.0f")
-    now = f"joint {fastest + 1}: {now}" if now not in ("", "0") else now
-    curves = tuple(Curve(values=rates[:, k], colour=JOINTS[k], extremes=False) for k in range(7))
-    return _limited(f"Joint rates {names}", "% of limit", now, curves, (-100.0, 100.0), ".0f")
-
-
-def slack_plot(samples: NDArray[np.float64]) -> Plot:
-    """Slack of the hand's velocity: the part that it misses."""
-    linear, angular = 1e3 * _column(samples, "linear_slack"), np.degrees(_column(samples, "angular_slack"))
-    high = min(_round_up(np.nanmax(np.concatenate([linear, angular, [20.0]]))), _MOST_SLACK)
-    parts = (number(linear[-1], ".0f"), number(angular[-1], ".0f"))
-    return Plot(
-        title='Slack <span style="color:var(--motm-blue)">linear</span>, <span style="color:#d97706">angular</span>',
-        unit="mm/s, &deg;/s",
-        now=", ".join(filter(None, parts)),
-        low=0.0,
-        high=high,
-        curves=(Curve(values=angular, colour="#d97706"), Curve(values=linear, colour="var(--motm-blue)")),
-        labels=((0.0, "0"), (high, f"{high:g}"), (high / 2, f"{high / 2:g}")),
+        title=title, unit=unit, now=now, curves=curves, limits=limits, range=(limits[0] - room, limits[1] + room)
     )
 
 
-def period_plot(samples: NDArray[np.float64]) -> Plot:
-    """Computing time of the period against its budget."""
-    period = _column(samples, "period")
-    high = min(max(1.2 * BUDGET, _round_up(np.nanmax(np.append(period, 0.0)))), _MOST_TIME)
-    return Plot(
-        title="Computing time of a period",
-        unit="ms",
-        now=number(period[-1], ".1f"),
-        low=0.0,
-        high=high,
-        curves=(Curve(values=period, colour="#0d9488"),),
-        limits=((BUDGET, _LIMIT),),
-        labels=((0.0, "0"), (BUDGET, f"{BUDGET:.0f}"), (high, f"{high:g}")),
-    )
+def _named(*curves: tuple[str, str]) -> str:
+    return ", ".join(f'<span style="color:{colour}">{name}</span>' for name, colour in curves)
 
 
-def force_plots(samples: NDArray[np.float64]) -> tuple[Plot, Plot, Plot]:
-    """Under contact dynamics: forces of the fingers, external torque with the Panda's reflexes, force at the wrist."""
-    left, right, torque, wrist = (_column(samples, name) for name in ("left", "right", "torque", "wrist"))
-    colours = ("#2563eb", "#d97706")
-    fingers = tuple(Curve(values=each, colour=colour) for each, colour in zip((left, right), colours, strict=True))
-    now = ", ".join(filter(None, (number(left[-1], ".0f"), number(right[-1], ".0f"))))
-    title = f'Fingers <span style="color:{colours[0]}">left</span>, <span style="color:{colours[1]}">right</span>'
-    feels = _upwards("External torque, largest joint", "Nm", (Curve(values=torque, colour="#7c3aed"),), (10.0, 30.0))
-    reflexes = tuple(REFLEXES.values())
-    return (
-        replace(_upwards(title, "N", fingers, (20.0, 40.0)), now=now),
-        replace(feels, limits=tuple((limit, _LIMIT) for limit in reflexes)),
-        _upwards("Force at the wrist", "N", (Curve(values=wrist, colour="#0d9488"),), (10.0, 20.0)),
-    )
-
-
-def _upwards(title: str, unit: str, curves: tuple[Curve, ...], marks: tuple[float, float]) -> Plot:
-    """A plot from 0 to the upper mark, or as far as the curves go."""
-    most = max((float(np.nanmax(one.values)) for one in curves if np.isfinite(one.values).any()), default=0.0)
-    high = max(marks[1], _round_up(most))
-    return Plot(
-        title=title, unit=unit, now=number(curves[0].values[-1], ".1f"), low=0.0, high=high, curves=curves,
-        labels=((0.0, "0"), (high, f"{high:g}"), (marks[0], f"{marks[0]:g}")),
-    )  # fmt: skip
+def _pair(first: float, second: float) -> str:
+    return ", ".join(filter(None, (number(first, ".0f"), number(second, ".0f"))))
 
 
 def number(value: float, form: str, *, none: str = "") -> str:
@@ -229,134 +163,18 @@ def number(value: float, form: str, *, none: str = "") -> str:
     return text.replace("-", "&minus;")
 
 
-def _round_up(value: float) -> float:
-    """1, 2 or 5 times a power of ten, at least the value."""
-    power = 10.0 ** math.floor(math.log10(max(value, 1e-6)))
-    return next(step * power for step in (1.0, 2.0, 5.0, 10.0) if step * power >= value - 1e-12)
-
-
-def draw(plot: Plot, time: NDArray[np.float64]) -> str:
-    """One plot as HTML with an SVG that stretches."""
-    parts = [
-        f'<rect x="0" width="{WIDTH}" y="{_y(plot, high):.0f}" height="{_y(plot, low) - _y(plot, high):.0f}" '
-        f'fill="{colour}"/>'
-        for low, high, colour, _ in plot.regions
-    ]
-    parts += [
-        f'<path d="M{_x(ago):.0f} 0v{HEIGHT}" stroke="var(--motm-line)" stroke-width="1"/>'
-        for ago in TICKS
-        if 0 < ago < WINDOW
-    ]
-    parts += [
-        f'<path d="M0 {_y(plot, value):.0f}h{WIDTH}" stroke="{colour}" stroke-width="1" stroke-dasharray="4 3"/>'
-        for value, colour in plot.limits
-    ]
-    for curve in plot.curves:
-        path = path_of(time, curve, plot.low, plot.high)
-        parts.append(f'<path d="{path}" stroke="{curve.colour}" stroke-width="1.3"/>')
-    return (
-        f'<div class="mp"><div class="t"><span><b>{plot.title}</b> [{plot.unit}]</span>'
-        f'<span class="n">{plot.now}</span></div><div class="f">'
-        f'<svg viewBox="0 0 {WIDTH} {HEIGHT}" preserveAspectRatio="none">{"".join(parts)}</svg>'
-        f"{_region_names(plot)}{_labels(plot)}{_cut_off(plot)}</div></div>"
-    )
-
-
-def _labels(plot: Plot) -> str:
-    """Numbers at the axis; one that would touch an earlier one is left out."""
-    placed: dict[float, str] = {}
-    for value, label in plot.labels:
-        y = _y(plot, value)
-        if all(abs(y - other) >= APART for other in placed):
-            placed[y] = label
-    return "".join(
-        f'<span class="y" style="top:{100.0 * y / HEIGHT:.0f}%">{label}</span>' for y, label in placed.items()
-    )
-
-
-def _region_names(plot: Plot) -> str:
-    """The name of each region inside it, where it is high enough for letters."""
-    return "".join(
-        f'<span class="r" style="top:{50.0 * (_y(plot, low) + _y(plot, high)) / HEIGHT:.0f}%">{name}</span>'
-        for low, high, _, name in plot.regions
-        if _y(plot, low) - _y(plot, high) >= LETTERS
-    )
-
-
-def _cut_off(plot: Plot) -> str:
-    """Note on how far curves extend beyond the frame."""
-    values = np.concatenate([curve.values[np.isfinite(curve.values)] for curve in plot.curves])
-    least, most = (float(values.min()), float(values.max())) if len(values) else (plot.low, plot.high)
-    up = f'<span class="c" style="top:1px">&#9650; up to {_size(most)}</span>' if most > plot.high else ""
-    down = f'<span class="c" style="bottom:1px">&#9660; down to {_size(least)}</span>' if least < plot.low else ""
-    return up + down
-
-
-def path_of(time: NDArray[np.float64], curve: Curve, low: float, high: float) -> str:
-    """The curve as an SVG path in whole units; gaps where there is no value."""
-    bucket = np.floor(time / BUCKET + 1e-9)
-    starts = np.flatnonzero(np.diff(bucket, prepend=bucket[0] - 1.0))
-    ends = np.append(starts[1:], len(time)) - 1
-    x = np.round((1.0 + (time[ends] - time[-1]) / WINDOW) * WIDTH).astype(int)
-    if curve.extremes:
-        with np.errstate(invalid="ignore"):
-            least, most = np.fmin.reduceat(curve.values, starts), np.fmax.reduceat(curve.values, starts)
-        x = np.repeat(x, 2)
-        values = np.stack([least, most], axis=1).ravel()
-    else:
-        values = curve.values[ends]
-    share = (np.clip(values, low, high) - low) / (high - low)
-    found = np.isfinite(share)
-    points = np.stack([x, np.round((1.0 - np.where(found, share, 0.0)) * HEIGHT).astype(int)], axis=1)
-    breaks = np.flatnonzero(np.diff(found, prepend=False, append=False))
-    return "".join(_line(points[start:end]) for start, end in breaks.reshape(-1, 2))
-
-
-def _line(points: NDArray[np.int64]) -> str:
-    """Through these points, shape (n, 2), in steps from each to the next."""
-    steps = np.diff(points, axis=0)
-    steps = steps[(steps != 0).any(axis=1)]
-    start = f"M{points[0, 0]} {points[0, 1]}l"
-    return start + ("%d %d " * len(steps) % tuple(steps.ravel().tolist()) if len(steps) else "0 0")
-
-
-def _y(plot: Plot, value: float) -> float:
-    return HEIGHT * (1.0 - (value - plot.low) / (plot.high - plot.low))
-
-
-def _size(value: float) -> str:
-    return number(value, ".0f" if abs(value) >= 100.0 else ".3g")
-
-
-def _x(ago: float) -> float:
-    return WIDTH * (1.0 - ago / WINDOW)
-
-
-def _key() -> str:
-    """Key of the dashed red line, once for all plots."""
-    return f'<div class="mp"><span class="k" style="border-top-style:dashed;color:{_LIMIT}"></span>limit</div>'
-
-
-def _time_axis(end: float) -> str:
-    marks = "".join(
-        f'<span style="left:{100.0 * _x(ago) / WIDTH:.0f}%">{"&minus;" if ago else ""}{ago}</span>' for ago in TICKS
-    )
-    return (
-        f'<div class="mp"><div class="x">{marks}</div>'
-        f'<div style="text-align:center;margin-left:32px">time [s]; 0 is {end:.2f} s of the run</div></div>'
-    )
-
-
 class PlotsPanel:
     """The plots in a panel at the left, opened by a button or the key G. Closed at the start; costs nothing then."""
 
     def __init__(self, gui: viser.GuiApi, hub: Hub) -> None:
         self._gui, self._hub = gui, hub
         self._panel: viser.PanelHandle | None = None
-        self._page: viser.GuiHtmlHandle | None = None
+        self._tab: Any = None
+        self._drawn: list[tuple[viser.GuiHtmlHandle, viser.GuiUplotHandle]] = []
+        self._ranges: list[tuple[float, float | None]] = []  # of those
         self._lock = threading.Lock()  # the panel is opened and closed in another thread than it is drawn in
         self._count = 0
-        self._drawn: TickMessage | None = None
+        self._tick: TickMessage | None = None
         toggle, hint = hub.watching(self._toggle), f"curves of the last minute; key {PLOTS_KEY}"
         self._button = gui.add_button("Plots", icon=viser.Icon.CHART_LINE, hint=hint)
         self._button.on_click(toggle)
@@ -364,30 +182,47 @@ class PlotsPanel:
 
     def update(self, shown: Shown) -> None:
         """Draw the last minute up to the shown period."""
-        page, history, tick = self._page, self._hub.history, shown.tick
+        history, tick = self._hub.history, shown.tick
         self._count += 1
-        if page is None or history is None or tick is None or shown.scene is None:
+        if self._panel is None or history is None or tick is None or shown.scene is None:
             return
-        if tick is self._drawn or self._count % EVERY:
+        if tick is self._tick or self._count % EVERY:
             return
-        self._drawn = tick
+        self._tick = tick
         samples = history.samples(None if shown.live else tick.index, WINDOW)
-        drawn = plots_html(samples, shown.scene.robot.base, {} if shown.status is None else shown.status.parameters)
+        if not len(samples):
+            return
+        rows = thinned(samples)
+        found = plots(rows, shown.scene.robot.base, {} if shown.status is None else shown.status.parameters)
         with self._lock:
-            if self._page is page:  # not closed meanwhile
-                page.content = drawn
+            if self._panel is not None:  # not closed meanwhile
+                self._draw(found, rows[:, 0])
+
+    def _draw(self, found: list[Plot], time: Array) -> None:
+        """Fill in the widgets, which are made first, and anew for another robot or with forces."""
+        ranges = [plot.range for plot in found]
+        if ranges != self._ranges:
+            self._ranges = ranges
+            for handle in (handle for pair in self._drawn for handle in pair):
+                handle.remove()
+            with self._tab:
+                self._drawn = [
+                    (self._gui.add_html(""), plot.add(self._gui, time, last=plot is found[-1])) for plot in found
+                ]
+        for plot, (heading, drawn) in zip(found, self._drawn, strict=True):
+            heading.content = STYLE * (plot is found[0]) + plot.heading
+            drawn.data = plot.data(time)
 
     def _toggle(self, _event: object, _visitor: Visitor) -> None:
         panel = self._panel
         if panel is not None:
             with self._lock:
-                self._panel = self._page = None
+                self._panel, self._drawn, self._ranges = None, [], []
                 panel.remove()
         else:
             panel = self._gui.add_panel()
-            with panel.add_tab("Plots", viser.Icon.CHART_LINE):
-                self._page = self._gui.add_html("&nbsp;")
+            self._tab = panel.add_tab("Plots", viser.Icon.CHART_LINE)
             panel.dock_left()
             panel.set_width(PANEL_WIDTH)
-            self._panel, self._drawn = panel, None
+            self._panel, self._tick = panel, None
         self._button.label = "Plots" if self._panel is None else "Close plots"

@@ -1,7 +1,8 @@
 """Cameras: one per visitor, with presets; poses that show a scene; and visibility for a visitor.
 
 Moves are eased, never cut. Manual control always wins: in a fixed view it makes the camera free; in one that
-rides along, the ride pauses while the view is turned, and continues from the new angle.
+rides along, the ride pauses while the view is turned, and continues from the new angle. The page says when mouse,
+finger or key may turn the view; what it reports of its camera then, and was not sent there, is the visitor's.
 """
 
 import math
@@ -12,7 +13,6 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import viser
-from scipy.optimize import nnls
 
 from motm_twin.bus.messages import TickMessage
 from motm_twin.model.geometry import Array
@@ -42,15 +42,13 @@ FRAMED = 1.2  # [m] from the hand to its target, within which the camera of the 
 UNFRAMED = 0.25  # [m] between them that the camera shows without going back
 REST = 0.5  # [s] after the hand's last move the ride goes on
 ECHO = 0.03  # [m] a reported camera this near to a sent one was not moved by hand
-TOLD = 3.0  # [s] after its beginning, in which a slow page reports its way of a move
-FIRM = 1e3  # [m] weight of the sum of shares beside the place: it is exact
+TURNED = 5.0  # [s] after mouse, finger or key, in which a page reports where they put the camera
 PANEL = 334  # [px] that the docked panel takes from the picture; a page tells its size before it is docked
 NARROW = 700  # [px] of a page on which the panel lies over the picture
 _SIGHT_EDGE = 0.9  # share of the picture in which a body is seen
 _PARTS = (0.35, 0.9)  # of the height of a body, which must both be in sight
 _OWN = 0.3  # [m] by which a hit may lie before the point: the body itself, or its own edge
 _MEMORY = 90  # sent poses that echoes are compared with
-_MADE = np.array([-5.0, 0.0, 0.0])  # [m] where a page's camera is before Viser puts it anywhere: three.js's (0, 0, 5)
 
 
 def overview(scene: Scene, aspect: float = ASPECT, *, below: float = BELOW) -> View:
@@ -126,7 +124,6 @@ class _Eye:
     mode: str = "Overview"
     sent: deque[Array] = field(default_factory=lambda: deque(maxlen=_MEMORY))
     look_at: Array | None = None  # [m] what it was sent last
-    arrived: bool = False  # last pose sent; before it, no manual move
     target: View | None = None  # of a fixed view
     aspect: float = 0.0  # that the target is for
     seen: float = 0.0  # aspect of the picture at the last update
@@ -134,11 +131,11 @@ class _Eye:
     ease_from: View | None = None
     ease_start: float = -math.inf
     ease_fov: float = FIELD_OF_VIEW  # at the start of the move
-    way: list[Array] = field(default_factory=list)  # poses of the move, its start first
     aside: Array = field(default_factory=lambda: np.zeros(3))  # [m] from the hand to the middle of what a ride frames
     heading: float | None = None  # [rad] of the ride's frame
     offset: View | None = None  # in the ride's frame, when a hand chose it
-    hand_at: float = -math.inf  # when a hand moved it last
+    turned_at: float = -math.inf  # when mouse, finger or key may have turned it last
+    hand_at: float = -math.inf  # when they moved it last
 
 
 class Cameras:
@@ -149,7 +146,6 @@ class Cameras:
         self._eyes: dict[int, _Eye] = {}
         self._scene: Scene | None = None
         self._base, self._hand, self._target = np.zeros(3), np.eye(4), None
-        self._beginnings = (_MADE, np.array(server.initial_camera.position))  # a slow page tells them late
         server.initial_camera.fov = FIELD_OF_VIEW
         server.on_client_connect(self._enter)
         server.on_client_disconnect(self._leave)
@@ -171,10 +167,16 @@ class Cameras:
             if eye is None or preset not in PRESETS:
                 return
             eye.mode, eye.target, eye.offset, eye.heading = preset, None, None, None
-            eye.hand_at, eye.arrived = -math.inf, True
+            eye.hand_at = eye.turned_at = -math.inf
             eye.ease_from = (np.array(client.camera.position), np.array(client.camera.look_at))
             eye.ease_start, eye.ease_fov = time.monotonic(), client.camera.fov
-            eye.way = [eye.ease_from[0]]
+
+    def turned(self, client: viser.ClientHandle) -> None:
+        """Take the page's word that mouse, finger or key may turn this visitor's view now."""
+        with self._lock:
+            eye = self._eyes.get(client.client_id)
+            if eye is not None:
+                eye.turned_at = time.monotonic()
 
     def mode(self, client: viser.ClientHandle) -> str:
         """Preset that a visitor has now."""
@@ -195,14 +197,11 @@ class Cameras:
             for number, eye in self._eyes.items():
                 if number not in clients:
                     continue
-                moves = eye.ease_from is not None
                 view = self._view(eye, clients[number], now, dt)
                 if view is not None and (ride or eye.mode not in RIDES or eye.ease_from is not None):
                     wanted[number] = view, self._fov(eye, clients[number], now)
                     eye.sent.append(view[0])
                     eye.look_at = view[1]
-                    if moves:
-                        eye.way.append(view[0])
         for number, ((position, look_at), fov) in wanted.items():
             client = clients[number]
             with client.atomic():
@@ -285,18 +284,12 @@ class Cameras:
             eye = self._eyes.get(number)
             if eye is None or eye.mode == "Free" or not eye.sent:
                 return
-            sent = np.array(eye.sent)
-            there = bool(np.linalg.norm(sent[-1] - position) < ECHO) and (
-                eye.look_at is None or bool(np.linalg.norm(eye.look_at - camera.look_at) < ECHO)
-            )
-            own = np.vstack([sent, self._beginnings])
-            if (
-                not eye.arrived
-                or np.linalg.norm(own - position, axis=1).min() < ECHO
-                or _on_the_way(sent, position)
-                or (time.monotonic() - eye.ease_start < TOLD and _among(np.array(eye.way), position))
-            ):
-                eye.arrived |= there
+            now, step = time.monotonic(), _step(np.array(eye.sent), position)
+            for _ in range(step or 0):
+                eye.sent.popleft()  # a page does not go back to what it has shown
+            arrived = step is not None and len(eye.sent) == 1
+            there = arrived and (eye.look_at is None or bool(np.linalg.norm(eye.look_at - camera.look_at) < ECHO))
+            if there or (step is not None and not arrived) or now - eye.turned_at > TURNED:
                 if not there and eye.mode not in RIDES and eye.ease_from is None:
                     # A page that begins puts its camera back after what it was sent; and Viser does not send what it
                     # has just been told, though it has sent something else since: send both again.
@@ -304,7 +297,7 @@ class Cameras:
                 return
             eye.ease_from = None
             if eye.mode in RIDES:
-                eye.hand_at = time.monotonic()
+                eye.hand_at = now
             else:
                 eye.mode = "Free"
 
@@ -355,22 +348,15 @@ def _widened(client: viser.ClientHandle, before: float, now: float) -> View | No
     return look_at + (np.asarray(client.camera.position) - look_at) * before / now, look_at
 
 
-def _among(sent: Array, position: Array) -> bool:
-    """True for a point in the hull of poses (n, 3) that were sent: a slow page glides from what it shows to the newest.
-
-    It shows a mean of them with weights that are not negative, which add up to 1.
-    """
-    weights = np.vstack((sent.T, np.full(len(sent), FIRM)))
-    return bool(nnls(weights, np.append(position, FIRM))[1] < ECHO)
-
-
-def _on_the_way(sent: Array, position: Array) -> bool:
-    """True for a point between two poses that were sent one after the other."""
-    start, step = sent[:-1], np.diff(sent, axis=0)
+def _step(sent: Array, position: Array) -> int | None:
+    """Index of the pose of (n, 3) that a page shows, or goes on from: the last one if it is there; None if at none."""
+    step = np.diff(sent, axis=0, append=sent[-1:])
     square = np.maximum((step**2).sum(axis=1), 1e-12)
-    part = np.clip(((position - start) * step).sum(axis=1) / square, 0.0, 1.0)
-    nearest = np.linalg.norm(start + part[:, None] * step - position, axis=1)
-    return bool(len(nearest) and nearest.min() < ECHO)
+    part = np.clip(((position - sent) * step).sum(axis=1) / square, 0.0, 1.0)
+    found = np.flatnonzero(np.linalg.norm(sent + part[:, None] * step - position, axis=1) < ECHO)
+    if not len(found):
+        return None
+    return len(sent) - 1 if found[-1] == len(sent) - 1 else int(found[0])
 
 
 class Visibility:

@@ -13,9 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 import shapely
 import viser
+from numpy.typing import NDArray
 
 from motm_twin.bus.commands import Command
-from motm_twin.bus.messages import BodyMessage, TaskMessage, TickMessage
+from motm_twin.bus.messages import BodyMessage, PlacementMessage, TaskMessage, TickMessage
 from motm_twin.control.task_list import name_of
 from motm_twin.model.edits import InsertTask, MoveBody, RemoveTask, SendAgent
 from motm_twin.model.furniture import moved_scene, pieces
@@ -29,6 +30,7 @@ SELECTABLE = ("object", "bin", "body", "piece")
 SLACK = 0.014  # [rad] tolerance for small things
 SLACK_NEAR = 0.015  # [m] the same close to the eye
 CANDIDATE_HEIGHT = 0.035  # [m]
+CANDIDATES, RING = 192, 72  # that are drawn at most; of the smallest ring, whose impossible ones are drawn as well
 SAME_PLACE = 0.4  # [m] from the place that the first click proposed, the second confirms it
 _ROBOT = ((0.36, 0.0, 0.4), (0.2, 0.4, 1.0))  # radius, lower and upper end [m] of base and arm
 _NO_HIT = math.inf
@@ -127,18 +129,26 @@ class Surroundings:
         return None if best == _NO_HIT else ray.at(best)
 
 
+def drawn_candidates(placement: PlacementMessage) -> NDArray[np.int64]:
+    """Indices of the candidates that are drawn and can be clicked: possible ones, and all of the smallest ring."""
+    possible = np.array([not reason for reason in placement.rejected], dtype=bool)
+    shown = np.flatnonzero(possible | (np.arange(len(possible)) < RING))
+    return shown if len(shown) <= CANDIDATES else np.union1d(shown[: CANDIDATES - 1], [max(placement.chosen, 0)])
+
+
 def _candidate(ray: Ray, tick: TickMessage) -> Hit | None:
-    poses = tick.placement.poses
-    if not poses:
+    if not tick.placement.poses:
         return None
-    centres = np.column_stack([np.asarray(poses)[:, :2], np.full(len(poses), CANDIDATE_HEIGHT)])
+    drawn = drawn_candidates(tick.placement)
+    places = np.asarray(tick.placement.poses)[drawn, :2]
+    centres = np.column_stack([places, np.full(len(drawn), CANDIDATE_HEIGHT)])
     along = (centres - ray.origin) @ ray.direction
     aside = np.linalg.norm(centres - ray.origin - along[:, None] * ray.direction, axis=1)
     missed = aside - 0.03 - np.minimum(SLACK_NEAR, SLACK * along)
     index = int(np.argmin(np.where(along > 0.0, missed, _NO_HIT)))
     if along[index] <= 0.0 or missed[index] > 0.0:
         return None
-    return Hit("candidate", "", centres[index], float(along[index]), index)
+    return Hit("candidate", "", centres[index], float(along[index]), int(drawn[index]))
 
 
 def _object(ray: Ray, item: BodyMessage) -> Hit | None:

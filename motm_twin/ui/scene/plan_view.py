@@ -16,11 +16,10 @@ from viser.transforms import SO3
 from motm_twin.bus.messages import PlacementMessage, TickMessage
 from motm_twin.ui import colours
 from motm_twin.ui.scene.drag import Spot, ring, spot_of
-from motm_twin.ui.scene.picking import CANDIDATE_HEIGHT, Surroundings
+from motm_twin.ui.scene.picking import CANDIDATE_HEIGHT, CANDIDATES, Surroundings, drawn_candidates
 from motm_twin.ui.scene.robot_view import AWAY, add_batch
 
 PLAN, MARKS = "/plan", "/marks"
-CAPACITY = 72  # candidates
 DASH = 0.08  # [m]
 APART = 0.028  # [m] a candidate is shifted along its heading, so that both headings of a place can be seen
 OFF = 0.01  # [m] a belief must be wrong by this much to be shown
@@ -63,9 +62,17 @@ class CandidateView:
     """All candidates as one batched mesh: a ball with a nose that points along the heading."""
 
     def __init__(self, server: viser.ViserServer) -> None:
-        grey = np.full((CAPACITY, 3), 128, dtype=np.uint8)
+        grey = np.full((CANDIDATES, 3), 128, dtype=np.uint8)
         self._handle = add_batch(
-            server.scene, f"{PLAN}/candidates", _pointed_ball(), CAPACITY, grey, batched_scales=np.full(CAPACITY, 1e-3)
+            server.scene,
+            f"{PLAN}/candidates",
+            _pointed_ball(),
+            CANDIDATES,
+            grey,
+            batched_scales=np.full(CANDIDATES, 1e-3),
+        )
+        self._cost = server.scene.add_label(
+            f"{PLAN}/candidates/cost", "", font_screen_scale=0.75, anchor="bottom-center", visible=False
         )
         self._goal = server.scene.add_line_segments(
             f"{PLAN}/goal", _goal_mark(), colours.TARGET, thickness=0.022, visible=False
@@ -78,24 +85,28 @@ class CandidateView:
         if key == self._key:
             return
         self._key = key
-        count = min(len(placement.poses), CAPACITY) if on else 0
-        positions, scales = np.tile(AWAY, (CAPACITY, 1)), np.full(CAPACITY, 1e-3)
-        yaws, tones = np.zeros(CAPACITY), np.tile(np.array(colours.REJECTED, dtype=np.uint8), (CAPACITY, 1))
+        drawn = drawn_candidates(placement) if on else np.zeros(0, dtype=int)
+        count = len(drawn)
+        positions, scales = np.tile(AWAY, (CANDIDATES, 1)), np.full(CANDIDATES, 1e-3)
+        yaws, tones = np.zeros(CANDIDATES), np.tile(np.array(colours.REJECTED, dtype=np.uint8), (CANDIDATES, 1))
         if count:
-            poses = np.array(placement.poses)[:count]
+            poses = np.array(placement.poses)[drawn]
             yaws[:count] = poses[:, 2]
             shift = APART * np.stack([np.cos(yaws[:count]), np.sin(yaws[:count])], axis=1)
             positions[:count] = np.column_stack([poses[:, :2] + shift, np.full(count, CANDIDATE_HEIGHT)])
-            viable = np.array([not reason for reason in placement.rejected[:count]])
+            viable = np.array([not placement.rejected[index] for index in drawn])
             scales[:count] = np.where(viable, 1.0, 0.5)
-            tones[:count][viable] = colours.scale(relative_cost(placement)[:count][viable])
+            tones[:count][viable] = colours.scale(relative_cost(placement)[drawn][viable])
             for index, factor in ((placement.chosen, 1.8), (picked, 1.5)):
-                if index is not None and 0 <= index < count:
-                    scales[index] *= factor
+                scales[:count][drawn == index] *= factor
         handle = self._handle
         handle.batched_positions = positions.astype(np.float32)
         handle.batched_wxyzs = SO3.from_z_radians(yaws).wxyz.astype(np.float32)
         handle.batched_scales, handle.batched_colors = scales, tones
+        self._cost.visible = picked is not None and picked in drawn
+        if self._cost.visible and picked is not None:
+            x, y, _ = placement.poses[picked]
+            self._cost.text, self._cost.position = cost_of(placement, picked), (x, y, CANDIDATE_HEIGHT + 0.06)
         self._goal.visible = on and placement.mode != "none"
         if self._goal.visible:
             x, y, heading = (value or 0.0 for value in placement.goal)
@@ -127,6 +138,15 @@ class PlanView:
         for name, (points, on) in paths.items():
             self._lines[name].update(points, on and (self.on or name.startswith("inspected")))
         self.candidates.update(tick.placement, self.on, self.picked)
+
+
+def cost_of(placement: PlacementMessage, index: int) -> str:
+    """Costs of a candidate, or why it is out, in a few words."""
+    here, onward = placement.cost_current[index], placement.cost_next[index]
+    if placement.rejected[index] or here is None:
+        return placement.rejected[index] or "not possible"
+    there = f"{here:.1f} s to get there"
+    return there if onward is None else f"{there}, {onward:.1f} s on to the next target"
 
 
 def dashes(points: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -22,6 +22,7 @@ from motm_twin.ui.scene.light import NO_SHADOW
 from motm_twin.ui.scene.picking import Clicks, Surroundings
 from motm_twin.ui.scene.plan_view import MarksView, PlanView, target_spot
 from motm_twin.ui.scene.robot_view import ComparisonView, RobotView
+from motm_twin.ui.scene.track_view import TrackView
 
 CLOCK = "/clock"  # node whose position is the time [s] and run of a picture, for the page's script
 MAP = "/map"  # node of the ground
@@ -37,6 +38,7 @@ class SceneView:
         self._fixed, self._robot, self._ghosts = FixedView(server), RobotView(server), GhostView(server)
         self._furniture = FurnitureView(server, self._drag)
         self._bodies, self._map = BodyView(server, self._drag), MapView(server)
+        self._tracks = TrackView(server)
         self._plan, self._marks, self._others = PlanView(server), MarksView(server), ComparisonView(server)
         self._selection = SelectionView(server, hub, self._drag)
         self.clicks = Clicks(server, hub)
@@ -69,7 +71,7 @@ class SceneView:
         live = self._hub.what_if.watched is None  # else two other runs are watched, and their Temis
         if live != self._live:
             self._live, fresh = live, True
-            for part in (self._bodies, self._ghosts, self._plan, self._robot):
+            for part in (self._bodies, self._ghosts, self._plan, self._robot, self._tracks):
                 part.on = live
         with self._server.atomic():
             if fresh:
@@ -98,6 +100,7 @@ class SceneView:
         self._marks.update(tick, surroundings)
         self._others.update(self._hub.what_if.others(tick.time, tick.run))
         self._bodies.update_trails()
+        self._tracks.update(tick)
         self._map.update(shown.grid)
 
     def _show_scene(self, scene: Scene) -> None:

@@ -1,0 +1,115 @@
+"""Candidates in time: each is judged by who will be there when the base arrives, not by who is there now.
+
+A candidate that somebody will have left costs nothing more; one that somebody will be standing in front of costs the
+time until it is free again. So a place that is free soon is waited for when that is cheaper than the next best one. The
+ways to the cheapest candidates cost what they lose to those who cross them, at the times when the base gets there: of
+two ways round a table it takes the one on which nobody is in the way.
+"""
+
+import math
+
+import numpy as np
+
+from motm_twin.model.geometry import Array
+from motm_twin.model.motion import kernel
+from motm_twin.planning.candidates import Judged, Rule, Survey
+from motm_twin.planning.collision import Body
+from motm_twin.planning.global_path import path_to_goal
+from motm_twin.planning.kernels import length_of
+from motm_twin.planning.prediction import SPREAD, Spread, arriving, probability_taken
+from motm_twin.planning.types import Target
+
+TAKEN = 0.3  # probability from which on a place counts as taken
+WAIT_STEP, LONGEST = 0.5, 6.0  # [s] of waiting: beyond that nobody knows
+DOUBT = 2.0  # [s] that a place costs which is surely taken, less with the probability: somebody may change his way
+SAMPLE, AHEAD = 0.25, 6.0  # [m] between two looks along a way, and [s] of it
+PATHS = 12  # of the cheapest candidates are looked along
+
+
+class InTime:
+    """A rule of candidates: those of another rule, with what waiting for others costs."""
+
+    def __init__(self, rule: Rule, lag: float) -> None:
+        """``lag`` [s]: by which the base follows its plan."""
+        self._rule, self._lag = rule, lag
+
+    def __call__(self, target: Target, survey: Survey) -> Judged:
+        """The candidates of a target, their costs with waiting, and the time that each is waited for."""
+        judged = self._rule(target, survey)
+        others, viable = arriving(survey.here.world.tracks, self._lag), np.isfinite(judged.current)
+        if not len(others) or judged.waits or not viable.any():
+            return judged
+        body = survey.model.body
+        waiting, doubt = np.zeros(len(viable)), np.zeros(len(viable))
+        dwell = target.dwell if target.kind != "drive" else 0.0
+        poses, arrival = np.ascontiguousarray(judged.candidates.pose), judged.current
+        _fill_waits(poses, arrival, dwell, others, SPREAD, body, waiting, doubt)
+        current = judged.current + waiting + doubt
+        onward = survey.model.placement.next_weight * np.where(viable, judged.onward, 0.0)
+        _add_delays(current, onward, poses, survey, others)
+        return judged._replace(current=current, waiting=waiting)
+
+
+def _add_delays(current: Array, onward: Array, poses: Array, survey: Survey, others: Array) -> None:
+    """Add to the costs (m,) of the cheapest candidates what they lose to others on the way."""
+    speed = survey.model.profile.base.forward_speed
+    order = np.argsort(current + onward, kind="stable")[:PATHS]
+    best = math.inf
+    for i in order.tolist():
+        if current[i] + onward[i] >= best:
+            return
+        turned = poses[i] + np.array([0.0, 0.0, math.pi])
+        path = path_to_goal(survey.here.graph, survey.from_robot, turned)[0][::-1]
+        current[i] += delay_along(path, speed, others, survey.model.body)
+        best = min(best, current[i] + onward[i])
+
+
+def delay_along(path: Array, speed: float, others: Array, body: Body) -> float:
+    """Time [s] that a path (n, 2) loses to others (k, 7) who are on it when the base gets there at a speed [m/s].
+
+    Each costs the time that it needs to clear the way, times the largest probability of a meeting.
+    """
+    steps = np.hypot(*np.diff(path, axis=0).T) if len(path) > 1 else np.zeros(0)
+    length = np.concatenate(([0.0], np.cumsum(steps)))
+    if length[-1] < SAMPLE:
+        return 0.0
+    at = np.arange(SAMPLE, min(length[-1], AHEAD * speed), SAMPLE)
+    places = np.column_stack([np.interp(at, length, column) for column in path.T])
+    leg = np.minimum(np.searchsorted(length, at), len(steps)) - 1
+    way = np.diff(path, axis=0)[leg] / np.maximum(steps[leg], 1e-9)[:, None]
+    return _delay(places, way, at / speed, others, SPREAD, body)
+
+
+@kernel
+def _delay(places: Array, way: Array, times: Array, others: Array, spread: Spread, body: Body) -> float:
+    total = 0.0
+    for k in range(others.shape[0]):
+        most = 0.0
+        for i in range(places.shape[0]):
+            x, y, c, s = places[i, 0], places[i, 1], way[i, 0], way[i, 1]
+            most = max(most, probability_taken(x, y, c, s, times[i], others[k], spread, body))
+        clears = 2.0 * (others[k, 4] + body.inner) / max(length_of(others[k, 2], others[k, 3]), 0.1)
+        total += most * min(clears, LONGEST)
+    return total
+
+
+@kernel
+def _fill_waits(
+    poses: Array, arrival: Array, dwell: float, others: Array, spread: Spread, body: Body, waiting: Array, doubt: Array
+) -> None:
+    """Fill in how long each of the poses (m, 3) is taken after the arrival [s], and what is left of doubt [s]."""
+    for i in range(poses.shape[0]):
+        if not math.isfinite(arrival[i]):
+            continue
+        x, y, c, s = poses[i, 0], poses[i, 1], math.cos(poses[i, 2]), math.sin(poses[i, 2])
+        while True:
+            begins, most = arrival[i] + waiting[i], 0.0
+            for part in range(3):
+                free = 1.0
+                for k in range(others.shape[0]):
+                    free *= 1.0 - probability_taken(x, y, c, s, begins + 0.5 * part * dwell, others[k], spread, body)
+                most = max(most, 1.0 - free)
+            doubt[i] = DOUBT * most
+            if most < TAKEN or waiting[i] >= LONGEST:
+                break
+            waiting[i] += WAIT_STEP

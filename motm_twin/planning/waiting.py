@@ -1,0 +1,97 @@
+"""Waiting for others to pass: the path stays, and is driven later.
+
+Of all delays the one is best that is cheapest together with what standing, and then driving along the path, costs among
+others. A base that cannot pass in front of somebody stands until it can pass behind.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from motm_twin.model.geometry import Array
+from motm_twin.model.motion import kernel
+from motm_twin.model.profile import BaseLimits
+from motm_twin.planning.collision import Body
+from motm_twin.planning.encounters import Weights, cost_among, in_the_way
+from motm_twin.planning.prediction import probability_taken
+
+DELAY, LONGEST = 0.5, 6.0  # [s] between two delays, and the longest
+LOOK = 0.3  # [s] between two looks: a node of the search
+AHEAD = 4.0  # [s] of the path after it
+
+
+class Wait(NamedTuple):
+    """A delay and what it costs more than to drive where nobody is."""
+
+    delay: float  # [s]
+    cost: float  # [s], the delay included
+    track: int  # row of the others for whom it waits; -1: nobody
+
+
+class Among(NamedTuple):
+    """Others, and what being among them costs."""
+
+    others: Array  # tracks, (k, 7)
+    body: Body
+    weights: Weights
+
+
+def best_wait(state: Array, path: Array, limits: BaseLimits, among: Among, begins: float = 0.0) -> Wait:
+    """The best delay of a base in a state x, y, heading, v, w that follows a path (n, 2) [m] from a time on [s]."""
+    steps = np.hypot(*np.diff(path, axis=0).T) if len(path) > 1 else np.zeros(0)
+    steps, kept = steps[steps > 1e-6], np.concatenate(([True], steps > 1e-6))
+    path, length = path[kept], np.concatenate(([0.0], np.cumsum(steps)))
+    v, a, top = abs(float(state[3])), limits.linear_acceleration, limits.forward_speed
+    times = np.arange(1, round(AHEAD / LOOK) + 1) * LOOK
+    from_rest = np.where(times < top / a, 0.5 * a * times**2, top * times - 0.5 * top * top / a)
+    stands = min(0.5 * v * v / a, float(length[-1]))
+    going, standing = _along(path, length, v * times), _along(path, length, stands + from_rest)
+    here = np.array([*(np.interp(stands, length, column) for column in path.T), state[2]])
+    best = Wait(0.0, _cost(here, *going, begins + times, 0.0, *among), -1)
+    for delay in np.arange(DELAY, LONGEST + 0.5 * DELAY, DELAY).tolist():
+        again = 0.5 * top / a  # [s] lost by setting off
+        cost = delay + again + _cost(here, *standing, begins + times, delay, *among)
+        if cost < best.cost:
+            best = Wait(delay, cost, 0)
+    if best.delay == 0.0:
+        return best
+    return best._replace(track=int(_whom(*going, begins + times, *among)))
+
+
+def _along(path: Array, length: Array, gone: Array) -> tuple[Array, Array]:
+    """Places (m, 2) and directions (m, 2) on a path (n, 2) of these lengths (n,) after ways [m] (m,) along it."""
+    at = np.minimum(gone, length[-1])
+    places = np.column_stack([np.interp(at, length, column) for column in path.T])
+    if len(path) < 2:
+        return places, np.tile([1.0, 0.0], (len(at), 1))
+    leg = np.clip(np.searchsorted(length, at) - 1, 0, len(path) - 2)
+    return places, np.diff(path, axis=0)[leg] / np.diff(length)[leg][:, None]
+
+
+@kernel
+def _cost(
+    here: Array, places: Array, way: Array, times: Array, delay: float, others: Array, body: Body, weights: Weights
+) -> float:
+    cost, c, s = 0.0, math.cos(here[2]), math.sin(here[2])
+    begins = times[0] - LOOK
+    for i in range(int(delay / LOOK)):
+        cost += cost_among(here[0], here[1], c, s, begins + (i + 1) * LOOK, others, body, weights)
+    for i in range(times.shape[0]):
+        cost += cost_among(places[i, 0], places[i, 1], way[i, 0], way[i, 1], delay + times[i], others, body, weights)
+    return cost
+
+
+@kernel
+def _whom(places: Array, way: Array, times: Array, others: Array, body: Body, weights: Weights) -> int:
+    """Row of the one who costs most without a delay."""
+    worst, most = -1, 0.0
+    for k in range(others.shape[0]):
+        cost = 0.0
+        for i in range(times.shape[0]):
+            x, y, c, s = places[i, 0], places[i, 1], way[i, 0], way[i, 1]
+            cost += weights.risk * probability_taken(x, y, c, s, times[i], others[k], weights.spread, body)
+            cost += weights.courtesy * in_the_way(x, y, c, s, times[i], others[k], body)
+        if cost > most:
+            worst, most = k, cost
+    return worst
