@@ -16,6 +16,7 @@ OK = 0
 FAILED = 1  # it ran, but did not succeed
 BAD_INPUT = 2  # the user can correct it
 INTERRUPTED = 130  # Ctrl-C
+THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")  # that numeric libraries compute in
 
 
 _NEEDED = 200  # columns: no table of ours is wider

@@ -182,7 +182,7 @@ class Metrics:
             min_arm_clearance=None if score is None else score.min_arm_clearance,
             min_ee_obstacle=None if score is None else score.min_ee_obstacle,
             reference_tour=status.reference_tour,
-            memory_mb=_memory_mb(),
+            memory_mb=round(memory_mb(), 1),
         )
 
 
@@ -198,10 +198,9 @@ def _means(stages: list[dict[str, float]]) -> dict[str, float]:
     return {name: round(sum(ms.get(name, 0.0) for ms in stages) / len(stages), 3) for name in sorted(names)}
 
 
-def _memory_mb() -> float:
-    """Resident memory of this process."""
-    pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1])
-    return round(pages * _PAGE / 1e6, 1)
+def memory_mb(pid: int | str = "self") -> float:
+    """Resident memory of a process [MB]."""
+    return int(Path(f"/proc/{pid}/statm").read_text(encoding="ascii").split()[1]) * _PAGE / 1e6
 
 
 GRID_INTERVAL = 0.25  # [s] the grid is sent on change, at most four times a second

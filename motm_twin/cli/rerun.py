@@ -7,6 +7,7 @@ from motm_twin.cli.outputs import refuse_unwritable, write_json
 from motm_twin.control.method import Method
 from motm_twin.methods.registry import find_method
 from motm_twin.model.names import scene_name
+from motm_twin.model.period import PERIOD
 from motm_twin.program import FAILED, OK, plain_console
 from motm_twin.record.recording import load_recording
 from motm_twin.record.replay import Rerun, rerun, updated
@@ -98,7 +99,7 @@ def _print_run(console: Console, run: RunReport) -> None:
         compared = f"{run.compared} of {run.periods} periods and {run.hashes} states compared"
         console.print(f"[green]equal[/green] bit for bit: {compared}; ends in state {run.state_hash[:12]}")
         return
-    console.print(f"[red]different[/red] first in period {run.period} ({run.period / 20:.2f} s):")
+    console.print(f"[red]different[/red] first in period {run.period} ({run.period * PERIOD:.2f} s):")
     for line in run.fields:
         console.print(f"  {line}", markup=False)
     for line in run.differences:
@@ -121,8 +122,8 @@ def _print(session: Session, again: Rerun) -> None:
     )
     console.print(name, style="bold", markup=False)
     console.print(
-        f"method {session.method}, time {again.time_s:.2f} s, {again.periods} periods ({again.periods / 20:.2f} s of "
-        f"recording), {len(session.edits)} edits, {len(session.cuts)} searches cut by the clock",
+        f"method {session.method}, time {again.time_s:.2f} s, {again.periods} periods ({again.periods * PERIOD:.2f} s "
+        f"of recording), {len(session.edits)} edits, {len(session.cuts)} searches cut by the clock",
         markup=False,
     )
     if again.ok:

@@ -14,12 +14,13 @@ from motm_twin.control.tuning import parameter
 from motm_twin.methods.registry import FAST, find_method
 from motm_twin.model.edits import ParameterValue
 from motm_twin.model.names import scene_name
+from motm_twin.model.period import PERIODS_PER_SECOND
 from motm_twin.model.scene import Scene
 from motm_twin.model.scene_file import load_scene
 from motm_twin.plants import with_plant
 from motm_twin.program import table_console
 from motm_twin.record.replay import Tracker
-from motm_twin.record.what_if import PERIODS_PER_SECOND, parse_changes
+from motm_twin.record.what_if import parse_changes
 from motm_twin.sessions.session import Session, SessionError, made_with, save_session
 from motm_twin.trial import run_scene
 

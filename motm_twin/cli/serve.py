@@ -23,7 +23,7 @@ from motm_twin.cli.outputs import folder_problem
 from motm_twin.cli.settings import PageSettings, ReplaySettings, ServeSettings
 from motm_twin.model.scene_file import load_scene
 from motm_twin.plants import with_plant
-from motm_twin.program import BAD_INPUT, FAILED, OK, plain_console
+from motm_twin.program import BAD_INPUT, FAILED, OK, THREADS, plain_console
 from motm_twin.security.folder import Folder
 from motm_twin.ui.page_server import VARIABLE as VARIABLE_OF_TOKEN
 from motm_twin.ui.page_server import check_token, chosen_token
@@ -131,7 +131,7 @@ class _Supervisor:
     def add(self, name: str, module: str, arguments: list[str], token: str | None = None) -> None:
         """A process to look after."""
         env = {name: value for name, value in os.environ.items() if name != VARIABLE_OF_TOKEN}
-        for threads in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+        for threads in THREADS:
             env.setdefault(threads, "1")
         if token is not None:
             env[VARIABLE_OF_TOKEN] = token

@@ -11,13 +11,13 @@ from rich.progress import BarColumn, Progress, TextColumn
 from rich.table import Table
 
 from motm_twin.cli.outputs import refuse_unwritable, write_json
+from motm_twin.model.period import PERIODS_PER_SECOND
 from motm_twin.program import plain_console, table_console
 from motm_twin.record.what_if import (
     AS_IT_WAS,
     CHANGED,
     FAILED,
     OK,
-    PERIODS_PER_SECOND,
     Line,
     Outcome,
     RunBroke,

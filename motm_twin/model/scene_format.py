@@ -12,8 +12,10 @@ from msgspec import Meta
 
 from motm_twin.model import faults
 from motm_twin.model.bounds import FARTHEST, SEED
+from motm_twin.model.profile import DEG
 
 FORMAT = "motm-scene/1"
+UNITS = {"deg": DEG, "dps": DEG, "dps2": DEG, "mps": 1.0, "mps2": 1.0, "hz": 1.0}  # by the end of a key
 
 Coordinate = Annotated[float, FARTHEST.meta]
 Height = Annotated[float, Meta(ge=0, le=5, description="[m] above the floor")]

@@ -8,7 +8,7 @@ import numpy as np
 from shapely.ops import unary_union
 
 from motm_twin.model import scene_format as fmt
-from motm_twin.model.profile import RobotProfile
+from motm_twin.model.profile import DEG, RobotProfile
 from motm_twin.model.scene import (
     DETECTIONS,
     EARLIER_NOISE,
@@ -41,8 +41,6 @@ from motm_twin.model.scene_yaml import Node
 
 MARGIN = 1.5  # [m] of map round everything in the scene
 _SLOT_STREAM = 0x510750  # keeps the draw of slots apart from other uses of the scene's seed
-_DEG = math.pi / 180.0
-_UNITS = {"deg": _DEG, "dps": _DEG, "dps2": _DEG, "mps": 1.0, "mps2": 1.0, "hz": 1.0}
 
 
 class Resolver:
@@ -69,11 +67,11 @@ class Resolver:
         self.solids = {key: self._solid(key, piece) for key, piece in self.furniture.items()}
         self._check_names()
         bins = tuple(
-            Bin(name=k, centre=b.at, yaw=b.yaw_deg * _DEG, side=b.side, wall=b.wall, rim_z=b.rim_z, floor_z=b.floor_z)
+            Bin(name=k, centre=b.at, yaw=b.yaw_deg * DEG, side=b.side, wall=b.wall, rim_z=b.rim_z, floor_z=b.floor_z)
             for k, b in self.bins.items()
         )
         bumps = tuple(
-            Bump(name=k, centre=b.at, length=b.length, yaw=b.yaw_deg * _DEG, width=b.width, height=b.height)
+            Bump(name=k, centre=b.at, length=b.length, yaw=b.yaw_deg * DEG, width=b.width, height=b.height)
             for k, b in self.bumps.items()
         )
         objects, tasks = self._work()
@@ -106,7 +104,7 @@ class Resolver:
         if piece.z[0] >= piece.z[1]:
             raise node.at("z").error(f"the upper height must be above the lower one, got {list(piece.z)}")
         if isinstance(piece, fmt.BoxFile):
-            shape: Any = Box(centre=piece.centre, size=piece.size, yaw=piece.yaw_deg * _DEG)
+            shape: Any = Box(centre=piece.centre, size=piece.size, yaw=piece.yaw_deg * DEG)
         elif isinstance(piece, fmt.CylinderFile):
             shape = Cylinder(centre=piece.centre, radius=piece.radius)
         else:
@@ -167,7 +165,7 @@ class Resolver:
             raise node.error("give exactly one of 'surface' (a piece of furniture) and 'z' (height of its top)")
         top = self.surface(item.surface, node.at("surface")).z_max if item.surface is not None else item.z or 0.0
         position = (*item.at, top + item.side / 2.0)
-        return SceneObject(name=name, position=position, yaw=item.yaw_deg * _DEG, side=item.side, colour=item.colour)
+        return SceneObject(name=name, position=position, yaw=item.yaw_deg * DEG, side=item.side, colour=item.colour)
 
     def _deliver(self, deliver: fmt.DeliverFile) -> tuple[tuple[SceneObject, ...], tuple[Task, ...]]:
         node = self.root.at("deliver")
@@ -182,7 +180,7 @@ class Resolver:
             position = (*slot.at, top + deliver.side / 2.0)
             objects.append(
                 SceneObject(
-                    name=name, position=position, yaw=slot.yaw_deg * _DEG, side=deliver.side, colour=deliver.colour
+                    name=name, position=position, yaw=slot.yaw_deg * DEG, side=deliver.side, colour=deliver.colour
                 )
             )
             tasks += [Pick(object=name), Place(bin=deliver.to[index % len(deliver.to)])]
@@ -216,7 +214,7 @@ class Resolver:
         if task.place is not None:
             return Place(bin=task.place)
         assert goal is not None
-        heading = None if goal.heading_deg is None else goal.heading_deg * _DEG
+        heading = None if goal.heading_deg is None else goal.heading_deg * DEG
         return DriveTo(point=(goal.x, goal.y), heading=heading, tolerance=goal.tolerance)
 
     def _kept_agents(self) -> dict[str, fmt.AgentFile]:
@@ -280,7 +278,7 @@ def extent(scene: Scene) -> tuple[float, float, float, float]:
 
 
 def _pose(pose: fmt.PoseFile) -> PlanarPose:
-    return (pose.x, pose.y, pose.heading_deg * _DEG)
+    return (pose.x, pose.y, pose.heading_deg * DEG)
 
 
 def _noise(part: fmt.NoiseFile | str | None) -> Noise:
@@ -306,8 +304,8 @@ def _plain_units(part: msgspec.Struct) -> dict[str, Any]:
         if value is None:
             continue
         stem, _, unit = key.rpartition("_")
-        if unit in _UNITS:
-            fields[stem] = value * _UNITS[unit]
+        if unit in fmt.UNITS:
+            fields[stem] = value * fmt.UNITS[unit]
         else:
             fields[key] = value
     return fields

@@ -15,10 +15,11 @@ from rich.console import Console
 from motm_twin.bus.client import TwinClient
 from motm_twin.bus.commands import AddObstacle, Pause, RemoveBody, Speed
 from motm_twin.bus.messages import TickMessage
+from motm_twin.bus.publisher import memory_mb
 from motm_twin.model.geometry import Array
 from motm_twin.perf import page_reader
 from motm_twin.perf.page_reader import PageReader
-from motm_twin.perf.processes import Served, act, cpu_seconds, memory_mb, now, restart, served, ticks, wait_for
+from motm_twin.perf.processes import Served, act, cpu_seconds, now, restart, served, ticks, wait_for
 from motm_twin.perf.report import Limit, Report, Steps, conclude, measure, percentiles
 from motm_twin.ui.export import export_html
 from motm_twin.ui.history import History

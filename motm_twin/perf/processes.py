@@ -32,6 +32,7 @@ from motm_twin.methods import DEFAULT_METHOD
 from motm_twin.methods.registry import find_method
 from motm_twin.model.scene import Scene
 from motm_twin.model.scene_file import load_scene
+from motm_twin.program import THREADS
 from motm_twin.trial import run_scene
 from motm_twin.ui.page_server import VARIABLE, page_url
 
@@ -40,7 +41,6 @@ STOP = 10.0  # [s]
 DRIVEN = "is driving"  # what a refusal says while somebody else has the wheel
 WHEEL = 15.0  # [s] to wait for the wheel
 _TICKS = os.sysconf("SC_CLK_TCK")
-_PAGE = os.sysconf("SC_PAGE_SIZE")
 
 
 @dataclass(frozen=True)
@@ -129,11 +129,6 @@ def cpu_seconds(pid: int) -> float:
     return (int(fields[11]) + int(fields[12])) / _TICKS
 
 
-def memory_mb(pid: int) -> float:
-    """Resident memory of a process [MB]."""
-    return int(Path(f"/proc/{pid}/statm").read_text().split()[1]) * _PAGE / 1e6
-
-
 def act(client: TwinClient, command: Command) -> None:
     """Send a command and let go of the wheel, so that a page may take it. Raises RuntimeError when it is refused."""
     deadline = time.monotonic() + WHEEL
@@ -186,7 +181,6 @@ ROLES = {  # name: module and function, which is given the arguments and gives t
 WORKER_START = 300.0  # [s] until a worker is ready: the first twin compiles its kernels
 ANSWER = 120.0  # [s] until a worker has answered
 WORKER_STOP = 5.0  # [s]
-THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 Works = dict[str, Callable[..., Any]]
 

@@ -22,9 +22,10 @@ from motm_twin.bus.client import TwinClient
 from motm_twin.bus.commands import Speed
 from motm_twin.bus.connection import LOOPBACK, PortTaken, free_port, require_free_port
 from motm_twin.bus.private_folder import FILE, own_credentials
+from motm_twin.bus.publisher import memory_mb
 from motm_twin.perf import bus, fuzz
 from motm_twin.perf.bus import Measured
-from motm_twin.perf.processes import Worker, act, memory_mb, one_thread, restart, ticks, wait_for
+from motm_twin.perf.processes import Worker, act, one_thread, restart, ticks, wait_for
 from motm_twin.perf.report import Limit, Report, Steps, Values, conclude, measure, percentiles
 from motm_twin.sessions.session import Session
 

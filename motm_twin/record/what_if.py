@@ -32,16 +32,15 @@ from motm_twin.interrupts import end_with_parent, put_off
 from motm_twin.methods.registry import find_method
 from motm_twin.model.edits import Edit, InsertTask, ParameterValue, SetParameter
 from motm_twin.model.names import MethodError
-from motm_twin.model.period import PERIOD
+from motm_twin.model.period import PERIODS_PER_SECOND
 from motm_twin.planning.types import SearchBudget
-from motm_twin.program import BAD_INPUT, FAILED, OK
+from motm_twin.program import BAD_INPUT, FAILED, OK, THREADS
 from motm_twin.record.replay import begin
 from motm_twin.sessions.branches import Log
 from motm_twin.sessions.session import Session, SessionError, decode_session, encode_session, load_session
 from motm_twin.twin import Twin
 from motm_twin.warm_up import compile_kernels
 
-PERIODS_PER_SECOND = round(1.0 / PERIOD)
 _SWITCH = {"true": True, "on": True, "yes": True, "false": False, "off": False, "no": False}
 Changes = dict[str, ParameterValue]
 MOVERS = ("temi", "person")  # kinds of bodies that drive or walk by themselves
@@ -253,7 +252,6 @@ def _sample(name: str, tick: Tick) -> Sample:
 
 
 NICE = 10  # the live twin comes first
-_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 
 class _Broken(msgspec.Struct, frozen=True, kw_only=True):
@@ -278,7 +276,7 @@ def compare(session: Session, changes: Changes, start: int, method: str | None =
 
     Raises SessionError when the session cannot be run, RunBroke when a process died. Ends its processes in any case.
     """
-    for name in _THREADS:
+    for name in THREADS:
         os.environ.setdefault(name, "1")
     compile_kernels()
     context = multiprocessing.get_context("spawn")

@@ -1,7 +1,6 @@
 """Limits of the scene format, applied to the resolved scene inside a session."""
 
 import functools
-import math
 import re
 from typing import Annotated, Any, Literal
 
@@ -13,8 +12,6 @@ from motm_twin.model.scene_error import SceneError
 from motm_twin.model.scene_shapes import is_simple
 from motm_twin.model.scene_yaml import Node
 
-_DEG = math.pi / 180.0
-_UNITS = {"deg": _DEG, "dps": _DEG, "dps2": _DEG, "mps": 1.0, "mps2": 1.0, "hz": 1.0}
 _SECTIONS = {
     "solids": "furniture",
     "objects": "objects",
@@ -142,11 +139,11 @@ def _within(part: Any, limits: type[msgspec.Struct], place: str, skip: tuple[str
     """Fields that the scene format has, in its units, within its limits."""
     for field in _fields(limits):
         stem, _, unit = field.name.rpartition("_")
-        name, scale = (stem, _UNITS[unit]) if unit in _UNITS else (field.name, 1.0)
+        name, scale = (stem, scene_format.UNITS[unit]) if unit in scene_format.UNITS else (field.name, 1.0)
         if name in skip or name not in part.__struct_fields__:
             continue
         value = getattr(part, name)
-        if unit in _UNITS and value is not None:
+        if unit in scene_format.UNITS and value is not None:
             value = round(value / scale, 9)
         _fits(value, field.type, f"{place}.{name}")
 

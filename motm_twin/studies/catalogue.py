@@ -10,7 +10,6 @@ that success means a successful grasp.
 `mismatch`: deviations of robot and world from the robot's model, on top of the usual noise, in Experiment 1.
 """
 
-import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -19,6 +18,7 @@ from typing import Any
 from motm_twin.generate.scenes import is_generated, name_of, parse_name
 from motm_twin.methods.registry import ABLATIONS, FAST, METHODS, MOTM, find_method
 from motm_twin.model.names import MethodError, hint
+from motm_twin.model.profile import DEG
 from motm_twin.model.scene_file import listing
 from motm_twin.model.scene_load import load_document
 from motm_twin.studies.spec import Experiment, TrialSpec
@@ -35,10 +35,9 @@ GRASP_FAULTS: Mapping[str, tuple[float, ...]] = {
     SLIPS: (0, 1, 2, 3),
 }
 
-_DEG = math.pi / 180.0
 ERRORS: Mapping[str, tuple[float, ...]] = {  # field of the scene: levels, the first is none
     "noise.localisation_position_sd": (0.0, 0.01, 0.02, 0.05, 0.1),  # [m]
-    "noise.localisation_heading_sd": tuple(degrees * _DEG for degrees in (0.0, 0.5, 1.0, 2.0, 5.0)),  # [rad]
+    "noise.localisation_heading_sd": tuple(degrees * DEG for degrees in (0.0, 0.5, 1.0, 2.0, 5.0)),  # [rad]
     "noise.slot_error_until_seen": (0.0, 0.01, 0.03, 0.06, 0.1),  # [m]
     "noise.camera_position_sd_at_1m": (0.0, 0.02, 0.05, 0.1, 0.2),  # [m]
     "noise.camera_position_sd_at_01m": (0.0, 0.002, 0.005, 0.01, 0.02),  # [m]
@@ -57,7 +56,7 @@ MISMATCHES: Mapping[str, Mapping[str, float]] = {  # name of the row: fields of 
     "hand-eye 10 mm": {"mismatch.hand_eye": 0.01},
     "map off by 4 cm": {"mismatch.map_offset": 0.04},
     "table 1 cm higher": {"mismatch.table_height": 0.01},
-    SHAKEN: {"noise.arm_rate_sd": 2.0 * _DEG},
+    SHAKEN: {"noise.arm_rate_sd": 2.0 * DEG},
     "moderate mixture": {
         "mismatch.command_delay": 0.05,
         "mismatch.base_lag": 0.1,
@@ -66,7 +65,7 @@ MISMATCHES: Mapping[str, Mapping[str, float]] = {  # name of the row: fields of 
         "mismatch.hand_eye": 0.005,
         "mismatch.map_offset": 0.02,
         "mismatch.table_height": 0.005,
-        "noise.arm_rate_sd": 0.25 * _DEG,
+        "noise.arm_rate_sd": 0.25 * DEG,
     },
 }
 MISMATCH_SCENE, MISMATCH_VARIANT, MISMATCH_SEEDS = "exp1", "random", 10

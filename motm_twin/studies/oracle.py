@@ -13,6 +13,7 @@ from numba import njit
 from motm_twin.control.method import BaseChoices, Materials, Method, Policies
 from motm_twin.measures.agents import Body, base_gap, body_of
 from motm_twin.model.geometry import Array
+from motm_twin.model.period import PERIOD
 from motm_twin.model.profile import RobotProfile
 from motm_twin.model.reason import Kind, Reason
 from motm_twin.model.scene import Scene
@@ -28,7 +29,6 @@ from motm_twin.planning.types import (
 )
 
 NAME = "oracle"
-PERIOD = 0.05  # [s]
 PIECE = 10  # periods of one acceleration
 LOOKS = 2  # periods between two looks at the gaps
 MARGIN = 0.06  # [m] kept from everybody: errors of localisation and speed

@@ -18,6 +18,7 @@ from motm_twin.control.tick import Tick
 from motm_twin.methods.registry import FAST, find_method
 from motm_twin.model.geometry import Array
 from motm_twin.model.names import hint
+from motm_twin.model.period import PERIOD
 from motm_twin.model.scene import Scene
 from motm_twin.perf.report import grid, load_average, machine, number, write_report
 from motm_twin.plants import make_plant, require_people
@@ -31,7 +32,6 @@ from motm_twin.trial import run_scene
 NAME = "people"
 TITLE = "Among people: CrowdNav's circle and square, corridor, doorway, one who turns, a group, DynaBARN, Experiment 2"
 TRIALS = 10
-PERIOD = 0.05  # [s]
 SEEDED = "{}"  # stands for the seed in a scene's name
 Result = dict[str, Any]
 Track = dict[str, Array]  # of each agent: positions after every period [m], shape (n, 2)

@@ -24,6 +24,7 @@ from motm_twin.methods.registry import find_method
 from motm_twin.model.edits import ParameterValue
 from motm_twin.model.names import hint
 from motm_twin.model.number import numbers_of, replaced
+from motm_twin.model.period import PERIODS_PER_SECOND
 from motm_twin.model.scene import Scene
 from motm_twin.model.scene_file import load_scene
 from motm_twin.perf.report import machine
@@ -187,7 +188,6 @@ def _text_of(method: str) -> str:
 
 
 WALL = ("tick_ms", "realtime_factor")  # measured by a clock: differ from run to run
-PERIODS_PER_S = 20
 MACHINE = "machine"  # key of where a trial was run, beside what it was made with
 
 
@@ -223,7 +223,7 @@ def run_job(job: Job) -> Outcome:
     except Exception as error:  # one broken trial must not cost the others
         where = traceback.extract_tb(error.__traceback__)[-1]
         reason = f"{type(error).__name__}: {error} ({Path(where.filename).name}:{where.lineno})"
-        result = broken(job, reason, time_s=periods / PERIODS_PER_S)
+        result = broken(job, reason, time_s=periods / PERIODS_PER_SECOND)
     result = parted(job, result, time.perf_counter() - began)
     repeats = not job.spec.numbers  # a session has no others than named parameters
     session = None if result["success"] or not repeats else session_of(job, periods, result.get("state_hash", ""))
@@ -232,7 +232,7 @@ def run_job(job: Job) -> Outcome:
 
 def given_up(job: Job, reason: str, source: str) -> Outcome:
     """The outcome of a trial whose process died: its session is as long as the scene allows, without a hash."""
-    periods = round(job.scene.time_limit * PERIODS_PER_S)
+    periods = round(job.scene.time_limit * PERIODS_PER_SECOND)
     return Outcome(
         result=parted(job, broken(job, reason), 0.0),
         made_with={**made_with(), SOURCE: source, MACHINE: machine()},
