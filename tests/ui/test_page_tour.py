@@ -3,6 +3,8 @@
 import pytest
 from page import Visitor, until
 
+from motm_twin.bus.commands import Pause
+from motm_twin.perf.processes import act
 from motm_twin.ui.scene.picking import CANDIDATE_HEIGHT
 
 
@@ -31,7 +33,9 @@ def test_the_tour_shows_a_place_and_its_costs_a_temi_in_the_way_and_why_it_plans
     visitor.press("Done")
     assert page.locator("#motm-tour").count() == 0
     page.goto("about:blank")
-    page.goto(f"{visitor.twin.url}&fixedDpr=1#cam=Top")  # a link
+    act(client, Pause())
+    until(lambda: client.status().state == "paused", 30.0, "it does not pause")
+    page.goto(f"{visitor.twin.url}&fixedDpr=1#cam=Top")  # a link, of a twin that tells nothing new
     page.locator(".cover").wait_for(state="detached", timeout=60_000)
     assert page.locator("#motm-tour").count() == 0  # once is enough
     until(lambda: looks_down(visitor), 60.0, "the link does not choose the camera")

@@ -382,6 +382,7 @@
   const link = new URLSearchParams(location.hash.slice(1));
   if (location.hash) history.replaceState(null, "", location.pathname + location.search); // Viser would try to connect to it
   const follow = () => {
+    if (!link.size || cover.isConnected || !data.now || !(ask || motm.answer)) return;
     const time = Number(link.get("t")), last = data.now?.span?.[1];
     if (link.has("cam")) say("camera", link.get("cam"));
     link.delete("cam");
@@ -401,6 +402,7 @@
     clearInterval(covered);
     cover.remove();
     say("drawn");
+    follow(); // nothing may come of a twin that stands still
     motm.offer?.();
   }, 100);
   const begun = performance.now();
@@ -417,7 +419,7 @@
     }
     if (mark === "now" || mark === "events") bring();
     if (mark === "now") propose(), motm.changed?.();
-    if (mark === "now" && link.size && !cover.isConnected && (ask || motm.answer)) follow();
+    if (mark === "now") follow();
     if (typeof value.says === "string" && says.textContent !== value.says) says.textContent = value.says;
   };
   const again = () => {
@@ -431,6 +433,7 @@
       if (message.type === "GuiTextMessage" && message.props.label === ASK) {
         ask = message.uuid;
         if (data.legend && !cover.isConnected) again(); // a new connection
+        follow();
       }
       if (mark) motm.learn(mark[1], JSON.parse(content.slice(mark[0].length)));
     }
