@@ -136,10 +136,3 @@ def test_without_a_price_of_meetings_tracks_change_nothing():
     track, plain = (1.6, -1.5, 0.0, 0.6), StaaController(ROBOT, PlanningParameters())
     alone, among = drive(world(), plain), drive(world(track), plain)
     assert msgspec.to_builtins(alone.local_poses.tolist()) == msgspec.to_builtins(among.local_poses.tolist())
-
-
-def test_a_base_that_cannot_pass_gives_way_and_says_so():
-    close = [(1.3, y, 0.0, 0.4) for y in (-1.9, -1.3, -0.7)]
-    plan = drive(world(*close), foresighted(), v=0.2)
-    assert plan.status == PlanStatus.BRAKING
-    assert plan.why is not None and plan.why.kind == Kind.GIVES_WAY
