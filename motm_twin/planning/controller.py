@@ -243,7 +243,7 @@ class StaaController:
         return arriving(problem.world.tracks, self.limits.velocity_lag)
 
     def _weights(self, problem: BaseProblem) -> Weights:
-        """What being among others costs now."""
+        """Weights of being among others in this period."""
         return weights_among(self.parameters, wary=problem.time < self.evasion.wary)
 
     def among(self, problem: BaseProblem, states: Array, times: Array) -> Array:
