@@ -18,7 +18,7 @@ from motm_twin.planning.braking import best_braking
 from motm_twin.planning.collision import Field, body_of, clearances
 from motm_twin.planning.commitment import Anew, Commitment, time_left
 from motm_twin.planning.cost_to_go import Table
-from motm_twin.planning.encounters import WORTH, Weights, costs_along, near
+from motm_twin.planning.encounters import WORTH, Weights, costs_along
 from motm_twin.planning.escape import Escape, depth_of, find_escape, find_room, find_turn, overlapping_cells
 from motm_twin.planning.evasion import Evasion, StandsItsGround
 from motm_twin.planning.global_path import GraphCache, leaves_disc, path_to_goal, rates_of, shortest_path
@@ -29,7 +29,6 @@ from motm_twin.planning.reach import Job, ReachModel, first_in_reach, first_node
 from motm_twin.planning.rtr import path_rtr, turn
 from motm_twin.planning.search_settings import (
     LAYERS,
-    LONGER,
     WIDTH,
     LocalGoal,
     Question,
@@ -125,8 +124,9 @@ class StaaController:
         """Search, and the plan that was found, or braking."""
         problem, goal, field = asked.problem, asked.goal, asked.field
         settings = search_settings(
-            self.parameters, self.limits, self.body, asked, next_weight=self._next_weight, bound=bound
-        )
+            self.parameters, self.limits, self.body, asked, next_weight=self._next_weight, bound=bound,
+            among=self._weights(problem),
+        )  # fmt: skip
         still, proximity, moving = self.ahead(problem)
         job = self.job(problem, asked.target)
         world = search_memory.World(
@@ -159,11 +159,10 @@ class StaaController:
     ) -> BasePlan:  # fmt: skip
         """The plan; where it meets others or does not arrive, a better one of a search that looks farther ahead."""
         arrives = found.status == PlanStatus.GOAL
-        here = np.array([*asked.problem.pose, *asked.problem.twist])
-        soon = LAYERS * LONGER * settings.node_duration
-        if (arrives and found.local_among[0] < WORTH) or settings.bound < math.inf:
+        if not len(world.others) or settings.bound < math.inf:
             return found
-        if not len(near(world.others, here, soon, self.limits.forward_speed, self.body)):
+        among = Among(world.others, self.body, settings.among)
+        if found.local_among[0] + self._after(asked, found, among) < WORTH:
             return found
         s = far_sighted(settings, float(found.local_to_go[0]) if arrives else math.inf)
         if self._far is None or len(self._far.scratch) <= len(asked.graph.vertex):
@@ -175,19 +174,24 @@ class StaaController:
             return found
         other = self._found(asked, s, world.job, self._far, arrives=status == staa.GOAL, cut=found.cut_by_clock)
         driven = found if arrives and found.local_to_go[0] <= other.local_to_go[0] else other
-        return self._waits(asked, world.others, s.among, driven) or driven
+        return self._waits(asked, among, driven) or driven
 
-    def _waits(self, asked: Question, others: Array, weights: Weights, driven: BasePlan) -> BasePlan | None:
+    def _after(self, asked: Question, plan: BasePlan, among: Among) -> float:
+        """Time [s] that the way on from the end of a plan loses to others; 0 for one that arrives."""
+        if plan.status == PlanStatus.GOAL:
+            return 0.0
+        last = plan.local_poses[-1]
+        onward, _ = path_to_goal(asked.graph, asked.goal.table, last[:3])
+        return best_wait(last, onward, self.limits, among, float(plan.local_times[-1])).cost
+
+    def _waits(self, asked: Question, among: Among, driven: BasePlan) -> BasePlan | None:
         """The plan to stand until others have passed, when that is cheaper than the one that would be driven."""
         here = np.array([*asked.problem.pose, *asked.problem.twist])
-        goal, among = asked.goal, Among(others, self.body, weights)
-        wait, last = best_wait(here, goal.global_path, self.limits, among), driven.local_poses[-1]
-        onward, _ = path_to_goal(asked.graph, goal.table, last[:3])
-        after = best_wait(last, onward, self.limits, among, float(driven.local_times[-1]))
-        to_go = float(driven.local_to_go[0]) + (0.0 if driven.status == PlanStatus.GOAL else after.cost)
-        if wait.track < 0 or driven.t_h + goal.after + wait.cost >= to_go:
+        wait = best_wait(here, asked.goal.global_path, self.limits, among)
+        to_go = float(driven.local_to_go[0]) + self._after(asked, driven, among)
+        if wait.track < 0 or driven.t_h + asked.goal.after + wait.cost >= to_go:
             return None
-        other = others[wait.track]
+        other = among.others[wait.track]
         why = Reason(
             kind=Kind.GIVES_WAY, subject=f"track {int(other[IDENTITY])}", value=math.hypot(other[2], other[3]),
             limit=wait.delay, unit="m/s",
@@ -238,12 +242,16 @@ class StaaController:
             return np.zeros((0, 7))  # not a read-only one: kernels are compiled once
         return arriving(problem.world.tracks, self.limits.velocity_lag)
 
+    def _weights(self, problem: BaseProblem) -> Weights:
+        """Weights of being among others in this period."""
+        return weights_among(self.parameters, wary=problem.time < self.evasion.wary)
+
     def among(self, problem: BaseProblem, states: Array, times: Array) -> Array:
         """Cost [s] that is left at each of the states (n, 5) after times [s] (n,) for being among others, (n,)."""
         others = self.others(problem)
         if not len(others):
             return frozen(np.zeros(len(states)))
-        costs = costs_along(states, times, others, self.body, weights_among(self.parameters))
+        costs = costs_along(states, times, others, self.body, self._weights(problem))
         return frozen(costs.sum() - np.cumsum(costs))
 
     def room(self, problem: BaseProblem) -> Room:

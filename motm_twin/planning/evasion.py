@@ -52,6 +52,11 @@ class EvasionState:
 class Evasion(Protocol):
     """A policy of what is done about dynamic obstacles that come too near."""
 
+    @property
+    def wary(self) -> float:
+        """Time [s] until which nobody is expected to yield."""
+        ...
+
     def instead(self, problem: BaseProblem, plan: BasePlan, body: Body, limits: BaseLimits) -> BasePlan:
         """The plan that is driven."""
         ...
@@ -59,6 +64,8 @@ class Evasion(Protocol):
 
 class StandsItsGround:
     """Nothing: dynamic obstacles are obstacles where they are (Paper)."""
+
+    wary = -math.inf
 
     def instead(self, problem: BaseProblem, plan: BasePlan, body: Body, limits: BaseLimits) -> BasePlan:
         """The plan as it is."""

@@ -10,6 +10,7 @@ import math
 
 import numpy as np
 
+from motm_twin.model.exact import turn_between
 from motm_twin.model.geometry import Array
 from motm_twin.model.motion import kernel
 from motm_twin.planning.candidates import Judged, Rule, Survey
@@ -22,8 +23,9 @@ from motm_twin.planning.types import Target
 TAKEN = 0.3  # probability from which on a place counts as taken
 WAIT_STEP, LONGEST = 0.5, 6.0  # [s] of waiting: beyond that nobody knows
 DOUBT = 2.0  # [s] that a place costs which is surely taken, less with the probability: somebody may change his way
+LOYAL = 1.0  # [s] of waiting and doubt that the place chosen before is not charged: what is expected flickers
 SAMPLE, AHEAD = 0.25, 6.0  # [m] between two looks along a way, and [s] of it
-PATHS = 12  # of the cheapest candidates are looked along
+SIDES = 12  # of a target, to each of which one way is looked along
 
 
 class InTime:
@@ -44,24 +46,33 @@ class InTime:
         dwell = target.dwell if target.kind != "drive" else 0.0
         poses, arrival = np.ascontiguousarray(judged.candidates.pose), judged.current
         _fill_waits(poses, arrival, dwell, others, SPREAD, body, waiting, doubt)
-        current = judged.current + waiting + doubt
+        among = waiting + doubt
+        among -= np.minimum(among, LOYAL * _chosen_before(target, survey, poses))
+        current = judged.current + among
         onward = survey.model.placement.next_weight * np.where(viable, judged.onward, 0.0)
-        _add_delays(current, onward, poses, survey, others)
+        _add_delays(current, onward, poses, target, survey, others)
         return judged._replace(current=current, waiting=waiting)
 
 
-def _add_delays(current: Array, onward: Array, poses: Array, survey: Survey, others: Array) -> None:
-    """Add to the costs (m,) of the cheapest candidates what they lose to others on the way."""
+def _chosen_before(target: Target, survey: Survey, poses: Array) -> Array:
+    """1 for the poses (m, 3) that are the choice of the last period, else 0; shape (m,)."""
+    goal, p = survey.last.goal, survey.model.placement
+    if goal is None or not survey.last.of(target):
+        return np.zeros(len(poses))
+    near = np.hypot(poses[:, 0] - goal[0], poses[:, 1] - goal[1]) <= p.same_place
+    return np.where(near & (turn_between(poses[:, 2], goal[2]) <= p.same_heading), 1.0, 0.0)
+
+
+def _add_delays(current: Array, onward: Array, poses: Array, target: Target, survey: Survey, others: Array) -> None:
+    """Add to the costs (m,) what the ways lose to others: those of each side lose what the cheapest of them does."""
     speed = survey.model.profile.base.forward_speed
-    order = np.argsort(current + onward, kind="stable")[:PATHS]
-    best = math.inf
-    for i in order.tolist():
-        if current[i] + onward[i] >= best:
-            return
-        turned = poses[i] + np.array([0.0, 0.0, math.pi])
-        path = path_to_goal(survey.here.graph, survey.from_robot, turned)[0][::-1]
-        current[i] += delay_along(path, speed, others, survey.model.body)
-        best = min(best, current[i] + onward[i])
+    offset = poses[:, :2] - target.position[:2]
+    side = np.floor(np.arctan2(offset[:, 1], offset[:, 0]) * (0.5 * SIDES / math.pi)).astype(np.int64)
+    for one in np.unique(side[np.isfinite(current)]).tolist():
+        members = np.flatnonzero((side == one) & np.isfinite(current))
+        pose = poses[members[np.argmin(current[members] + onward[members])]]
+        path = path_to_goal(survey.here.graph, survey.from_robot, pose + np.array([0.0, 0.0, math.pi]))[0][::-1]
+        current[members] += delay_along(path, speed, others, survey.model.body)
 
 
 def delay_along(path: Array, speed: float, others: Array, body: Body) -> float:

@@ -29,7 +29,7 @@ class Spread(NamedTuple):
     along: float = 0.08  # his way: of speed
     across: float = 0.06  # of direction
     starts: float = 0.20  # of one who stands, and may start to walk; less the faster he is
-    room: float = 0.20
+    room: float = 0.05
 
 
 SPREAD = Spread()

@@ -24,6 +24,7 @@ _SHARED = {each.name for each in dataclasses.fields(StaaParameters)} & set(Setti
 
 # A search among others looks farther ahead, in longer steps: longer than `node_duration` by a factor, and coarser.
 LONGER, NOTCHES, CELL, HEADING_BINS, LAYERS, WIDTH = 2.0, 3, 0.2, 16, 10, 60
+WARY, WARY_ROOM = 5.0, 0.2  # times the courtesy, and room [m], among those who do not yield
 
 
 class LocalGoal(NamedTuple):
@@ -52,8 +53,10 @@ class Question(NamedTuple):
     next_table: Table | None
 
 
-def weights_among(p: StaaParameters) -> Weights:
-    """Weights of a node of the search among others."""
+def weights_among(p: StaaParameters, *, wary: bool) -> Weights:
+    """Weights of a node of the search among others. ``wary``: they are not expected to yield."""
+    if wary:
+        return Weights(p.risk_weight, WARY * p.courtesy_weight * p.node_duration, SPREAD._replace(room=WARY_ROOM))
     return Weights(p.risk_weight, p.courtesy_weight * p.node_duration, SPREAD)
 
 
@@ -66,8 +69,9 @@ def far_sighted(s: Settings, bound: float) -> Settings:
 
 
 def search_settings(
-    p: StaaParameters, limits: BaseLimits, body: Body, asked: Question, *, next_weight: float, bound: float
-) -> Settings:
+    p: StaaParameters, limits: BaseLimits, body: Body, asked: Question, *, next_weight: float, bound: float,
+    among: Weights,
+) -> Settings:  # fmt: skip
     """The numbers of one search. ``bound`` [s]: a plan that costs as much is of no use."""
     problem, goal = asked.problem, asked.goal
     by_job = p.termination == "task" and not is_avoided(problem.pose, problem.stuck_at)
@@ -99,7 +103,7 @@ def search_settings(
         region_y=float(problem.pose[1]),
         region_radius=p.local_radius + 1.0,
         bound=bound,
-        among=weights_among(p),
+        among=among,
         layers=0,
         width=0,
     )

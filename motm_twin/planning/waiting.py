@@ -44,9 +44,9 @@ def best_wait(state: Array, path: Array, limits: BaseLimits, among: Among, begin
     path, length = path[kept], np.concatenate(([0.0], np.cumsum(steps)))
     v, a, top = abs(float(state[3])), limits.linear_acceleration, limits.forward_speed
     times = np.arange(1, round(AHEAD / LOOK) + 1) * LOOK
-    from_rest = np.where(times < top / a, 0.5 * a * times**2, top * times - 0.5 * top * top / a)
     stands = min(0.5 * v * v / a, float(length[-1]))
-    going, standing = _along(path, length, v * times), _along(path, length, stands + from_rest)
+    going = _along(path, length, gone(v, top, a, times))
+    standing = _along(path, length, stands + gone(0.0, top, a, times))
     here = np.array([*(np.interp(stands, length, column) for column in path.T), state[2]])
     best = Wait(0.0, _cost(here, *going, begins + times, 0.0, *among), -1)
     for delay in np.arange(DELAY, LONGEST + 0.5 * DELAY, DELAY).tolist():
@@ -57,6 +57,13 @@ def best_wait(state: Array, path: Array, limits: BaseLimits, among: Among, begin
     if best.delay == 0.0:
         return best
     return best._replace(track=int(_whom(*going, begins + times, *among)))
+
+
+def gone(speed: float, top: float, acceleration: float, times: Array) -> Array:
+    """Ways [m] after times [s] of a base that speeds up to its top speed [m/s], at an acceleration [m/s^2]."""
+    until = (top - speed) / acceleration  # [s]
+    speeding = np.minimum(times, until)
+    return speed * speeding + 0.5 * acceleration * speeding**2 + top * np.maximum(0.0, times - until)
 
 
 def _along(path: Array, length: Array, gone: Array) -> tuple[Array, Array]:
