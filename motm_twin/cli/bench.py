@@ -140,7 +140,7 @@ def _list_groups(console: Console) -> None:
     for name in (name for name in whole if name not in ALL):
         table.add_row(name, f"{whole[name][0]} min", whole[name][1])
     table.add_row(barn.NAME, "", f"{barn.TITLE}; then scene files, or --worlds N")
-    table.add_row(people.NAME, "", f"{people.TITLE}; --situations, --methods, --trials N of each")
+    table.add_row(people.NAME, "", f"{people.TITLE}; --situations, --methods, --trials N of each from seed --first")
     table.add_row(tracker.NAME, "", f"{tracker.TITLE}; --situations, --trials N of each")
     table.add_section()
     for name in ONLY_EXPERIMENTS:
@@ -195,7 +195,9 @@ def _bench_barn(given: BenchSettings, console: Console) -> int:
 def _bench_people(given: BenchSettings, console: Console) -> int:
     """Run situations among people; the exit code, 2 for names that are none, 1 when a trial was without success."""
     try:
-        good = people.bench_people(given.situations, given.methods, given.trials, given.workers, given.out, console)
+        good = people.bench_people(
+            given.situations, given.methods, given.trials, given.workers, given.out, console, given.first
+        )
     except ValueError as error:
         return _refused(error, console)
     return OK if good else FAILED

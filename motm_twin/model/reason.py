@@ -224,7 +224,7 @@ _SENTENCES = {
         "no collision-free motion towards {subject} ({limit:.0f} tried, {value:.2f} m of clearance): braking"
     ),
     Kind.MAKES_WAY: "moving out of the way of something that comes at {value:.1f} m/s",
-    Kind.GIVES_WAY: "giving way to {subject}, which comes at {value:.1f} m/s, for {limit:.1f} s",
+    Kind.GIVES_WAY: "giving way to {subject}, which comes at {value:.1f} m/s",
     Kind.IS_GIVEN_WAY: "{subject}, which goes at {value:.1f} m/s, has to give way in {limit:.1f} s",
     Kind.PASSES_BEHIND: "passing behind {subject}, which goes at {value:.1f} m/s and is nearest in {limit:.1f} s",
     Kind.PASSES_IN_FRONT: (

@@ -85,14 +85,17 @@ class Case(msgspec.Struct, frozen=True, kw_only=True):
     method: str
 
 
-def cases(situations: Sequence[str], methods: Sequence[str], trials: int) -> list[Case]:
-    """All methods on every seed of every situation. Raises ValueError (SceneError, MethodError) for unknown names."""
+def cases(situations: Sequence[str], methods: Sequence[str], trials: int, first: int = 0) -> list[Case]:
+    """All methods on seeds from the first on, of every situation.
+
+    Raises ValueError (SceneError, MethodError) for unknown names.
+    """
     for name in situations:
         if name not in SITUATIONS:
             raise ValueError(f"there is no situation {name!r}; {hint(name, SITUATIONS)}")
-    if trials < 1:
-        raise ValueError(f"{trials} trials: at least 1 is needed")
-    named = [(name, seed, method) for name in situations for seed in range(trials) for method in methods]
+    if trials < 1 or first < 0:
+        raise ValueError(f"{trials} trials from seed {first} on: at least 1 is needed, and no seed is below 0")
+    named = [(name, seed, method) for name in situations for seed in range(first, first + trials) for method in methods]
     known = ((name, seed, FAST.name if method == ORACLE else method) for name, seed, method in named)
     jobs = jobs_of(SITUATIONS[name].spec(seed, method) for name, seed, method in known)
     for job, (_, _, method) in zip(jobs, named, strict=True):
@@ -192,13 +195,14 @@ def _made_way(conflicts: Sequence[Mapping[str, Any]]) -> dict[str, int]:
 
 
 def bench_people(
-    situations: Sequence[str], methods: Sequence[str], trials: int | None, workers: int, out: Path, console: Console
-) -> bool:
+    situations: Sequence[str], methods: Sequence[str], trials: int | None, workers: int, out: Path, console: Console,
+    first: int = 0,
+) -> bool:  # fmt: skip
     """Run all cases, print the table, write ``out/people.json``; True when all succeeded.
 
     Raises ValueError (SceneError, MethodError) for names that are none, and without the extra that a situation needs.
     """
-    runs = cases(situations or tuple(SITUATIONS), methods or (FAST.name,), TRIALS if trials is None else trials)
+    runs = cases(situations or tuple(SITUATIONS), methods or (FAST.name,), TRIALS if trials is None else trials, first)
     console.print(f"\n[bold]{NAME}[/bold]: {TITLE}")
     results: list[Result] = []
     for done, (index, outcome) in enumerate(outcomes(meet, runs, local_pool(workers)), 1):

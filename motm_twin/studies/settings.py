@@ -30,6 +30,7 @@ class BenchSettings:
         kinds: Faults only: kinds of faults; none for trials without one.
         scenes: Faults only: some of exp1, exp1a and exp2.
         situations: People and tracker only: some of the situations among people, such as circle or exp2_blind.
+        first: People only: seed of the first trial; others follow it.
         numbers: Screening only: numbers of docs/parameters.md, or groups, such as arm.qp or planning.reach.r_min.
         quick: Growth, anytime, solvers and grasp_rule only: a few points, half a minute.
         plant: simulated: kinematic; mujoco: contact dynamics (docs/physics.md), for groups of trials and experiments.
@@ -53,6 +54,7 @@ class BenchSettings:
     kinds: tuple[str, ...] = ()
     scenes: tuple[str, ...] = ()
     situations: tuple[str, ...] = ()
+    first: int = 0
     numbers: tuple[str, ...] = ()
     quick: FlagCreatePairsOff[bool] = False
     worlds: int | None = None

@@ -55,3 +55,9 @@ def test_names_that_are_none_are_refused(tmp_path, capsys):
     assert "circle" in capsys.readouterr().out
     assert main(["people", "--methods", "nobody", "--out", str(tmp_path)]) == 2
     assert main(["people", "--trials", "0", "--out", str(tmp_path)]) == 2
+
+
+def test_trials_begin_with_the_seed_that_is_named():
+    assert [case.job.scene.seed for case in cases(["circle"], ["fast"], 2, 20)] == [20, 21]
+    with pytest.raises(ValueError, match="from seed -1"):
+        cases(["circle"], ["fast"], 2, -1)
