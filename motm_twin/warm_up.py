@@ -6,10 +6,11 @@ processes; what is left is compiled where it is called, and `program_clock` does
 
 import math
 import os
+import subprocess
 import sys
+import threading
 import time
 from collections.abc import Callable
-from multiprocessing import connection, get_context
 from pathlib import Path
 
 import msgspec
@@ -24,7 +25,6 @@ from motm_twin.control.arm.program import base_bounds, joint_bounds
 from motm_twin.control.arm.types import ArmGoal, ArmInputs, ArmObstacles
 from motm_twin.control.monitor import Monitor
 from motm_twin.control.self_check import SelfCheck, SelfCheckSettings
-from motm_twin.interrupts import deaf, end_with_parent
 from motm_twin.measures.agents import compile_gaps
 from motm_twin.measures.people import compile_meetings
 from motm_twin.methods.registry import find_method
@@ -47,6 +47,7 @@ from motm_twin.sim.plant import SimulatedPlant
 from motm_twin.twin import Twin
 
 ARM_STEP = 0.01  # [s]
+LOOK = 0.1  # [s] between two looks at what compiles
 PERIODS = 10
 WATCHED = 80  # periods of things that move
 METHODS = ("motm", "foresight", "irm")  # that have all kernels of methods between them
@@ -106,26 +107,35 @@ def compile_kernels(tell: Callable[[str], None] = _tell) -> None:
             "Set NUMBA_CACHE_DIR to a folder of yours."
         )
         return
-    parts = (warm_up_search, _plant, _arm, _perception, warm_up_placement)
     tell("Compiling the numeric kernels, once per installation: half a minute on a quick machine, two on a slow one.")
-    context, began = get_context("spawn"), time.monotonic()
-    processes = [context.Process(target=_ends_with_parent, args=(part,)) for part in parts]
-    with deaf():
-        for process in processes:
-            process.start()
+    began, done, processes = time.monotonic(), 0, [_start(name) for name in PARTS]
     try:
-        waiting = {process.sentinel for process in processes}
-        while waiting:
-            waiting -= set(connection.wait(waiting))
-            tell(f"  {len(parts) - len(waiting)} of {len(parts)} parts after {time.monotonic() - began:.0f} s")
+        while done < len(processes):
+            time.sleep(LOOK)
+            ended = sum(process.poll() is not None for process in processes)
+            if ended > done:
+                done = ended
+                tell(f"  {done} of {len(processes)} parts after {time.monotonic() - began:.0f} s")
     finally:
         for process in processes:
             process.kill()
+            process.wait()
 
 
-def _ends_with_parent(part: Callable[[], object]) -> None:
-    end_with_parent()
-    part()
+def _start(part: str) -> subprocess.Popen[bytes]:
+    """A process that compiles a part, and ends when its standard input does, with this process at the latest."""
+    here = str(Path(__file__).parents[1])
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, (here, os.environ.get("PYTHONPATH"))))}
+    command = [sys.executable, "-m", "motm_twin.warm_up", part]
+    return subprocess.Popen(command, stdin=subprocess.PIPE, env=environment, start_new_session=True)  # noqa: S603
+
+
+def _end_with_input() -> None:
+    def watch() -> None:
+        sys.stdin.read()
+        os._exit(1)
+
+    threading.Thread(target=watch, name="parent", daemon=True).start()
 
 
 def _plant() -> None:
@@ -234,8 +244,21 @@ def _arm_inputs(observation: Observation) -> ArmInputs:
     )
 
 
+PARTS = {
+    "search": warm_up_search,
+    "arm": _arm,
+    "perception": _perception,
+    "plant": _plant,
+    "placement": warm_up_placement,
+}  # the longest first
+
+
 def main() -> None:
-    """Compile everything, by running the twin."""
+    """Compile everything, by running the twin; with the name of a part, only that."""
+    if len(sys.argv) > 1 and sys.argv[1] in PARTS:
+        _end_with_input()
+        PARTS[sys.argv[1]]()
+        return
     compile_kernels()
     compile_gaps()
     compile_meetings()

@@ -43,8 +43,7 @@ def cold(monkeypatch, tmp_path):
 
 
 def test_the_first_start_says_that_it_compiles_and_how_far_it_is(cold, monkeypatch) -> None:
-    for name in ("warm_up_search", "_plant", "_arm", "_perception", "warm_up_placement"):
-        monkeypatch.setattr(warm_up, name, time.time)
+    monkeypatch.setattr(warm_up, "_start", lambda part: subprocess.Popen([sys.executable, "-c", f"'{part}'"]))
     said: list[str] = []
     compile_kernels(said.append)
     assert said[0].startswith("Compiling the numeric kernels, once per installation")
@@ -60,27 +59,23 @@ def test_where_kernels_cannot_be_kept_it_says_so_once_and_compiles_as_it_goes(co
 
 
 def test_what_compiles_ends_with_its_parent(tmp_path) -> None:
-    mark = tmp_path / "alive"
-    code = f"""
-import os, sys, time
-from multiprocessing import get_context
-from motm_twin.interrupts import end_with_parent
-def part():
-    end_with_parent()
-    while True:
-        open({str(mark)!r}, "w").write(str(time.time()))
-        time.sleep(0.05)
-if __name__ == "__main__":
-    get_context("spawn").Process(target=part).start()
-    while not os.path.exists({str(mark)!r}):
-        time.sleep(0.02)
-    os._exit(0)
-"""
-    script = tmp_path / "parent.py"
-    script.write_text(code)
+    process = warm_up._start("search")
+    assert process.stdin is not None
+    process.stdin.close()
+    assert process.wait(60.0) == 1
+
+
+def test_a_script_of_three_lines_may_be_the_first_start(tmp_path) -> None:
+    """Processes that import the script again would run it again."""
+    script = tmp_path / "script.py"
+    script.write_text(
+        "from motm_twin import warm_up\nprint('once')\nwarm_up.is_warm = lambda: False\n"
+        "warm_up.PARTS = {'placement': None}\nwarm_up.compile_kernels()\n"
+    )
     environment = os.environ | {"PYTHONPATH": str(Path.cwd())}
-    subprocess.run([sys.executable, str(script)], check=True, timeout=60, env=environment)
-    deadline = time.monotonic() + 20.0
-    while time.time() - mark.stat().st_mtime < 1.0:
-        assert time.monotonic() < deadline, "it goes on"
-        time.sleep(0.1)
+    done = subprocess.run(
+        [sys.executable, str(script)], capture_output=True, text=True, timeout=200, check=True, env=environment
+    )
+    assert done.stdout == "once\n"
+    assert "1 of 1 parts" in done.stderr
+    assert "Traceback" not in done.stderr

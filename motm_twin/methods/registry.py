@@ -10,6 +10,7 @@ import numpy as np
 from motm_twin.control.method import BaseChoices, Materials, Method, make_way
 from motm_twin.control.tuning import PRESETS
 from motm_twin.model.edits import ParameterValue
+from motm_twin.model.geometry import frozen
 from motm_twin.model.known import KnownWorld
 from motm_twin.model.names import MethodError, hint
 from motm_twin.model.state import HasState
@@ -17,8 +18,8 @@ from motm_twin.perception.movers import MoverParameters, standing
 from motm_twin.perception.still_map import StandingMap, StillMap
 from motm_twin.planning.commitment import KeepPlans
 from motm_twin.planning.every_ring import EveryRing
+from motm_twin.planning.heed import Heed
 from motm_twin.planning.in_time import InTime
-from motm_twin.planning.prediction import arriving
 from motm_twin.planning.types import BaseProblem
 from motm_twin.rivals.holistic import HOLISTIC
 from motm_twin.rivals.motm2022 import MOTM2022
@@ -92,9 +93,9 @@ ABLATIONS = (
 class IgnoreFarMovers:
     """The map without distant dynamic obstacles, which will have moved when the robot arrives."""
 
-    def __init__(self, known: KnownWorld, *, tracks: bool = False) -> None:
-        """``tracks``: without those that are tracked and go on, too, for those who meet them where they will be."""
-        self._movers, self._tracks = MoverParameters(), tracks
+    def __init__(self, known: KnownWorld, heed: Heed | None = None) -> None:
+        """``heed``: those who are tracked and go on are met where they will be, and are not in the map."""
+        self._movers, self._heed = MoverParameters(), heed
         self.standing = StandingMap(known)
         self.still = StillMap(known, self._movers)  # without the near ones, too
 
@@ -102,19 +103,24 @@ class IgnoreFarMovers:
         """The problem in that map; unchanged without such obstacles."""
         world = problem.world
         gone = world.movers[world.movers[:, 5] == 0.0][:, :5]
-        if self._tracks:
-            gone = np.concatenate((gone, arriving(world.tracks, 0.0)[:, :5]))
+        if self._heed is None:
+            without = self.standing.without(world, standing(world, gone, self._movers))
+            return problem if without is world else msgspec.structs.replace(problem, world=without)
+        others = self._heed.of(problem)
+        gone = np.concatenate((gone, others.go_on[:, :5]))
         without = self.standing.without(world, standing(world, gone, self._movers))
-        return problem if without is world else msgspec.structs.replace(problem, world=without)
+        without = msgspec.structs.replace(without, tracks=frozen(others.go_on))
+        return msgspec.structs.replace(problem, world=without, yielding=others.yields, wary=others.wary)
 
     def memory(self) -> dict[str, HasState]:
-        """Both maps."""
-        return {"standing": self.standing, "still": self.still}
+        """Both maps, and who has yielded."""
+        maps: dict[str, HasState] = {"standing": self.standing, "still": self.still}
+        return maps if self._heed is None else {**maps, "heed": self._heed}
 
 
 def expect_tracks(known: KnownWorld) -> IgnoreFarMovers:
-    """The map without dynamic obstacles that are far away, or tracked on their way."""
-    return IgnoreFarMovers(known, tracks=True)
+    """The map without dynamic obstacles that are far away, or that will go on."""
+    return IgnoreFarMovers(known, Heed(known))
 
 
 def all_rings(materials: Materials) -> EveryRing:
@@ -152,10 +158,11 @@ FAST = Method(
 FORESIGHT = Method(
     name="foresight",
     title="MotM, with foresight",
-    summary="As `fast`, but it expects people where they will be, passes behind them, and is passively safe.",
+    summary="As `fast`, but it meets those who do not yield where they will be, passes behind, and is passively safe.",
     source="own",
     chosen=(
-        "Tracked obstacles go on straight, in ellipses that grow. Candidates, ways to them and nodes of the search "
+        "Those who are slow are trusted to yield, as in `fast`, until somebody has not. Others go on straight, in "
+        "ellipses that grow. Candidates, ways to them and nodes of the search "
         "cost what the probability of a meeting says at the time when the base is there; a place that is free soon "
         "is waited for. The others' time that a plan takes is a cost, five times as much among those who have not "
         "yielded. Where the search meets somebody, one in layers looks 6 s ahead; last comes the motion that stays "

@@ -244,7 +244,7 @@ class StaaController:
 
     def _weights(self, problem: BaseProblem) -> Weights:
         """Weights of being among others in this period."""
-        return weights_among(self.parameters, wary=problem.time < self.evasion.wary)
+        return weights_among(self.parameters, wary=problem.wary)
 
     def among(self, problem: BaseProblem, states: Array, times: Array) -> Array:
         """Cost [s] that is left at each of the states (n, 5) after times [s] (n,) for being among others, (n,)."""

@@ -27,7 +27,7 @@ from motm_twin.planning.braking import stopping_clearance
 from motm_twin.planning.collision import Body, Field, clearance, field_of
 from motm_twin.planning.encounters import STEP, encounters, near
 from motm_twin.planning.parameters import EvasionParameters
-from motm_twin.planning.prediction import gap_to, gap_to_point
+from motm_twin.planning.prediction import gap_to_point
 from motm_twin.planning.types import BasePlan, BaseProblem, Encounter, PlanStatus
 
 LOOKS, LOOKED = 3, 15  # steps between two tests of the stop, and the last with one
@@ -45,17 +45,11 @@ class Room(NamedTuple):
 class EvasionState:
     """State between periods."""
 
-    wary_until: float = -math.inf  # [s]
     out_of_way: bool = False  # the last plan was an evasion
 
 
 class Evasion(Protocol):
     """A policy of what is done about dynamic obstacles that come too near."""
-
-    @property
-    def wary(self) -> float:
-        """Time [s] until which nobody is expected to yield."""
-        ...
 
     def instead(self, problem: BaseProblem, plan: BasePlan, body: Body, limits: BaseLimits) -> BasePlan:
         """The plan that is driven."""
@@ -64,8 +58,6 @@ class Evasion(Protocol):
 
 class StandsItsGround:
     """Nothing: dynamic obstacles are obstacles where they are (Paper)."""
-
-    wary = -math.inf
 
     def instead(self, problem: BaseProblem, plan: BasePlan, body: Body, limits: BaseLimits) -> BasePlan:
         """The plan as it is."""
@@ -92,17 +84,16 @@ class MakesWay(Stateful[EvasionState]):
         movers = problem.world.tracks
         movers = movers[np.hypot(movers[:, 2], movers[:, 3]) >= p.moves]
         out_of_way, state.out_of_way = state.out_of_way, False
-        if not len(movers) or plan.status in (PlanStatus.BY_HAND, PlanStatus.ESCAPING):
+        if not len(movers) + len(problem.yielding) or plan.status in (PlanStatus.BY_HAND, PlanStatus.ESCAPING):
             return plan
         here = np.array([*problem.pose, *problem.twist], dtype=np.float64)
-        if cannot_brake(here[:3], movers, p.brakes, body):
-            state.wary_until = problem.time + p.wary_for
-        horizon = p.horizon if problem.time < state.wary_until else p.horizon_trusting
-        told = near(movers, here, p.horizon, limits.forward_speed, body)
-        plan = _told(plan, sampled(plan, here, p.horizon), told, body)
-        movers = near(movers, here, horizon, limits.forward_speed, body)
+        planned = sampled(plan, here, p.horizon)
+        told = near(np.concatenate((movers, problem.yielding)), here, p.horizon, limits.forward_speed, body)
+        plan = _told(plan, planned, told, body)
+        movers = near(movers, here, p.horizon, limits.forward_speed, body)
+        if not len(movers):
+            return plan
         around = Around(movers, Room(p.room, p.room_growth), self._stop, body)
-        planned = sampled(plan, here, horizon)
         met = meeting(planned, around)
         least = p.engaged if problem.engaged else p.stays_out if out_of_way else p.least
         if met <= least:
@@ -124,19 +115,6 @@ def _told(plan: BasePlan, states: Array, movers: Array, body: Body, evaded: tupl
     """The plan with its encounters with movers (k, 7) on states (n, 5) every `STEP`."""
     found = encounters(states, movers, body, evaded)
     return msgspec.structs.replace(plan, encounters=found, courtesy=sum(other.courtesy for other in found))
-
-
-def cannot_brake(pose: Array, movers: Array, deceleration: float, body: Body) -> bool:
-    """Something drives at the base and is too near to brake before it at a deceleration [m/s^2]."""
-    for x, y, vx, vy, radius in movers[:, :5]:
-        speed = math.hypot(vx, vy)
-        way = speed * speed / (2.0 * deceleration)
-        c, s = math.cos(pose[2]), math.sin(pose[2])
-        now = gap_to(pose[0], pose[1], c, s, np.array([[x, y, radius]]), body)
-        there = np.array([[x + way * vx / speed, y + way * vy / speed, radius]])
-        if 0.0 < now and gap_to(pose[0], pose[1], c, s, there, body) < 0.0:
-            return True
-    return False
 
 
 def sampled(plan: BasePlan, here: Array, horizon: float) -> Array:

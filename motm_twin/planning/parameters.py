@@ -293,14 +293,22 @@ class CommitmentParameters:
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
+class HeedParameters:
+    """Who is expected to yield to the robot (`planning/heed.py`)."""
+
+    quick: Annotated[float, Number("m/s", OWN, "faster ones need more than a metre to stop: nobody relies on that")] = (
+        0.6
+    )
+    brakes: Annotated[float, Number("m/s^2", OWN, "deceleration with which somebody who yields may brake late")] = 0.6
+    wary_for: Annotated[float, Number("s", OWN, "after somebody has not yielded, that nobody is expected to")] = 60.0
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
 class EvasionParameters:
     """When and how a method moves out of the way of dynamic obstacles (`planning/evasion.py`)."""
 
     moves: Annotated[float, Number("m/s", OWN, "slower ones are obstacles where they are")] = 0.1
-    horizon: Annotated[float, Number("s", OWN, "of prediction when nobody is expected to yield")] = 3.0
-    horizon_trusting: Annotated[float, Number("s", OWN, "of prediction otherwise: those who yield brake by then")] = 1.2
-    wary_for: Annotated[float, Number("s", OWN, "after somebody has not yielded, that nobody is expected to")] = 60.0
-    brakes: Annotated[float, Number("m/s^2", OWN, "deceleration with which somebody who yields may brake late")] = 0.6
+    horizon: Annotated[float, Number("s", OWN, "of prediction")] = 3.0
     room: Annotated[float, Number("m", OWN, "given to a dynamic obstacle now")] = 0.10
     room_growth: Annotated[float, Number("m/s", OWN, "more for each second of prediction")] = 0.08
     least: Annotated[float, Number("s", OWN, "in its room, weighted by depth, from which the base moves")] = 0.15
@@ -321,6 +329,7 @@ class PlanningParameters:
     staa: StaaParameters = StaaParameters()
     reach: ReachParameters = ReachParameters()
     commitment: CommitmentParameters = CommitmentParameters()
+    heed: HeedParameters = HeedParameters()
     evasion: EvasionParameters = EvasionParameters()
 
 

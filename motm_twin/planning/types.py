@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from motm_twin.model.geometry import Array, frozen
 from motm_twin.model.reason import Kind, Reason
-from motm_twin.perception.world_map import WorldMap
+from motm_twin.perception.world_map import NO_TRACKS, WorldMap
 
 
 class Target(msgspec.Struct, frozen=True, kw_only=True, eq=False):
@@ -50,6 +50,8 @@ class BaseProblem(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     period: float = 0.05  # [s] for which the answer is applied
     stuck_at: Array = frozen(np.zeros((0, 3)))  # base poses from which the arm did not get to the target, (k, 3)
     recovery: Recovery = NO_RECOVERY
+    yielding: Array = NO_TRACKS  # those who move and are expected to yield; `world.tracks` are the others then, (k, 7)
+    wary: bool = False  # nobody is expected to yield
 
 
 class SearchBudget(msgspec.Struct, frozen=True, kw_only=True):

@@ -1,5 +1,6 @@
 """Moving out of the way of what would meet the base."""
 
+import msgspec
 import numpy as np
 import pytest
 
@@ -59,8 +60,6 @@ def least_gap(plan, track):
 )
 def test_a_base_that_stands_in_the_way_leaves_it(track):
     way = MakesWay(KNOWN)
-    way.snapshot()
-    way._state.wary_until = 100.0
     plan = way.instead(problem(world_with(track)), standing_plan(), BODY, PROFILE.base)
     assert plan.status == PlanStatus.ESCAPING
     assert plan.why is not None and plan.why.kind == Kind.MAKES_WAY
@@ -68,16 +67,12 @@ def test_a_base_that_stands_in_the_way_leaves_it(track):
     assert clearances(np.ascontiguousarray(plan.local_poses[:, :3]), 1.0, field_of(world_with()), BODY).min() > 0.04
 
 
-def test_it_trusts_those_who_can_still_brake_until_somebody_does_not():
-    coming = (1.7, 0.0, -0.5, 0.0, 0.25)
-    way = MakesWay(KNOWN)
-    assert way.instead(problem(world_with(coming)), standing_plan(), BODY, PROFILE.base).status == PlanStatus.IDLE
-    too_near = (0.85, 0.0, -0.6, 0.0, 0.25)
-    way.instead(problem(world_with(too_near), 1.0), standing_plan(), BODY, PROFILE.base)
-    assert way.wary > 1.0
-    assert (
-        way.instead(problem(world_with(coming), 2.0), standing_plan(), BODY, PROFILE.base).status == PlanStatus.ESCAPING
-    )
+def test_it_makes_no_way_for_those_who_are_expected_to_yield_but_tells_of_them():
+    coming = world_with((1.7, 0.0, -0.5, 0.0, 0.25)).tracks
+    asked = msgspec.structs.replace(problem(world_with()), yielding=coming)
+    plan = MakesWay(KNOWN).instead(asked, standing_plan(), BODY, PROFILE.base)
+    assert plan.status == PlanStatus.IDLE
+    assert [other.track for other in plan.encounters] == [1]
 
 
 def test_the_paper_stands_its_ground():
