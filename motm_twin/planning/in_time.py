@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-from motm_twin.model.exact import turn_between
+from motm_twin.model.exact import angle_of, turn_between
 from motm_twin.model.geometry import Array
 from motm_twin.model.motion import kernel
 from motm_twin.planning.candidates import Judged, Rule, Survey
@@ -67,7 +67,7 @@ def _add_delays(current: Array, onward: Array, poses: Array, target: Target, sur
     """Add to the costs (m,) what the ways lose to others: those of each side lose what the cheapest of them does."""
     speed = survey.model.profile.base.forward_speed
     offset = poses[:, :2] - target.position[:2]
-    side = np.floor(np.arctan2(offset[:, 1], offset[:, 0]) * (0.5 * SIDES / math.pi)).astype(np.int64)
+    side = np.floor(angle_of(offset[:, 1], offset[:, 0]) * (0.5 * SIDES / math.pi)).astype(np.int64)
     for one in np.unique(side[np.isfinite(current)]).tolist():
         members = np.flatnonzero((side == one) & np.isfinite(current))
         pose = poses[members[np.argmin(current[members] + onward[members])]]

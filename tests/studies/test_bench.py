@@ -91,6 +91,8 @@ def test_a_missed_goal_gives_exit_code_1_and_a_readable_file(monkeypatch, tmp_pa
 
 def test_an_unknown_group_is_refused_with_the_names_that_exist(capsys):
     assert command.main(["exp9"]) == 2
+    assert "did you mean exp2" in capsys.readouterr().err
+    assert command.main(["zzz"]) == 2
     assert "exp1_random" in capsys.readouterr().err
 
 

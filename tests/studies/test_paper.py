@@ -265,6 +265,8 @@ def report_among_temis(out, monkeypatch, cut_ins):
     monkeypatch.setattr(snapshots, "_photographs", lambda _, chosen: [[[[0, 0, 0]]]] * len(chosen))
     context = Context(Store({"exp1": OURS}), out, Console(quiet=True), plan="quick")
     context.episode = watched_trial(cut_ins)
+    other = msgspec.structs.replace(context.episode, spec=TrialSpec("exp2", "random", 3, "foresight"))
+    monkeypatch.setattr(Context, "with_foresight", lambda *_: other)
     write(context, origin([], "draw"), "draw", NAMES)
     return context, (out / "report.html").read_text()
 
@@ -278,6 +280,7 @@ def test_every_command_in_a_report_is_that_of_its_data(tmp_path, monkeypatch):
     commands = [each for code in codes for each in code.split("; ") if each.startswith("motm-twin")]
     one = [each for each in commands if not each.startswith("motm-twin paper") and "SCENE" not in each]
     assert sorted(one) == [
+        "motm-twin run exp2 --variant random --seed 3 --method foresight",
         "motm-twin run exp2 --variant random --seed 3 --method motm",
         "motm-twin run exp2 --variant random --seed 3 --method motm",
         "motm-twin serve exp2 --variant random --seed 3 --method motm --expansions-only",

@@ -165,7 +165,8 @@ def _watched(name: str, title: str, draw: Callable[[Episode], Part]) -> Callable
 
 def _cutting_in(context: Context) -> Part:
     def draw(episode: Episode) -> Part:
-        return watched.draw_cutting_in(episode, context.with_foresight(episode))
+        after = context.with_foresight(episode) if episode.measures["cut_ins"] else episode
+        return watched.draw_cutting_in(episode, after)
 
     return _watched(watched.CUTTING_IN_NAME, watched.CUTTING_IN_TITLE, draw)(context)
 
