@@ -1,4 +1,4 @@
-"""Who is expected to go on, though the robot is in the way: those whom the base has to make way for.
+"""Expectation of who goes on though the robot is in the way: those whom the base has to make way for.
 
 Those who yield brake in time, and making way for them too only costs time: for them a plan is as without foresight.
 Whoever is quick needs a long way to stop, and is not relied upon; nobody is, for a while after somebody has come so
