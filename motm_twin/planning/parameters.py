@@ -294,7 +294,7 @@ class CommitmentParameters:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class HeedParameters:
-    """Who is expected to yield to the robot (`planning/heed.py`)."""
+    """Numbers that tell who is expected to yield to the robot (`planning/heed.py`)."""
 
     quick: Annotated[float, Number("m/s", OWN, "faster ones need more than a metre to stop: nobody relies on that")] = (
         0.6

@@ -7,7 +7,7 @@ import re
 import msgspec
 import numpy as np
 import pytest
-from page import until, visiting
+from page import SHOWN, until, visiting
 from room import EVIL, SHELF, SHELF_TOP
 
 from motm_twin.bus.commands import AddObstacle, Announce, FreezeBody, HandOver, Pause, Reset, SendAgent
@@ -186,6 +186,7 @@ def a_hostile_name_is_only_text(visitor):
     visitor.press("Send to…")
     visitor.says(f"Click the floor where {EVIL} should go")
     visitor.press("Do not send")
+    visitor.button("Send to…").wait_for(timeout=SHOWN * 1000)  # the panel has its buttons where they were
     visitor.press("Delete")
     until(lambda: body(visitor, EVIL) is None, 30.0, "it is still there")
     assert page.evaluate("window.hacked") is None
