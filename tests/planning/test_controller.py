@@ -142,7 +142,7 @@ def test_whoever_pays_for_turning_turns_less_and_can_go_straight() -> None:
 
 
 def test_steadiness_is_not_negative() -> None:
-    with pytest.raises(ValueError, match="must not be negative"):
+    with pytest.raises(ValueError, match="steadiness and the weights of others must not be negative"):
         StaaParameters(steadiness=-0.1)
 
 

@@ -1,4 +1,4 @@
-"""Who is expected to go on, though the robot is in the way."""
+"""Expectation of who goes on, though the robot is in the way."""
 
 import numpy as np
 import pytest
