@@ -41,7 +41,7 @@ from motm_twin.model.plant import BodyTruth, Contact, CutIn, Detection, Observat
 from motm_twin.model.profile import RobotProfile
 from motm_twin.model.reason import Reason
 from motm_twin.model.scene import PlanarPose
-from motm_twin.perception.tracks import IDENTITY, RADIUS, SD, VX, VY
+from motm_twin.perception.tracks import IDENTITY, PACE, RADIUS, SD, VX, VY
 from motm_twin.perception.world_map import WorldMap
 from motm_twin.planning.prediction import ellipses
 from motm_twin.planning.types import Encounter
@@ -110,6 +110,7 @@ def _track(track: Array) -> TrackMessage:
         radius=round(float(track[RADIUS]), _DRAWN),
         position_sd=round(float(track[SD]), _DRAWN),
         expected=numbers(ellipses(track, _EXPECTED)),
+        pace=round(float(track[PACE]), _DRAWN),
     )
 
 

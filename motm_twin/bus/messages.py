@@ -104,6 +104,7 @@ class TrackMessage(msgspec.Struct, frozen=True, kw_only=True):
     radius: float  # [m]
     position_sd: float  # [m] how sure
     expected: Vectors  # after 1, 2, 3 s: [s], x, y, half axes along and across its way [m], direction; (n, 6)
+    pace: float = 0.0  # [m/s] that it has kept for half a second
 
 
 class EncounterMessage(msgspec.Struct, frozen=True, kw_only=True):

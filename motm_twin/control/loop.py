@@ -260,7 +260,7 @@ class ControlLoop(Stateful[LoopState]):
         dt = PERIOD / ARM_STEPS
         T_odom_world = odometry_to_world(observation)
         plan_poses = _to_odometry(T_odom_world, plan.local_poses)
-        obstacles = ArmObstacles.of(world, T_odom_world)
+        obstacles = ArmObstacles.of(world, T_odom_world, self.manipulator.parameters.avoidance.prediction)
         start = self.monitor.twist
         steps: list[ArmStep] = []
         samples: list[Observation] = []

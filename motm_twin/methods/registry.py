@@ -166,9 +166,16 @@ FORESIGHT = Method(
         "cost what the probability of a meeting says at the time when the base is there; a place that is free soon "
         "is waited for. The others' time that a plan takes is a cost, five times as much among those who have not "
         "yielded. Where the search meets somebody, one in layers looks 6 s ahead; last comes the motion that stays "
-        "clear best. The base stands before anything that goes on as it does is there, or moves away from it."
+        "clear best. The base stands before anything that goes on as it does is there, or moves away from it; the arm "
+        "keeps from where that will be in half a second."
     ),
-    parameters={**FAST.parameters, "passive_safety": True, "risk_weight": 10.0, "courtesy_weight": 0.4},
+    parameters={
+        **FAST.parameters,
+        "passive_safety": True,
+        "risk_weight": 10.0,
+        "courtesy_weight": 0.4,
+        "arm_prediction": 0.5,
+    },  # fmt: skip
     planner=BaseChoices(view=expect_tracks, candidates=all_rings_in_time, commitment=keep_plans, evasion=make_way),
 )
 

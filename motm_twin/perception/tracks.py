@@ -24,7 +24,7 @@ from motm_twin.perception.base_map import BaseMap, base_map
 from motm_twin.perception.scan import CheckedScan
 from motm_twin.perception.world_map import NO_TRACKS, WorldMap
 
-X, Y, VX, VY, RADIUS, SD, IDENTITY = range(7)  # columns of `WorldMap.tracks`
+X, Y, VX, VY, RADIUS, SD, IDENTITY, PACE = range(8)  # columns of `WorldMap.tracks`
 
 
 BEAMS_LOST = 3  # between two points of one segment: a few say nothing
@@ -57,6 +57,8 @@ class TrackParameters(msgspec.Struct, frozen=True, kw_only=True):
     leaves: Annotated[float, Number("m", OWN, "from its place, beyond which it does")] = 0.15
     sure: Annotated[float, Number("", OWN, "standard deviations of the speed beyond which it does, too")] = 2.5
     rests: Annotated[float, Number("s", OWN, "slower than that after which it is furniture, and no track")] = 12.0
+    keeps: Annotated[float, Number("s", OWN, "in sight, for which it must keep a speed that counts as its pace")] = 0.5
+    slackens: Annotated[float, Number("m/s^2", OWN, "by which the pace of a slower one is forgotten")] = 0.05
 
 
 @dataclass
@@ -72,6 +74,8 @@ class Track:
     hits: int = 1
     moving: bool = False
     moved: float = -math.inf  # [s] last time that it was as fast as something that moves
+    pace: float = 0.0  # [m/s] that it has kept for a while
+    speeds: list[tuple[float, float]] = field(default_factory=list)  # stamp [s] and speed [m/s] of its last scans
 
 
 @dataclass
@@ -118,7 +122,8 @@ class DynamicTracker(Stateful[TrackState]):
             c = track.covariance
             variance = c[0, 0] + c[1, 1] + 2.0 * ahead * (c[0, 2] + c[1, 3]) + ahead * ahead * (c[2, 2] + c[3, 3])
             sd = math.sqrt(max(0.5 * float(variance), 0.0))
-            rows.append((x + ahead * vx, y + ahead * vy, vx, vy, track.radius, sd, float(track.identity)))
+            place = (x + ahead * vx, y + ahead * vy)
+            rows.append((*place, vx, vy, track.radius, sd, float(track.identity), track.pace))
         return rows
 
     def _take(self, scan: CheckedScan, world: WorldMap) -> None:
@@ -130,6 +135,7 @@ class DynamicTracker(Stateful[TrackState]):
         state.stamp = scan.stamp
         for track in state.tracks:
             _predict(track.state, track.covariance, dt, p.acceleration**2 * 0.1)
+            track.pace = max(0.0, track.pace - p.slackens * dt)
         points = self._unexplained(scan, world)
         circles = np.array([(*track.state[:2].tolist(), track.radius) for track in state.tracks]).reshape(-1, 3)
         owner = owners(points.at, circles, p.rim)
@@ -201,6 +207,7 @@ class DynamicTracker(Stateful[TrackState]):
         """Say if it moves: it is fast enough, and has left its place or is surely fast; or it was just now."""
         p = self.parameters
         speed = math.hypot(track.state[2], track.state[3])
+        self._keep_pace(track, speed, now)
         sure = speed > p.sure * math.sqrt(max(track.covariance[2, 2], track.covariance[3, 3]))
         away = math.hypot(track.state[0] - track.place[0], track.state[1] - track.place[1]) > p.leaves
         if speed >= p.moves and (away or sure):
@@ -209,6 +216,15 @@ class DynamicTracker(Stateful[TrackState]):
             if track.moving or track.hits <= p.hits:
                 track.place = track.state[:2].copy()
             track.moving = False
+
+    def _keep_pace(self, track: Track, speed: float, now: float) -> None:
+        """Raise the pace to the least speed of the last while: a jump of what is seen of it is no pace."""
+        since = now - self.parameters.keeps + 1e-6
+        track.speeds.append((now, speed))
+        while len(track.speeds) > 1 and track.speeds[1][0] <= since:
+            track.speeds.pop(0)
+        if track.speeds[0][0] <= since:
+            track.pace = max(track.pace, min(speed for _, speed in track.speeds))
 
     def _lives(self, track: Track, scan: CheckedScan) -> bool:
         """It was seen lately, or something nearer hides it."""

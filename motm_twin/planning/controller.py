@@ -237,9 +237,9 @@ class StaaController:
         return field, field._replace(value=np.array(proximity, dtype=np.float32)) if grid else field, moving
 
     def others(self, problem: BaseProblem) -> Array:
-        """Tracks (k, 7) that the search meets where they are expected; none where it is told nothing of them."""
+        """Tracks (k, 8) that the search meets where they are expected; none where it is told nothing of them."""
         if self.parameters.risk_weight == 0.0:
-            return np.zeros((0, 7))  # not a read-only one: kernels are compiled once
+            return np.zeros((0, 8))  # not a read-only one: kernels are compiled once
         return arriving(problem.world.tracks, self.limits.velocity_lag)
 
     def _weights(self, problem: BaseProblem) -> Weights:

@@ -73,11 +73,6 @@ class MakesWay(Stateful[EvasionState]):
         self._stop = stop_of(known.robot, self._p.room)
         self._state = EvasionState()
 
-    @property
-    def wary(self) -> float:
-        """Time [s] until which nobody is expected to yield."""
-        return self._state.wary_until
-
     def instead(self, problem: BaseProblem, plan: BasePlan, body: Body, limits: BaseLimits) -> BasePlan:
         """The plan, or a motion that stays out of the way of what moves, where that is clearly better."""
         p, state = self._p, self._state
@@ -112,7 +107,7 @@ class MakesWay(Stateful[EvasionState]):
 
 
 def _told(plan: BasePlan, states: Array, movers: Array, body: Body, evaded: tuple[Encounter, ...] = ()) -> BasePlan:
-    """The plan with its encounters with movers (k, 7) on states (n, 5) every `STEP`."""
+    """The plan with its encounters with movers (k, 8) on states (n, 5) every `STEP`."""
     found = encounters(states, movers, body, evaded)
     return msgspec.structs.replace(plan, encounters=found, courtesy=sum(other.courtesy for other in found))
 
@@ -154,7 +149,7 @@ def evading(problem: BaseProblem, plan: BasePlan, states: Array, movers: Array) 
 class Around(NamedTuple):
     """Surroundings that motions are judged by."""
 
-    movers: Array  # tracks, (k, 7)
+    movers: Array  # tracks, (k, 8)
     room: Room
     stop: Stop
     body: Body

@@ -95,7 +95,7 @@ def way_to(x: float, y: float, discs: Array) -> float:
 
 
 def ellipses(track: Array, times: Sequence[float]) -> Array:
-    """Ellipses that hold a track (7,) after each time [s], shape (n, 6).
+    """Ellipses that hold a track (8,) after each time [s], shape (n, 6).
 
     Rows: time, x, y, half axes along and across its way [m], direction of the way [rad].
     """
@@ -107,7 +107,7 @@ def ellipses(track: Array, times: Sequence[float]) -> Array:
 
 
 def arriving(tracks: Array, lag: float) -> Array:
-    """Those of the tracks (k, 7) that go on, when the base begins to follow a plan, ``lag`` [s] from now."""
+    """Those of the tracks (k, 8) that go on, when the base begins to follow a plan, ``lag`` [s] from now."""
     going = tracks[np.hypot(tracks[:, 2], tracks[:, 3]) >= GOES].copy()
     going[:, :2] += lag * going[:, 2:4]
     going[:, 4] = np.maximum(going[:, 4], HIDES)

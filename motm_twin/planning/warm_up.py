@@ -72,7 +72,7 @@ def warm_up_evasion() -> BasePlan:
         robot=robot, start=(0.0, 0.0, 0.0), solids=(), objects=(), object_sd=0.0, bins=(), tasks=(),
         bounds=(-2.0, -2.0, 4.0, 2.0),
     )  # fmt: skip
-    tracks = frozen(np.array([[0.9, 0.1, -0.5, 0.0, 0.25, 0.03, 1.0]]))
+    tracks = frozen(np.array([[0.9, 0.1, -0.5, 0.0, 0.25, 0.03, 1.0, 0.5]]))
     problem = _problem()
     problem = msgspec.structs.replace(problem, world=msgspec.structs.replace(problem.world, tracks=tracks))
     target = msgspec.structs.replace(problem, target=None)

@@ -167,7 +167,7 @@ def floor_of(rear):
 
 def world_with(floor=None, tracks=()):
     """A map of which only floor and tracks count."""
-    rows = np.array([(*track, 0.03, 1.0) for track in tracks]).reshape(-1, 7)
+    rows = np.array([(*track, 0.03, 1.0, 0.5) for track in tracks]).reshape(-1, 8)
     nothing = np.zeros((1, 1))
     return WorldMap(
         stamp=1.0, resolution=0.05, origin=np.zeros(2), occupied=nothing.astype(np.uint8), distance=nothing,

@@ -12,7 +12,7 @@ from motm_twin.model.profile import RobotProfile
 from motm_twin.model.state import state_hash
 from motm_twin.perception.mapper import Mapper
 from motm_twin.perception.movers import MoverTracker
-from motm_twin.perception.tracks import IDENTITY, RADIUS, SD, DynamicTracker
+from motm_twin.perception.tracks import IDENTITY, PACE, RADIUS, SD, DynamicTracker
 from motm_twin.perception.world_map import WorldMap
 
 from .small_world import LIDAR, cast, scan_of
@@ -101,6 +101,20 @@ def test_somebody_who_comes_into_sight_at_speed_counts_at_once():
     """Passive safety has no time to wait until they have left the place where they were seen first."""
     maps, _ = follow(0.3, ((3.0, 0.5), (-1.0, 0.0), 0.25))
     assert len(maps[-1].tracks) == 1
+
+
+def test_a_pace_is_a_speed_that_was_kept():
+    """Of two who pass each other the one behind seems quick for a moment, as it comes out."""
+    maps, _ = follow(4.0, ((3.4, -0.8), (0.0, 0.4), 0.25), ((2.6, 0.6), (0.0, -0.4), 0.25))
+    seen = np.array([row for world in maps for row in world.tracks])
+    assert np.hypot(seen[:, 2], seen[:, 3]).max() > 0.6
+    assert seen[:, PACE].max() == pytest.approx(0.4, abs=0.05)
+
+
+def test_the_pace_of_somebody_quick_is_known_within_a_second():
+    maps, _ = follow(1.2, ((3.0, 1.5), (0.0, -1.0), 0.25))
+    (row,) = maps[-1].tracks
+    assert row[PACE] == pytest.approx(0.9, abs=0.2)
 
 
 def test_the_tracker_can_be_copied():

@@ -6,6 +6,7 @@ from test_evasion import KNOWN, problem, world_with
 
 from motm_twin.methods.registry import FAST, FORESIGHT, expect_tracks
 from motm_twin.model.scene_file import load_scene
+from motm_twin.perception.tracks import PACE
 from motm_twin.planning.heed import Heed
 from motm_twin.twin import Twin
 
@@ -17,6 +18,15 @@ def test_slow_ones_are_trusted_to_yield_and_quick_ones_are_not():
     others = Heed(KNOWN).of(problem(world_with(SLOW, QUICK)))
     assert others.yields[:, 0] == pytest.approx([SLOW[0]])
     assert others.go_on[:, 0] == pytest.approx([QUICK[0]])
+    assert not others.wary
+
+
+def test_a_speed_counts_once_it_was_kept():
+    """As somebody comes out from behind another its middle jumps."""
+    world = world_with(QUICK, TOO_NEAR)
+    world.tracks[:, PACE] = 0.4
+    others = Heed(KNOWN).of(problem(world))
+    assert len(others.yields) == 2
     assert not others.wary
 
 

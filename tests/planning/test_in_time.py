@@ -35,7 +35,7 @@ PICK = Target(kind="pick", name="cube", position=np.array([3.0, 0.0]), dwell=1.3
 
 def world(*tracks):
     """An empty floor with tracks: x, y [m], velocity [m/s]."""
-    rows = [(*track, 0.25, 0.03, 1.0 + k) for k, track in enumerate(tracks)]
+    rows = [(*track, 0.25, 0.03, 1.0 + k, 0.5) for k, track in enumerate(tracks)]
     return WorldMap(
         stamp=0.0, resolution=0.05, origin=np.array(BASE.grid.origin), occupied=BASE.occupied, distance=BASE.distance,
         proximity=np.zeros_like(BASE.distance), polygons=(), seen_points=np.zeros((0, 2)),
@@ -88,7 +88,7 @@ def test_waiting_is_the_reason_when_it_is_cheaper_than_every_other_place():
 @pytest.mark.parametrize(("start", "loses"), [(-1.5, True), (1.5, False), (-3.9, False)])
 def test_a_way_loses_time_only_to_those_who_are_on_it_when_the_base_is(start, loses):
     path = np.array([(0.0, 0.0), (4.0, 0.0)])
-    crossing = np.array([(1.5, start, 0.0, 0.5, 0.25, 0.03, 1.0)])
+    crossing = np.array([(1.5, start, 0.0, 0.5, 0.25, 0.03, 1.0, 0.5)])
     delay = delay_along(path, 0.5, crossing, BODY)
     assert (delay > 0.5) == loses
 

@@ -93,6 +93,11 @@ class AvoidanceParameters(msgspec.Struct, frozen=True, kw_only=True):
         Slider("Influence distance", "Obstacle avoidance",
             "Obstacles further from the gripper than this do not slow it.", (0.4, 1.2, 0.05),
             paper=0.6)] = 0.6  # fmt: skip
+    prediction: Annotated[float,
+        Number("s", OWN, "the arm also keeps from where moving ones will be: one that comes nearer is left sooner"),
+        Slider("Prediction for the arm", "Obstacle avoidance",
+            "The arm also keeps away from where moving obstacles will be after this time.", (0.0, 1.0, 0.1),
+            paper=0.0, name="arm_prediction")] = 0.0  # fmt: skip
     lead: Annotated[
         float, Number("m", OWN, "by which the line goes on beyond d_i: no hand brakes from 1 m/s at once")
     ] = 0.5

@@ -12,6 +12,7 @@ from motm_twin.model.plant import Actuation, Observation
 from motm_twin.model.reason import Kind, Reason
 from motm_twin.perception.world_map import WorldMap
 
+_RIM = 0.1  # [m] beyond the radius of a track, within which a point belongs to it
 NO_NEIGHBOURS = frozen(np.zeros((0, 6)))
 
 
@@ -37,12 +38,22 @@ class ArmObstacles(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     static: NDArray[np.bool_]  # in the same place for 3 s, at rest for 12 s if it was seen to move, shape (m,)
 
     @classmethod
-    def of(cls, world: WorldMap, T_odom_world: Array) -> "ArmObstacles":
-        """Points that are seen, and far sides of obstacles that may be moving."""
-        static = np.zeros(len(world.seen_points) + len(world.hidden), dtype=bool)
+    def of(cls, world: WorldMap, T_odom_world: Array, ahead: float = 0.0) -> "ArmObstacles":
+        """Points that are seen, and far sides of obstacles that may be moving; those of tracks also ``ahead`` [s]."""
+        seen = np.concatenate((world.seen_points, world.hidden))
+        later = _expected(seen, world.tracks, ahead) if ahead > 0.0 else seen[:0]
+        static = np.zeros(len(seen) + len(later), dtype=bool)
         static[: len(world.seen_points)] = world.seen_static
-        points = np.concatenate((world.seen_points, world.hidden))
-        return cls(points=from_frame(T_odom_world, points), static=static)
+        return cls(points=from_frame(T_odom_world, np.concatenate((seen, later))), static=static)
+
+
+def _expected(points: Array, tracks: Array, ahead: float) -> Array:
+    """Places of the points (n, 2) that belong to tracks (k, 8), after a time [s], shape (m, 2)."""
+    later = []
+    for x, y, vx, vy, radius in tracks[:, :5]:
+        own = np.hypot(points[:, 0] - x, points[:, 1] - y) <= radius + _RIM
+        later.append(points[own] + ahead * np.array([vx, vy]))
+    return np.concatenate(later) if later else points[:0]
 
 
 class ArmInputs(msgspec.Struct, frozen=True, kw_only=True, eq=False):
