@@ -175,7 +175,7 @@ FORESIGHT = Method(
         "risk_weight": 10.0,
         "courtesy_weight": 0.4,
         "arm_prediction": 0.5,
-    },  # fmt: skip
+    },
     planner=BaseChoices(view=expect_tracks, candidates=all_rings_in_time, commitment=keep_plans, evasion=make_way),
 )
 
