@@ -1,12 +1,19 @@
 """Waiting until others have passed, when that is cheaper than to go in front of them."""
 
+import msgspec
 import numpy as np
 import pytest
+from idealised import rectangle, world_of
 
+from motm_twin.control.tuning import tuned
+from motm_twin.methods.registry import FORESIGHT
 from motm_twin.model.profile import RobotProfile
+from motm_twin.model.reason import Kind
 from motm_twin.planning.collision import body_of
 from motm_twin.planning.encounters import Weights
+from motm_twin.planning.planner import BasePlanner
 from motm_twin.planning.prediction import SPREAD
+from motm_twin.planning.types import BaseProblem, PlanStatus, SearchBudget, Target
 from motm_twin.planning.waiting import Among, best_wait
 
 ROBOT = RobotProfile()
@@ -44,3 +51,19 @@ def test_a_base_that_gets_there_later_meets_those_who_come_later():
 
 def test_a_base_at_the_end_of_its_path_waits_for_nobody_who_keeps_clear():
     assert wait((3.0, 3.0, 0.0, 0.5), path=PATH[:1]).delay == 0.0
+
+
+@pytest.mark.parametrize("speed", [0.0, 0.4])
+def test_in_a_narrow_corridor_the_base_stands_and_says_for_whom(speed):
+    corridor = world_of((rectangle(-1.5, 0.45, 2.0, 1.95), rectangle(-1.5, -1.95, 2.0, -0.45)))
+    crossing = np.array([(2.4, -0.8, 0.0, 0.4, 0.25, 0.03, 7.0, 0.4)])
+    there = Target(kind="drive", name="there", position=np.array([4.0, 0.0]))
+    problem = BaseProblem(
+        time=0.0, world=msgspec.structs.replace(corridor, tracks=crossing), pose=np.array([0.6, 0.0, 0.0]),
+        twist=np.array([speed, 0.0]), target=there, next_target=None, engaged=False,
+    )  # fmt: skip
+    planner = BasePlanner(ROBOT, tuned(FORESIGHT.parameters).planning)
+    _, plan = planner.plan(problem, SearchBudget(expansions=300))
+    assert plan.status == PlanStatus.BRAKING
+    assert plan.why is not None and plan.why.kind == Kind.GIVES_WAY and plan.why.subject == "track 7"
+    assert plan.acceleration[0] <= 0.0
