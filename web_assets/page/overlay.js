@@ -151,7 +151,7 @@
   const propose = () => {
     const [x, y] = data.now?.going ?? [];
     const spot = x === undefined || !data.now.mine ? null : motm.pixel?.([x, y, 0.75]);
-    const asked = data.now?.free === false ? "It is not free here. Drive?" : "Drive here?";
+    const asked = data.now?.free === false ? "This place is not free. Drive anyway?" : "Drive here?";
     if (going.firstChild.textContent !== asked) going.firstChild.textContent = asked;
     going.hidden = !spot;
     if (spot) [going.style.left, going.style.top] = [`${spot[0]}px`, `${spot[1]}px`];
@@ -432,6 +432,7 @@
       const mark = typeof content === "string" && MARK.exec(content);
       if (message.type === "GuiTextMessage" && message.props.label === ASK) {
         ask = message.uuid;
+        say("width", innerWidth);
         if (data.legend && !cover.isConnected) again(); // a new connection
         follow();
       }
