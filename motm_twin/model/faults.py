@@ -131,14 +131,14 @@ KINDS: dict[str, FaultKind] = {
         FaultKind(
             name="camera_swap",
             group="camera",
-            button="Cubes swapped",
+            button="Cube swap",
             what="the two objects nearest to the camera are taken for each other",
             phrase="two objects swapped",
         ),
         FaultKind(
             name="camera_lost",
             group="camera",
-            button="Cube unseen",
+            button="Cube lost",
             what="the object nearest to the camera is not detected",
             phrase="the nearest object not detected",
         ),
