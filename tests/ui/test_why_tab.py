@@ -118,7 +118,7 @@ def test_overruns_are_counted_against_the_budget():
     period = np.full(200, 12.0)
     period[:3] = 61.0
     card = timing_card(rows(200, period=period, map=3.0, plan=6.0, arm=3.0))
-    assert "3 of 200 over 50 ms" in card
+    assert "3 of 200 over 50 ms" in card and "Computing, last 10 s" in card
     assert "<b>61.0</b>" in card
     assert "no period yet" in timing_card(rows(0))
 

@@ -144,7 +144,7 @@ def timing_card(samples: NDArray[np.float64]) -> str:
     worst = int(np.argmax(period))
     over = int((period > BUDGET).sum())
     colour = GREEN if over == 0 else RED if over > 0.01 * len(period) else AMBER
-    name = explained(_PERIOD_NAME, _PERIOD_WORDS, "period")
+    title = heading(explained(_PERIOD_NAME, _PERIOD_WORDS, "period"))
     late = f'<b style="color:{colour}">{over} of {len(period)} over {BUDGET:.0f} ms</b>'
     bars = _labelled("typical", _stack([(name, float(np.nanmedian(values))) for name, values in stages]))
     bars += _labelled("slowest", _stack([(name, float(values[worst])) for name, values in stages]))
@@ -154,7 +154,7 @@ def timing_card(samples: NDArray[np.float64]) -> str:
         low, high = np.nanpercentile(values, (50, 99))
         cells.append((dot, f"{low:.1f}", f"{high:.1f}", f"{np.nanmax(values):.1f}"))
     cells.append(("<b>period</b>", f"<b>{p50:.1f}</b>", f"<b>{p99:.1f}</b>", f"<b>{period.max():.1f}</b>"))
-    return card(ends(heading(name), late), bars, table(cells))
+    return card(ends(title, late), bars, table(cells))
 
 
 def _labelled(name: str, content: str) -> str:

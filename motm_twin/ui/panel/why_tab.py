@@ -290,7 +290,7 @@ def candidate_card(placement: PlacementMessage, index: int | None, next_weight: 
     x, y, heading_ = placement.poses[index]
     rows = [
         heading(_title(placement, index)),
-        f'<div class="mu">x {x:.2f} m, y {y:.2f} m, heading {math.degrees(heading_):.0f}&deg;</div>',
+        f'<div class="mu">x {x:.2f} m, y {y:.2f} m, heading {round(math.degrees(heading_))}&deg;</div>',
     ]
     if placement.rejected[index]:
         rows.append(sentence(f"Not possible: {placement.rejected[index]}", MUTED))
