@@ -46,7 +46,6 @@ if ! .venv/bin/python -c 'import pinocchio' 2>/dev/null; then
   tools/apt.sh libgomp1
   .venv/bin/python -c 'import pinocchio'
 fi
-echo "setup: compiling the numeric kernels (about a minute, once)"
 OMP_NUM_THREADS=1 .venv/bin/python -m motm_twin.warm_up
 touch .venv/.ready-run
 if [ "$kind" = dev ]; then

@@ -195,7 +195,7 @@ class EventWatch:
                 return
         else:
             self._dragged.pop(name, None)
-        kind = str(edit.__struct_config__.tag)
+        kind = str(edit.__struct_config__.tag).replace("_", " ")
         self._add(message, "edit", f"{kind} {name}".rstrip(), other=name)
 
     def _add(self, message: TickMessage, kind: str, text: str, *, time: float | None = None, **about: object) -> None:

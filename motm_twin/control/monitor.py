@@ -97,7 +97,7 @@ class MonitorParameters(msgspec.Struct, frozen=True, kw_only=True):
         bool,
         Number("", OWN, "stand before anything that moves on as it does is there; the paper relies on those who yield"),
         Slider("Passive safety", "Safety",
-            "The base stands before anything that moves on as it does can reach it, or moves away from it.",
+            "The base stops before anything that keeps moving as it does can reach it, or gets out of its way.",
             paper=False),
     ] = False  # fmt: skip
     passive_margin: Annotated[

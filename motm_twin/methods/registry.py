@@ -30,7 +30,7 @@ from motm_twin.rivals.stationary import STATIONARY
 MOTM = Method(
     name="motm",
     title="MotM, reactive base",
-    summary="The paper's method with a termination that predicts when the job is done.",
+    summary="The paper's method; its search ends when the job is predicted to be done.",
     source="Paper",
     chosen=(
         "Termination by the predicted end of the job instead of a path that passes the candidate, and driving on to "
@@ -41,7 +41,7 @@ MOTM = Method(
 PAPER_LITERAL = Method(
     name="paper_literal",
     title="Paper, as printed",
-    summary="Finishes when a path passes the candidate, with STAA*'s proximity grid.",
+    summary="The search ends when a path passes the candidate; STAA*'s proximity grid gives the penalty.",
     source="Paper, Sec. III and IV",
     chosen=(
         "'Sufficiently close' is 0.15 m and 20 deg: the paper gives no number. What it leaves open is as of motm: "
@@ -53,10 +53,7 @@ PAPER_LITERAL = Method(
 STAA = Method(
     name="staa",
     title="STAA* without the paper's changes",
-    summary=(
-        "The search of STAA* under the same placement and arm, with the limits, local region and closed list of all "
-        "methods."
-    ),
+    summary="STAA*'s own search; placement, arm, limits, local region and closed list are those of the other methods.",
     source="Missura et al., Short-Term Aborting A*",
     known="The authors' code, and with it every number of the search.",
     chosen=(
@@ -82,7 +79,7 @@ def _without(name: str, title: str, what: str, section: str, **parameters: Param
 ABLATIONS = (
     _without("no_goal_orientation", "no goal orientation", "the candidate's heading", "III-A", goal_orientation=False),
     _without("no_rotation_cost", "no rotation cost", "rotation in the global cost", "III-B", rotation_cost=False),
-    _without("no_pass_through", "no pass-through", "finishing on the way past", "III-C", termination="reach_goal"),
+    _without("no_pass_through", "no pass-through", "ending the search at a pass", "III-C", termination="reach_goal"),
     _without("no_penalty_scaling", "no penalty scaling", "the fading penalty", "III-D", scale_penalty=False),
     _without("no_bezier", "no Bezier", "the Bezier heuristic", "III-E", bezier=False),
     _without("no_next_target", "no next target", "the way on to the next target", "IV", next_weight=0.0),
@@ -142,7 +139,7 @@ def keep_plans(materials: Materials) -> KeepPlans:
 FAST = Method(
     name="fast",
     title="MotM, fast",
-    summary="The paper's method, which keeps to its plans, considers all rings, and leaves out what moves far away.",
+    summary="The paper's method, but it keeps its plans, considers all rings, and ignores moving obstacles far away.",
     source="own",
     chosen=(
         "A plan is kept until a search finds one that is cheaper than the rest of it. Candidates lie on all rings of "
@@ -158,7 +155,7 @@ FAST = Method(
 FORESIGHT = Method(
     name="foresight",
     title="MotM, with foresight",
-    summary="As `fast`, but it meets those who do not yield where they will be, passes behind, and is passively safe.",
+    summary="Like fast, but it predicts others, passes behind those who do not yield, and is passively safe.",
     source="own",
     chosen=(
         "Those who are slow are trusted to yield, as in `fast`, until somebody has not. Others go on straight, in "

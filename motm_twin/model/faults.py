@@ -93,7 +93,7 @@ KINDS: dict[str, FaultKind] = {
         _by(
             "lidar_nan",
             "lidar",
-            "Lidar nan",
+            "Lidar NaN",
             "a share of the beams, at least one, says nan",
             "{:.3g} of the lidar's beams nan",
             (0.0, 1.0, 0.3),
@@ -122,7 +122,7 @@ KINDS: dict[str, FaultKind] = {
         _by(
             "camera_ghost",
             "camera",
-            "Ghost",
+            "Ghost cube",
             "an object is reported beside where it stands, whatever the camera looks at",
             "a ghost {:.2f} m beside an object",
             (0.1, 2.0, 0.3),
@@ -131,14 +131,14 @@ KINDS: dict[str, FaultKind] = {
         FaultKind(
             name="camera_swap",
             group="camera",
-            button="Swapped",
+            button="Cube swap",
             what="the two objects nearest to the camera are taken for each other",
             phrase="two objects swapped",
         ),
         FaultKind(
             name="camera_lost",
             group="camera",
-            button="Lost",
+            button="Cube lost",
             what="the object nearest to the camera is not detected",
             phrase="the nearest object not detected",
         ),

@@ -284,6 +284,8 @@ def sentence(reason: Reason) -> str:
             return f"slowed to {share}: {reason.cause}"
         case Kind.BY_HAND if reason.other:
             return f"driven by hand, and slowed: an obstacle is {reason.value:.2f} m away"
+        case Kind.MEETS_MOVER if reason.value <= 0.0:
+            return f"braking: something at the base moves at {reason.limit:.1f} m/s and would meet it"
         case Kind.PHASE:
             return f"waiting for the arm at {reason.subject}: {reason.other}{_tries(reason)}"
         case Kind.AT_TARGET:

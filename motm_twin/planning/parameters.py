@@ -20,26 +20,26 @@ class PlacementParameters:
 
     next_weight: Annotated[float, Number("", paper("IV"), "weight of C_iN"),
         Slider("Weight of the next target", "Base placement",
-            "Weight of the way on to the next target when a place is chosen; 0 ignores it.", (0.0, 3.0, 0.05),
+            "How much the drive on to the next target counts when a place is chosen; 0 ignores it.", (0.0, 3.0, 0.05),
             paper=1.05)] = 1.05  # fmt: skip
     radius_min: Annotated[float, Number("m", paper("IV"), "of the first ring"),
         Slider("Smallest ring", "Base placement", "Radius of the first ring of candidates round the target.",
             (0.45, 0.7, 0.05), paper=0.6)] = 0.60  # fmt: skip
     radius_max: Annotated[float, Number("m", paper("IV"), "of the last ring"),
         Slider("Largest ring", "Base placement",
-            "Radius of the last ring that is tried when the smaller ones have no free candidate.", (0.7, 0.95, 0.05),
+            "Radius of the last ring, tried when the smaller ones have no free candidate.", (0.7, 0.95, 0.05),
             paper=0.8)] = 0.80  # fmt: skip
     positions: Annotated[int, Number("", paper("IV"), "10 deg increments, two tangential headings each"),
         Slider("Positions on a ring", "Base placement",
-            "Positions per ring, each with two tangential headings; 36 are 10 degrees apart.", (12, 48, 4),
+            "Positions on each ring, with two tangential headings each; 36 are 10 degrees apart.", (12, 48, 4),
             paper=36.0)] = 36  # fmt: skip
     hysteresis: Annotated[float, Number("s", OWN, "cuts changes of mind from 22 to 5 per trial at no cost in time"),
-        Slider("Loyalty to the choice", "Base placement",
-            "A new candidate must be this much cheaper than the one chosen before.",
+        Slider("Hysteresis of the choice", "Base placement",
+            "A new candidate replaces the chosen one only if it is cheaper by this much.",
             (0.0, 2.0, 0.1))] = 0.3  # fmt: skip
     clearance: Annotated[float,
         Number("m", OWN, "1 cm more than the search margin, or it cannot be driven to"),
-        Slider("Clearance of a place", "Safety", "Room that a candidate pose must have round the base.",
+        Slider("Clearance of a candidate", "Safety", "Free space that the base needs round it at a candidate pose.",
             (0.06, 0.2, 0.01))] = 0.06  # fmt: skip
     radius_step: Annotated[float, Number("m", OWN, "0.02 finds the same candidates in the shipped scenes")] = 0.05
     reach_step: Annotated[float, Number("m", OWN, "rings searched when no tangential candidate is viable")] = 0.05
@@ -81,18 +81,18 @@ class StaaParameters:
 
     local_radius: Annotated[float, Number("m", STAA, "local region (an 8 m box there), here a disc"),
         Slider("Local region", "Base control",
-            "How far round the robot the local search looks; beyond it the global path is followed.",
+            "Radius of the area that the local search covers; beyond it the robot follows the global path.",
             (1.5, 5.0, 0.25))] = 3.5  # fmt: skip
     node_duration: Annotated[float, Number("s", STAA, "between nodes", symbol="Dt"),
         Slider("Time step of the search", "Base control", "Time between two nodes of the local search.",
             (0.2, 0.5, 0.05))] = 0.3  # fmt: skip
     notches: Annotated[int, Number("", STAA, "7 x 7 accelerations"),
-        Slider("Accelerations that are tried", "Base control",
-            "So many from the strongest braking to the strongest acceleration, and as many of turning, at every node.",
+        Slider("Accelerations tried", "Base control",
+            "Linear accelerations tried at each node, from braking to speeding up; as many angular ones.",
             (5, 7, 2), odd=True)] = 7  # fmt: skip
     epsilon: Annotated[float, Number("", STAA, "weight of the heuristic", symbol="epsilon"),
         Slider("Weight of the heuristic", "Base control",
-            "Above 1 the search goes straighter for the goal and finds worse motions sooner.",
+            "Above 1 the search heads straighter for the goal: it finds a motion sooner, but a worse one.",
             (0.5, 3.0, 0.1))] = 1.0  # fmt: skip
     cell: Annotated[float, Number("m", STAA, "closed list")] = 0.05
     heading_bins: Annotated[int, Number("", STAA, "closed list")] = 31
@@ -100,83 +100,87 @@ class StaaParameters:
         int, Number("", OWN, "of speed, and of yaw rate: a node that drives is not the same as one that stands")
     ] = 4
     grid_weight: Annotated[float, Number("s", STAA, "either penalty; 1 s over 0.25 m costs 6 s per trial at a table"),
-        Slider("Proximity penalty", "Base control", "Time that a node beside an obstacle is charged for.",
+        Slider("Proximity penalty", "Base control", "Extra time charged to a node right beside an obstacle.",
             (0.0, 2.0, 0.05), paper=1.0)] = 0.3  # fmt: skip
     grid_range: Annotated[float, Number("m", OWN, "clearance below which the penalty grows from 0 to 1"),
-        Slider("Range of the penalty", "Base control", "Clearance below which the penalty grows from 0 to 1.",
+        Slider("Range of the penalty", "Base control",
+            "The penalty starts at this clearance and grows as the clearance shrinks.",
             (0.04, 0.4, 0.01))] = 0.12  # fmt: skip
     prediction: Annotated[float,
         Number("s", STAA, "1 s there, for which what moves is expected to go on; the paper expects nothing"),
-        Slider("Expect what moves", "Base control",
-            "For so long the local search expects what moves to go on as it does; 0: it is an obstacle where it is.",
+        Slider("Prediction of moving obstacles", "Base control",
+            "How long the local search expects them to keep moving as they do; 0 treats them as standing.",
             (0.0, 2.0, 0.1), paper=0.0)] = 0.0  # fmt: skip
     moving_weight: Annotated[float,
         Number("s", STAA, "1 s per node at what moves there, less with every metre; 0 from 1 m on"),
-        Slider("Penalty beside what is expected", "Base control",
-            "Time that a node at such an obstacle is charged for, less with every metre, nothing from 1 m on.",
+        Slider("Penalty near predicted obstacles", "Base control",
+            "Extra time charged to a node at a predicted obstacle; it falls with distance and is 0 from 1 m on.",
             (0.0, 2.0, 0.1), paper=0.0)] = 0.0  # fmt: skip
     risk_weight: Annotated[float,
         Number("s", OWN, "costs a node where somebody surely is; 0: they are obstacles where they are"),
-        Slider("Price of a meeting", "Base control",
-            "Time that a node is charged for where somebody is expected, times the probability; 0 expects nobody.",
+        Slider("Cost of an encounter", "Base control",
+            "Extra time charged to a node where somebody is expected, times the probability; 0 predicts nobody.",
             (0.0, 20.0, 0.5), paper=0.0)] = 0.0  # fmt: skip
     courtesy_weight: Annotated[float,
         Number("", OWN, "of a second of somebody else's time: in the stopping way of whoever comes"),
         Slider("Courtesy", "Base control",
-            "Weight of the time that the plan takes from others, by being in the way that they need to stop.",
+            "How much the time counts that others lose when the plan enters the space they need to stop.",
             (0.0, 3.0, 0.1), paper=0.0)] = 0.0  # fmt: skip
     steadiness: Annotated[float,
         Number("", OWN, "share of the time [s] of full yaw acceleration that is paid for it; STAA* pays none"),
         Slider("Steadiness", "Base control",
-            "Part of its time that turning faster or slower is charged for: the base drives fewer wriggles.",
+            "Extra cost of changing the yaw rate, as a share of the time it takes; more makes the base wriggle less.",
             (0.0, 0.2, 0.01), paper=0.0)] = 0.0  # fmt: skip
     penalty: Annotated[str,
         Number("", STAA, "clearance: of the footprint; grid: the proximity of the map at the hull corners, as there"),
-        Slider("What the penalty looks at", "Base control",
+        Slider("Penalty measured by", "Base control",
             "Clearance of the whole footprint, or the map's blurred grid at the corners of the hull.",
             choices=PENALTIES, paper="grid")] = "clearance"  # fmt: skip
     pass_distance: Annotated[float, Number("m", OWN, '"sufficiently close" (Paper, Sec. III-C, gives no number)'),
-        Slider("Close enough to pass", "Base control",
-            "Distance from the candidate at which a passing path counts as there.",
+        Slider("Passing distance", "Base control",
+            "A path that comes this near to the candidate passes it.",
             (0.05, 0.5, 0.01))] = 0.15  # fmt: skip
     pass_heading: Annotated[float, Number("rad", OWN, "the same of the heading"),
-        Slider("Turned enough to pass", "Base control", "The same for the heading.", (5.0, 60.0, 1.0),
+        Slider("Passing heading", "Base control",
+            "A passing path may be off the candidate's heading by this much.", (5.0, 60.0, 1.0),
             degrees=True)] = 20.0 * DEG  # fmt: skip
     goal_orientation: Annotated[bool, Number("", paper("III-A"), "the local search wants the heading of the candidate"),
         Slider("Goal orientation", "Modifications",
-            "The local search wants the candidate's heading, not only its position.", paper=True)] = True  # fmt: skip
+            "The local search aims for the candidate's heading, not only its position.",
+            paper=True)] = True  # fmt: skip
     rotation_cost: Annotated[bool, Number("", paper("III-B"), "the global path pays for turning"),
-        Slider("Rotation cost", "Modifications", "The global path pays for turning as PathRTR does.",
+        Slider("Rotation cost", "Modifications", "The global path pays for turning, as in PathRTR.",
             paper=True)] = True  # fmt: skip
     termination: Annotated[str,
         Number("", paper("III-C"), "task: predicted end of the job; pass: as in the paper; reach_goal: as in STAA*"),
-        Slider("When the search is finished", "Modifications",
-            "task: the job is predicted to be done; pass: a path passes the candidate; reach_goal: it stops there.",
+        Slider("When the search ends", "Modifications",
+            "task: at the predicted end of the job; pass: as a path passes the candidate; reach_goal: at a stop there.",
             choices=TERMINATIONS, paper="pass")] = "task"  # fmt: skip
     drive_on: Annotated[bool,
         Number("", OWN, "a node from which the job gets done is judged by its way to the next target"),
         Slider("Drive on to the next target", "Modifications",
-            "Motions that get the job done are judged by their way on to the next target.",
+            "A motion that gets the job done is judged by how it goes on to the next target.",
             paper=False)] = True  # fmt: skip
     scale_penalty: Annotated[bool, Number("", paper("III-D"), "the penalty fades near the goal"),
-        Slider("Scale the penalty", "Modifications",
-            "The proximity penalty fades while the goal comes near: k = max(k_min, min(t_h / k_time, 1)).",
+        Slider("Fade the penalty", "Modifications",
+            "The proximity penalty fades near the goal: k = max(k_min, min(t_h / k_time, 1)).",
             paper=True)] = True  # fmt: skip
     k_min: Annotated[float, Number("", paper("III-D"), "least scale of the penalty", symbol="k"),
-        Slider("Least scale of the penalty", "Modifications", "What is left of the penalty at the goal.",
+        Slider("Penalty left at the goal", "Modifications", "Share of the proximity penalty that remains at the goal.",
             (0.0, 1.0, 0.05), paper=0.1)] = 0.1  # fmt: skip
     k_time: Annotated[float, Number("s", paper("III-D"), "k = max(0.1, min(t_h / 3, 1))"),
-        Slider("Fading time", "Modifications", "Time before the goal from which on the penalty fades.",
+        Slider("Fading time", "Modifications", "How long before the goal the penalty starts to fade.",
             (0.5, 10.0, 0.5), paper=3.0)] = 3.0  # fmt: skip
     bezier: Annotated[bool, Number("", paper("III-E"), "nodes near the goal are judged by a smooth curve"),
         Slider("Bezier heuristic", "Modifications",
-            "Nodes near the goal are judged by the time of a smooth curve to it.", paper=True)] = True  # fmt: skip
+            "Nodes near the goal are judged by the time of a smooth curve that ends there.",
+            paper=True)] = True  # fmt: skip
     bezier_offset: Annotated[float, Number("", paper("III-E"), "control points at 25 % of the distance"),
         Slider("Bezier control points", "Modifications",
-            "Their distance from the ends, as a share of the straight distance.", (0.05, 0.5, 0.05),
+            "Their distance from the ends of the curve, as a share of the straight distance.", (0.05, 0.5, 0.05),
             paper=0.25)] = 0.25  # fmt: skip
     margin: Annotated[float, Number("m", OWN, "clearance that every node keeps"),
-        Slider("Clearance on the way", "Safety", "Room that every node of the local search keeps.",
+        Slider("Clearance of the local plan", "Safety", "Free space that every node of the local search keeps.",
             (0.03, 0.05, 0.01))] = 0.05  # fmt: skip
     margin_floor: Annotated[float, Number("m", OWN, "a robot inside the margin may come this near while it leaves")] = (
         0.01
@@ -187,8 +191,8 @@ class StaaParameters:
     brake_depth: Annotated[int, Number("", OWN, "nodes up to this depth must be able to stop without a collision")] = 2
     growth_margin: Annotated[float,
         Number("m", OWN, "the global path grows obstacles by g, half the base's width and this much"),
-        Slider("Room beside the way", "Safety",
-            "Obstacles are grown by half the width of the base and this much for the global path.",
+        Slider("Clearance of the global path", "Safety",
+            "For the global path, obstacles grow by half the width of the base plus this.",
             (0.03, 0.2, 0.01))] = 0.08  # fmt: skip
 
     def __post_init__(self) -> None:

@@ -290,7 +290,7 @@ def tangent_law(materials: Materials, policies: Policies) -> BaseController:
 MOTM2022 = Method(
     name="motm2022",
     title="MotM 2022, tangent to a circle",
-    summary="Drives along a tangent of a circle round the target at constant speed, with no obstacle avoidance.",
+    summary="Drives along a tangent to a circle round the target at constant speed, without avoiding obstacles.",
     source="Burgess-Limerick et al., MotM (2212.06991)",
     known=(
         "r_C = 0.6 m; the tangent point of that circle that is nearer; w = (k_alpha alpha + k_beta beta) v / rho with "

@@ -257,7 +257,7 @@ def _arm(parts: ArmParts) -> Manipulator:
 OPEN_LOOP = Method(
     name="open_loop",
     title="Same plan, open loop",
-    summary="Rehearses the paper's method in the world as known beforehand, and carries that plan out by localisation.",
+    summary="Plans the whole run beforehand with the paper's method, then follows that plan by localisation.",
     source="own; for the paper's argument that reacting is what makes manipulation on the move robust",
     known="The paper and MotM name planned on-the-move manipulation as the rival, and no planner of it.",
     chosen=(

@@ -187,7 +187,7 @@ def orca_control(materials: Materials, policies: Policies) -> BaseController:
 ORCA = Method(
     name="orca",
     title="ORCA, velocity obstacles",
-    summary="Drives at the velocity nearest to the wanted one that reciprocal velocity obstacles allow.",
+    summary="Drives at the velocity nearest to the desired one that reciprocal velocity obstacles (ORCA) allow.",
     source="van den Berg et al., Reciprocal n-Body Collision Avoidance; Snape et al., for differential drives",
     known="ORCA itself, by pyrvo, with the horizon of 5 s, the 10 neighbours and the range of CrowdNav.",
     chosen=(

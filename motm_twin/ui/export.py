@@ -38,6 +38,7 @@ from motm_twin.ui.hub import Hub, Shown
 from motm_twin.ui.legend import LAYERS, names_of
 from motm_twin.ui.page_server import open_page, scripts
 from motm_twin.ui.panel.why_tab import says
+from motm_twin.ui.scene.cameras import ASPECT
 from motm_twin.ui.scene.scene_view import MAP, SceneView
 
 RATE = 10.0  # [Hz] frames of the recording: the page glides between them
@@ -190,6 +191,7 @@ def page(serializer: StateSerializer, scene: Scene, ticks: list[TickMessage]) ->
         "ground": packer.plain({"height": height, "width": width, "palette": ground.palette, "steps": ground.steps}),
         "lengths": [len(buffer) for buffer in buffers],
         "says": said,
+        "aspect": ASPECT,
         "legend": [layer for layer in LAYERS if layer.on],
         "names": names_of(scene),
         "events": [(round(event.time, 2), event.kind, event.text) for tick in ticks for event in tick.events],

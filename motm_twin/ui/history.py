@@ -10,6 +10,7 @@ import math
 import threading
 import time
 import zlib
+from collections import namedtuple
 from dataclasses import dataclass
 from operator import attrgetter
 from typing import NamedTuple, Protocol
@@ -64,32 +65,19 @@ class Part(msgspec.Struct, frozen=True):
     forces: _Forces | None = None
 
 
-class Sample(NamedTuple):
-    """One period as numbers; nan where there is none."""
+JOINTS = tuple(f"dq{k}" for k in range(1, 8))
+Sample = namedtuple(
+    "Sample",
+    ("time", "speed", "yaw_rate", *JOINTS, "distance", "linear_slack", "angular_slack", *STAGES, "period",
+     "left", "right", "torque", "wrist"),
+)  # fmt: skip
+Sample.__doc__ = """One period as numbers, nan where there is none.
 
-    time: float  # [s]
-    speed: float  # forward [m/s]
-    yaw_rate: float  # [rad/s]
-    dq1: float  # arm joint rates [rad/s]
-    dq2: float
-    dq3: float
-    dq4: float
-    dq5: float
-    dq6: float
-    dq7: float
-    distance: float  # [m] gripper to the nearest seen obstacle, least of the period
-    linear_slack: float  # [m/s] largest of the period
-    angular_slack: float  # [rad/s]
-    map: float  # [ms]
-    place: float  # [ms]
-    plan: float  # [ms]
-    arm: float  # [ms]
-    monitor: float  # [ms]
-    period: float  # [ms]
-    left: float  # [N] of the pads on the object between them, under contact dynamics
-    right: float
-    torque: float  # [Nm] external, of the joint that feels most
-    wrist: float  # [N]
+Time [s], forward speed [m/s], yaw rate and rates of the arm's joints [rad/s]; distance of the gripper to the nearest
+seen obstacle [m] and slack [m/s], [rad/s], the worst of the period; computing times [ms]. Under contact dynamics also
+forces of the pads on the object between them [N], external torque of the joint that feels most [Nm], force at the
+wrist [N].
+"""
 
 
 def sample(part: Part) -> Sample:

@@ -96,6 +96,7 @@ class State:
     text: str = ""  # why it failed
     run: int = -1  # of the twin that it began with
     start: float = 0.0  # [s] from which on the runs may differ
+    values: Values = field(default_factory=dict)  # of the changed run
     reached: dict[str, float] = field(default_factory=dict)  # [s] simulated, by run
     outcomes: dict[str, Outcome] = field(default_factory=dict)
 
@@ -233,7 +234,7 @@ class WhatIf:
                 raise ValueError("another comparison is being computed: stop it first")
             self._job += 1
             self._runs, self._watch_from = Runs(), None
-            self._state = State(phase="starting", run=run, start=from_index * PERIOD)
+            self._state = State(phase="starting", run=run, start=from_index * PERIOD, values=dict(values))
             job = (self._job, dict(values), from_index)
         threading.Thread(target=self._compute, args=job, name="what if", daemon=True).start()
 

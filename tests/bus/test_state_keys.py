@@ -217,11 +217,11 @@ def test_a_body_that_is_dragged_is_one_event():
         return [event.text for event in told if event.kind == "edit"]
 
     held = [MoveBody(name="cart", x=0.1 * i, y=0.0) for i in range(4)]
-    assert at(0, held[0], held[1]) == ["move_body cart"]
-    assert at(1, held[2]) == ["move_body cart"]
-    assert at(2, msgspec.structs.replace(held[3], held=False)) == ["move_body cart"] * 2
-    assert at(40, held[0]) == ["move_body cart"] * 3  # another drag
-    assert at(41, ReleaseBody(name="cart"), held[0])[3:] == ["release_body cart", "move_body cart"]
+    assert at(0, held[0], held[1]) == ["move body cart"]
+    assert at(1, held[2]) == ["move body cart"]
+    assert at(2, msgspec.structs.replace(held[3], held=False)) == ["move body cart"] * 2
+    assert at(40, held[0]) == ["move body cart"] * 3  # another drag
+    assert at(41, ReleaseBody(name="cart"), held[0])[3:] == ["release body cart", "move body cart"]
 
 
 def test_times_of_events_rise_with_their_numbers_however_late_a_contact_is_told():

@@ -254,6 +254,14 @@ def test_the_camera_of_the_hand_frames_its_target_too_when_it_is_near(entered, m
     assert looks(np.array([9.0, 0.0, 0.7]))[0][0] == pytest.approx(alone[0])
 
 
+def test_a_phone_whose_display_has_many_pixels_has_no_panel_beside_its_picture(entered):
+    page, cameras = entered
+    page.camera.image_width, page.camera.image_height = 1024, 2216  # as it was when it came
+    cameras.tell_width(page, 390)
+    pictures(cameras)
+    assert np.allclose(page.camera.position, overview(SCENE, 1024 / 2216)[0])
+
+
 def test_the_picture_of_a_scene_holds_where_its_robot_is_sent():
     scene = load_scene("line")
     (end,) = (task.point for task in scene.tasks if isinstance(task, DriveTo))

@@ -98,7 +98,7 @@ def test_what_holds_the_robot_up_is_told_once_with_numbers(driving):
     tries = [replace(driving.tasks[0], attempts=2), *driving.tasks[1:]]
     why = explain.waiting(replace(slowed, stop_reason="braking: something", tasks=tries, task_index=0))
     assert why[0] == ("Braking: something", True)
-    assert why[1] == ("A moving obstacle 0.40 m away: the gripper may approach at 0.26 m/s", False)
+    assert why[1] == ("A moving obstacle is 0.40 m away: the gripper may approach at 0.26 m/s", False)
     assert why[-1] == ("This is the second try at cube1", False)
     retreat = with_arm(slowed, allowed_approach=-0.1)
     assert "backs off at 0.10 m/s or more" in explain.slowed_by(retreat.arm)
@@ -182,7 +182,7 @@ def test_what_slows_the_gripper_is_named_when_it_is_as_far_as_the_lidar_says(str
     slow = replace(straight, arm=arm, obstacles=[near])
     assert avoided(slow, SCENE) == "keeping the gripper off temi 1 (0.4 m)"
     assert limited_by(slow, SCENE) == "temi 1"
-    assert "temi 1 0.40 m away: the gripper may approach" in now_card(slow, SCENE)
+    assert "temi 1 is 0.40 m away: the gripper may approach" in now_card(slow, SCENE)
     elsewhere = replace(slow, obstacles=[])
     assert "something that moves" in avoided(elsewhere, SCENE) and limited_by(elsewhere, SCENE) == ""
 

@@ -110,7 +110,7 @@ def candidates(visitor):
     count, chosen = len(placement.poses), placement.chosen
     visitor.tab("Why")
     visitor.click((*placement.poses[chosen][:2], CANDIDATE_HEIGHT))
-    visitor.says(re.compile(r"^Place to stand, \d+(st|nd|rd|th) best of \d+, chosen$"))
+    visitor.says(re.compile(r"^Place to stand, (\d+(st|nd|rd|th) )?best of \d+, chosen$"))
     named = visitor.page.get_by_title(f"Candidate no. {chosen + 1} of {count}")
     named.locator("visible=true").first.wait_for(timeout=60_000)
     visitor.says(f"{placement.cost[chosen]:.1f} s")

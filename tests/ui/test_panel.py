@@ -290,9 +290,15 @@ def test_a_picture_of_an_earlier_moment_has_its_time_in_its_name():
 
 
 def test_the_headline_shows_the_time_that_is_looked_at():
-    assert "12.34 s" in status_card("playing", status(), "") and "Running" in status_card("playing", status(), "")
-    back = status_card("playing", status(), "", looked_at=4.25)
-    assert "4.25 s" in back and "Looking back" in back and "12.34 s" not in back and "Running" not in back
+    now, back = (status_card("playing", status(), "", time=4.25, live=live) for live in (True, False))
+    assert "4.25 s" in now and "Running" in now
+    assert "4.25 s" in back and "Looking back" in back and "Running" not in back
+
+
+def test_a_note_before_the_first_period_has_room_for_two_lines():
+    words = "preparing the control loop (the first start compiles it, a minute or more)"
+    assert f'<div class="long" style="color:var(--motm-amber)">{words}</div>' in status_card("loading", status(), words)
+    assert 'class="alert"' in status_card("playing", status(), words, says="<div>Driving to cube_F1.</div>")
 
 
 @pytest.fixture

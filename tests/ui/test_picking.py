@@ -91,6 +91,13 @@ def test_a_candidate_is_found_by_its_place_only_while_they_are_shown(around, tic
     assert aimed(around, tick, (x, y, 0.035), candidates=False).kind != "candidate"
 
 
+def test_a_candidate_far_away_may_be_missed_by_some_pixels(around, tick):
+    x, y, _ = tick.placement.poses[next(i for i, reason in enumerate(tick.placement.rejected) if not reason)]
+    eye = np.array([x, y - 12.0, 9.0])
+    beside = np.array([x, y - 0.1, 0.035])  # 6 mrad from there: seven pixels of a picture with 900
+    assert around.first(Ray.through(eye, beside), tick, candidates=True).kind == "candidate"
+
+
 def test_a_cube_is_put_on_the_surface_under_the_pointer(around):
     box = around.now.bins[0]
     down = Ray.through((*box.centre, 3.0), (*box.centre, 0.0))

@@ -103,6 +103,10 @@ def test_a_place_that_was_clicked_tells_its_costs(view, tick):
     view._hub.view.picked = None
     show(view, msgspec.structs.replace(tick, placement=placement), view._scene)
     assert not label.visible
+    view._hub.view.picked = 1
+    later = msgspec.structs.replace(tick, placement=placement, task_index=tick.task_index + 1)
+    show(view, later, view._scene)
+    assert not label.visible and view._hub.view.picked is None, "it was of another task"
 
 
 def a_track(number, position, velocity):

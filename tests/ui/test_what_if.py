@@ -118,6 +118,13 @@ class TestResult:
         assert text.count(">forecast</div>") == 1 and "from 12.3 s" in text
         assert "5.5 s faster (forecast)" in text
 
+    def test_it_says_what_is_changed(self):
+        values = {"next_weight": 0.0, "bezier": False, "d_s": 0.2, "xi": 0.5}
+        assert "changed: Weight of the next target: 0</div>" in result(
+            State(phase="running", values={"next_weight": 0.0})
+        )
+        assert "Bezier heuristic: off, Stop distance: 0.2, and 1 more" in result(State(phase="running", values=values))
+
     def test_it_says_how_far_it_is(self):
         assert "at 12 s" in result(State(phase="running", reached={"changed": 12.0}))
 

@@ -7,7 +7,7 @@
   const LENGTH = 120; // [s] of the timeline
   const NEAR = 7, REACH = 22; // [px] from a mark, and from the middle of a thing
   const REST = 700; // [ms]
-  const COVER = 20000, STILL = 500; // [ms] after which a page is shown as it is; without a new part the scene is whole
+  const COVER = 20000, STILL = 800, LATE = 300; // [ms] a page is then shown as it is; without a new part or a delay the scene is whole
   const KINDS = {
     picked: ["up", "green"], placed: ["dot", "green"], arrived: ["dot", "green"], done: ["flag", "green"],
     missed: ["cross", "amber"], lost: ["cross", "amber"], postponed: ["cross", "amber"], failed: ["cross", "red"],
@@ -151,7 +151,7 @@
   const propose = () => {
     const [x, y] = data.now?.going ?? [];
     const spot = x === undefined || !data.now.mine ? null : motm.pixel?.([x, y, 0.75]);
-    const asked = data.now?.free === false ? "It is not free here. Drive?" : "Drive here?";
+    const asked = data.now?.free === false ? "This place is not free. Drive anyway?" : "Drive here?";
     if (going.firstChild.textContent !== asked) going.firstChild.textContent = asked;
     going.hidden = !spot;
     if (spot) [going.style.left, going.style.top] = [`${spot[0]}px`, `${spot[1]}px`];
@@ -395,7 +395,8 @@
 
   const covered = setInterval(() => {
     const now = performance.now(), count = motm.renderer?.info.memory.geometries ?? 0;
-    if (count !== parts) [parts, changed] = [count, now];
+    if (count !== parts || now - checked > LATE) [parts, changed] = [count, now];
+    checked = now;
     const whole = data.now && data.now.t !== null && parts > 0 && now - changed > STILL && (ask || motm.answer);
     cover.lastChild.textContent = !data.now ? "connecting" : data.now.t === null ? data.now.text || data.now.state : `drawing the scene: ${parts} parts`;
     if (!whole && now - begun < COVER) return;
@@ -406,7 +407,7 @@
     motm.offer?.();
   }, 100);
   const begun = performance.now();
-  let parts = 0, changed = begun;
+  let parts = 0, changed = begun, checked = begun;
   const says = make("div", { class: "says" });
   motm.learn = (mark, value) => {
     const first = mark === "legend" && !data.legend;
@@ -432,6 +433,7 @@
       const mark = typeof content === "string" && MARK.exec(content);
       if (message.type === "GuiTextMessage" && message.props.label === ASK) {
         ask = message.uuid;
+        say("width", innerWidth);
         if (data.legend && !cover.isConnected) again(); // a new connection
         follow();
       }

@@ -48,6 +48,7 @@
     return message.props && message.name ? `made ${message.name}` : `${message.type} ${message.name ?? ""} ${fields}`;
   };
   // Pictures of the ground: each is kept as the cells that differ from the one before, and given to Viser as a PNG.
+  const canvas = document.createElement("canvas"), pen = canvas.getContext("2d");
   let cells = null, reached = -1;
   const turn = ([gaps, bits]) => {
     let at = 0;
@@ -58,45 +59,11 @@
     cells ??= new Uint8Array(width * height);
     while (reached < number) turn(steps[++reached]);
     while (reached > number) turn(steps[reached--]);
-    return png(width, height, palette);
-  };
-  const CRC = Uint32Array.from({ length: 256 }, (_, n) => {
-    for (let k = 0; k < 8; k++) n = n & 1 ? 0xedb88320 ^ (n >>> 1) : n >>> 1;
-    return n;
-  });
-  const png = (width, height, palette) => { // of the cells, not compressed
-    const rows = new Uint8Array((width + 1) * height), most = 65535;
-    for (let row = 0; row < height; row++) rows.set(cells.subarray(row * width, (row + 1) * width), row * (width + 1) + 1);
-    let a = 1, b = 0;
-    for (const value of rows) b = (b + (a = (a + value) % 65521)) % 65521;
-    const data = new Uint8Array(6 + rows.length + 5 * Math.ceil(rows.length / most));
-    data.set([0x78, 1]);
-    let end = 2;
-    for (let at = 0; at < rows.length; at += most) {
-      const block = rows.subarray(at, at + most), size = block.length;
-      data.set([at + most >= rows.length ? 1 : 0, size & 255, size >> 8, ~size & 255, (~size >> 8) & 255], end);
-      data.set(block, end + 5);
-      end += 5 + size;
-    }
-    data.set([b >> 8, b & 255, a >> 8, a & 255], end);
-    const chunk = (name, body) => {
-      const made = new Uint8Array(12 + body.length), view = new DataView(made.buffer);
-      view.setUint32(0, body.length);
-      made.set([...name].map((letter) => letter.charCodeAt(0)), 4);
-      made.set(body, 8);
-      let code = ~0;
-      for (const value of made.subarray(4, -4)) code = CRC[(code ^ value) & 255] ^ (code >>> 8);
-      view.setUint32(8 + body.length, ~code >>> 0);
-      return made;
-    };
-    const size = new Uint8Array([0, 0, width >> 8, width & 255, 0, 0, height >> 8, height & 255, 8, 3, 0, 0, 0]);
-    const shades = new Uint8Array(768), clear = new Uint8Array(256);
-    for (let k = 0; k < 256; k++) [shades[3 * k], shades[3 * k + 1], shades[3 * k + 2], clear[k]] = palette.subarray(4 * k, 4 * k + 4);
-    const all = [Uint8Array.of(137, 80, 78, 71, 13, 10, 26, 10), chunk("IHDR", size), chunk("PLTE", shades), chunk("tRNS", clear),
-      chunk("IDAT", data), chunk("IEND", new Uint8Array(0))];
-    const file = new Uint8Array(all.reduce((sum, part) => sum + part.length, 0));
-    all.reduce((at, part) => (file.set(part, at), at + part.length), 0);
-    return file;
+    const image = pen.createImageData(width, height), dots = new Uint32Array(image.data.buffer), shades = new Uint32Array(palette.buffer);
+    cells.forEach((cell, i) => (dots[i] = shades[cell]));
+    [canvas.width, canvas.height] = [width, height];
+    pen.putImageData(image, 0, 0);
+    return bytes(canvas.toDataURL().split(",")[1]);
   };
   const drawn = (message) => {
     const number = message.updates?._data?.ground;
@@ -134,6 +101,12 @@
     motm.learn("now", { state: "done", text: "", t: at, span: [recording.first, recording.last], live: false, playing,
       speed, mine: true, aside: null, says: recording.says.findLast(([time]) => time <= at + 1e-6)?.[1] ?? "" });
   };
+  const widen = () => { // a narrow page looks from farther away
+    const first = (type) => recording.messages.find(([, message]) => message.type === type && message.initial)?.[1];
+    const eye = first("SetCameraPositionMessage"), aim = first("SetCameraLookAtMessage")?.look_at;
+    const far = Math.max(1, (recording.aspect * innerHeight) / innerWidth);
+    if (eye && aim) eye.position = eye.position.map((value, i) => aim[i] + far * (value - aim[i]));
+  };
   const steps = {
     toggle: () => {
       playing = !playing;
@@ -149,6 +122,7 @@
   };
   const begin = async () => {
     recording = await load();
+    widen();
     emit({ type: "connected" });
     for (const mark of ["legend", "events", "names"]) motm.learn(mark, recording[mark]);
     show(recording.first);

@@ -1,6 +1,6 @@
 // A welcome on the first visit, and a tour of a minute: a place and its costs, a Temi in the way, and why it plans ahead.
 (() => {
-  const SEEN = "motm-seen";
+  const SEEN = "motm-seen", touch = matchMedia("(pointer: coarse)").matches;
   const card = document.createElement("div");
   card.id = "motm-tour";
   let step = -1;
@@ -13,7 +13,7 @@
   const running = (wanted) => motm.data.now?.playing !== wanted && motm.say("toggle");
   const STEPS = [
     {
-      text: "<b>1 of 4.</b> The robot waits. The dots on the floor are places where its base could stand for the next cube: yellow costs little time, violet much, grey is impossible. <b>Click a coloured one.</b>",
+      text: "<b>1 of 4.</b> The robot waits. The dots on the floor are places where its base could stand for the next cube: yellow costs little time, violet a lot, and grey is impossible. <b>Click a coloured one.</b>",
       begin: () => (running(false), motm.blink("places")),
       done: () => motm.data.now.picked !== null,
     },
@@ -22,11 +22,11 @@
       begin: () => tab("Why"),
     },
     {
-      text: "<b>3 of 4.</b> Now put somebody in its way, and watch the blue plan go round. You may drag the Temi as well.",
+      text: "<b>3 of 4.</b> Now put somebody in its way, and watch the blue plan lead round it. You can drag the Temi, too.",
       act: ["Drop a Temi", () => (motm.say("temi"), running(true))],
     },
     {
-      text: "<b>4 of 4.</b> The place is chosen with the next target in mind. What if it were not? The same run is computed twice, with that and without. <i>Tune</i>, on the right, has both times, and <b>Watch both runs</b>.",
+      text: "<b>4 of 4.</b> The place is chosen with the next target in mind. What if it were not? The same run is computed twice, with and without it. <i>Tune</i>, on the right, has both times, and <b>Watch both runs</b>.",
       begin: () => running(true),
       act: ["Why plan for the next target?", () => (motm.say("ahead"), tab("Tune"))],
     },
@@ -63,7 +63,7 @@
   motm.offer = () => {
     if (localStorage.getItem(SEEN) || motm.answer) return;
     put(
-      "<b>Look</b> drag to turn, right-drag to move, wheel to zoom<br><b>Disturb</b> grab a Temi, a cube or a table and drag it<br><b>Ask</b> click a coloured dot, then open <i>Why</i>",
+      `<b>Look</b> ${touch ? "one finger turns, two move and zoom" : "drag to turn, right-drag to move, wheel to zoom"}<br><b>Disturb</b> grab a Temi, a cube or a table and drag it<br><b>Ask</b> click a coloured dot, then open <i>Why</i>`,
       ...(motm.data.now?.mine ? [button("Tour of one minute", () => go(0), true)] : []), button("Got it", close));
   };
   motm.tour = () => go(0);

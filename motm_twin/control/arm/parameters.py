@@ -81,17 +81,17 @@ class AvoidanceParameters(msgspec.Struct, frozen=True, kw_only=True):
 
     enabled: Annotated[bool, Number("", paper("V"), "the gripper slows towards what the lidar sees outside the map"),
         Slider("Arm avoidance", "Obstacle avoidance",
-            "The gripper's speed towards what the lidar sees outside the map is limited.", paper=True,
+            "Limits the gripper's speed towards obstacles that the lidar sees and the map does not have.", paper=True,
             name="arm_avoidance")] = True  # fmt: skip
     xi: Annotated[float, Number("m/s", paper("V"), "speed that is allowed at d_i", symbol="xi"),
-        Slider("Approach speed", "Obstacle avoidance", "Speed towards an obstacle that is allowed at the distance d_i.",
+        Slider("Approach speed", "Obstacle avoidance", "Speed allowed towards an obstacle at the distance d_i.",
             (0.1, 1.5, 0.05), paper=0.6)] = 0.6  # fmt: skip
     d_s: Annotated[float, Number("m", paper("V"), "no nearer than this", symbol="d_s"),
         Slider("Stop distance", "Obstacle avoidance", "The gripper comes no nearer to an obstacle than this.",
             (0.05, 0.35, 0.01), paper=0.25)] = 0.25  # fmt: skip
     d_i: Annotated[float, Number("m", paper("V"), "from here on", symbol="d_i"),
         Slider("Influence distance", "Obstacle avoidance",
-            "Obstacles further from the gripper than this do not slow it.", (0.4, 1.2, 0.05),
+            "Obstacles farther from the gripper than this do not slow it.", (0.4, 1.2, 0.05),
             paper=0.6)] = 0.6  # fmt: skip
     prediction: Annotated[float,
         Number("s", OWN, "the arm also keeps from where moving ones will be: one that comes nearer is left sooner"),
@@ -116,7 +116,7 @@ class AvoidanceParameters(msgspec.Struct, frozen=True, kw_only=True):
     link_d_s: Annotated[float,
         Number("m", OWN, "elbow, forearm and wrist from a moving obstacle: beyond the paper, which has one point"),
         Slider("Stop distance of the links", "Obstacle avoidance",
-            "Of elbow, forearm and wrist from moving obstacles; the paper limits the gripper only.",
+            "Distance that elbow, forearm and wrist keep from moving obstacles; the paper limits only the gripper.",
             (0.02, 0.15, 0.01))] = 0.05  # fmt: skip
     link_d_i: Annotated[float, Number("m", OWN, "from which on a link is slowed")] = 0.35
     static_link_d_s: Annotated[
@@ -124,8 +124,8 @@ class AvoidanceParameters(msgspec.Struct, frozen=True, kw_only=True):
     ] = 0.02
     static_link_d_i: Annotated[float, Number("m", OWN, "the same of a static one")] = 0.12
     furniture_d_s: Annotated[float, Number("m", OWN, "mapped furniture at its true height, whole arm"),
-        Slider("Arm to furniture", "Safety",
-            "Distance that the whole arm keeps from mapped furniture, except the fingers at a grasp.",
+        Slider("Clearance of the arm", "Safety",
+            "Distance that the whole arm keeps from mapped furniture, except for the fingers at a grasp.",
             (0.01, 0.04, 0.005))] = 0.02  # fmt: skip
     swing_d_s: Annotated[
         float, Number("m", OWN, "the same on the way: localisation may be off by more than 0.02 m")
@@ -160,30 +160,31 @@ class ArmParameters(msgspec.Struct, frozen=True, kw_only=True):
     """Arm reference, grasp and release."""
 
     k_A: Annotated[float, Number("", MOTM, "transit rule: duration = distance / (v_B k_A)", symbol="k_A"),
-        Slider("Start of the arm", "Arm",
-            "The hand leaves when distance / (base speed k_A) is as long as the target needs to come into reach.",
+        Slider("Start of the reach", "Arm",
+            "The hand sets off when distance / (base speed k_A) equals the time until the target is in reach.",
             (0.25, 1.0, 0.05))] = 0.5  # fmt: skip
     transit_base_speed: Annotated[
         float, Number("m/s", OWN, "v_B of the transit rule is at least this: a turning base soon drives again")
     ] = 0.5
     k_P: Annotated[float, Number("1/s", MOTM, "of the final approach", symbol="k_P"),
-        Slider("Gain of the final approach", "Arm", "How briskly the hand closes the last distance to the grasp.",
+        Slider("Gain of the final approach", "Arm", "How quickly the hand closes the last distance to the grasp.",
             (3.0, 15.0, 0.5))] = 12.0  # fmt: skip
     approach_distance: Annotated[float,
         Number("m", MOTM, "of hand and target, at which the final approach begins", symbol="d_T"),
-        Slider("Final approach from", "Arm", "Distance of hand and target at which the final approach begins.",
+        Slider("Final approach from", "Arm", "Distance between hand and target at which the final approach begins.",
             (0.06, 0.2, 0.01))] = 0.10  # fmt: skip
     hand_speed: Annotated[float, Number("m/s", OWN, "of the hand relative to the base in transit"),
-        Slider("Speed of the hand", "Arm", "Fastest motion of the hand, relative to the base, on its way.",
+        Slider("Speed of the hand", "Arm", "Top speed of the hand, relative to the base, on its way to the target.",
             (0.3, 1.2, 0.05))] = 0.9  # fmt: skip
     hand_yaw_rate: Annotated[float, Number("rad/s", OWN, "of the hand about the mount")] = 1.8
     hover_height: Annotated[float, Number("m", OWN, "of the tool centre point above the centre of the object"),
-        Slider("Height of waiting", "Arm", "Of the hand above the object, until it is below the fingers and seen well.",
+        Slider("Hover height", "Arm",
+            "Height of the hand above the object until that is below the fingers and seen well.",
             (0.05, 0.12, 0.01))] = 0.06  # fmt: skip
     extension_lead: Annotated[float,
         Number("s", OWN, "before arrival at which the hand is stretched out to the hover point"),
         Slider("Stretch out before arrival", "Arm",
-            "How early the arm is stretched out fully: earlier arms meet more obstacles.",
+            "How early the arm is fully stretched out; the earlier, the more obstacles it meets.",
             (0.0, 1.5, 0.1))] = 0.4  # fmt: skip
     extension_speed: Annotated[float, Number("m/s", OWN, "at which it is stretched out")] = 0.5
     swing_radius: Annotated[

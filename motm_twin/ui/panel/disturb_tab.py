@@ -34,7 +34,7 @@ FAULTS = {
 }
 IN_A_ROW = 3  # buttons of faults
 _HOW = {
-    "": "Grab anything and drag it, also furniture; let go while moving to throw it. A drag elsewhere turns the view.",
+    "": "Drag anything, also furniture; let go while moving to throw it. Dragging elsewhere turns the view.",
     "agent": "Drag it into the way, or send it somewhere.",
     "obstacle": "Drag it into the way; the robot sees it with its lidar only.",
     "piece": "Drag it. The map does not follow until you tell the robot.",
@@ -66,7 +66,7 @@ class DisturbTab(Block):
             ways = tuple(way for way, (_, _, turn) in disturb.PUSHES.items() if bool(turn) == turns)
             self.row(ways, self._push, hint="its pose jumps; its wheels notice nothing")
         self._grip = self.row(("Take the cube from the gripper",), lambda _: self._take_cube())
-        gui.add_html(card(heading("Sensors, wheels and joints fail for a while")))
+        gui.add_html(card(heading("Let something fail for a while")))
         labels = tuple(FAULTS)
         for first in range(0, len(labels), IN_A_ROW):
             self.row(labels[first : first + IN_A_ROW], lambda name: self.send(FAULTS[name]))

@@ -1,6 +1,6 @@
 """The Drive tab: the list of tasks, camera, scene and method. Play, step and speed are below the scene."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 
@@ -12,7 +12,7 @@ from motm_twin.bus.messages import MethodChoice, SceneChoice, StatusMessage, Tas
 from motm_twin.methods import DEFAULT_METHOD
 from motm_twin.ui.hub import Hub, Shown, Visitor
 from motm_twin.ui.panel.explain import method_title
-from motm_twin.ui.panel.score import count_line, result_card
+from motm_twin.ui.panel.score import progress
 from motm_twin.ui.panel.why_tab import now_card
 from motm_twin.ui.panel.widgets import BLUE, GREEN, RED, Block, note, text
 from motm_twin.ui.scene.cameras import PRESETS
@@ -29,7 +29,9 @@ _HOW = "Click a cube, then a bin. Double-click the floor to send the robot there
 class DriveTab(Block):
     """Widgets that drive the twin."""
 
-    def __init__(self, gui: viser.GuiApi, hub: Hub, visitor: Visitor, scene: SceneView) -> None:
+    def __init__(
+        self, gui: viser.GuiApi, hub: Hub, visitor: Visitor, scene: SceneView, help_: Callable[[], object]
+    ) -> None:
         super().__init__(gui, hub, visitor)
         self._choices: list[SceneChoice] = []
         self._methods: list[MethodChoice] = []
@@ -47,6 +49,7 @@ class DriveTab(Block):
             self._method = self.choice("Method", ("",), hint=hint)
             self._about = gui.add_html("")
             self.button("Load", self._load_scene, icon=viser.Icon.REFRESH)
+        self.row(("?  How to drive",), lambda _: help_(), anybody=True, hint="H: all keys")
         self._progress = gui.add_html("")  # the last: it grows and shrinks
 
     def enable(self, driving: bool) -> None:
@@ -59,8 +62,8 @@ class DriveTab(Block):
         if shown.status is not None:
             self._show_status(shown.status)
         if shown.tick is not None:
-            now = now_card(shown.tick, shown.scene, shown.status)
-            self._progress.content = now + count_line(shown.tick) + result_card(shown.tick, shown.status, shown.scene)
+            of = shown.tick, shown.scene, shown.status
+            self._progress.content = now_card(*of) + progress(shown.tick, shown.status, shown.scene)
 
     def toggle(self) -> None:
         """Play or pause; a key press meant to pause does not restart a run that has just ended."""
@@ -221,17 +224,14 @@ def moved(listed: Sequence[Job], job: Job, up: bool) -> MoveTask | None:
 
 def ended_lines(listed: Sequence[Job]) -> str:
     """Jobs that have ended, two a row, as HTML."""
-    cells = []
+    cells = ""
     for job in listed:
         if job.ended:
             sign, colour = _SIGNS[job.status]
-            said = f'<span style="color:{colour}">{sign}</span> {text(label(job)[2:])}'
-            cells.append(f'<div style="overflow-wrap:anywhere">{said}</div>')
+            cells += f'<div><span style="color:{colour}">{sign}</span> {text(label(job)[2:])}</div>'
     if not cells:
         return "" if listed else note("no tasks yet")
-    return note(
-        f'<div style="display:grid;grid-template-columns:1fr 1fr;gap:1px 10px">{"".join(cells)}</div>', "inherit"
-    )
+    return note(f'<div class="two">{cells}</div>', "inherit")
 
 
 def label(job: Job) -> str:

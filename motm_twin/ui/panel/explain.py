@@ -18,7 +18,7 @@ from motm_twin.model.furniture import Piece, moved_scene, pieces
 from motm_twin.model.joint_limits import DQ_MAX, Q_MAX, Q_MIN
 from motm_twin.model.kinematics import Frankie
 from motm_twin.model.profile import RobotProfile
-from motm_twin.model.reason import Kind, Reason
+from motm_twin.model.reason import Kind
 from motm_twin.model.scene import Scene
 from motm_twin.model.scene_shapes import outline, rectangle
 from motm_twin.ui.scene.picking import body_outline, furniture_poses
@@ -130,17 +130,12 @@ def waiting(tick: TickMessage, limiter: str = "") -> list[tuple[str, bool]]:
     near = slowed_by(tick.arm, limiter)
     if near:
         found.append((near, False))
-    if step is not None and step.why is not None and not _implied(tick.why, step.why):
+    if step is not None and step.why is not None and not (tick.why and tick.why.about(step.why.kind)):
         found.append((_capital(step.reason), False))
     if task is not None and task.attempts > 1:
         found.append((f"This is the {_ORDINAL.get(task.attempts, f'{task.attempts}th')} try at {task.target}", False))
     found += [(_capital(fault), True) for fault in tick.faults]
     return found
-
-
-def _implied(whole: Reason | None, part: Reason) -> bool:
-    """One of two reasons, or a cause of it, is the other."""
-    return whole is not None and (whole.kind == part.kind or _implied(whole.cause, part))
 
 
 def slowed(steps: Sequence[ArmMessage]) -> list[ArmMessage]:
@@ -159,7 +154,7 @@ def slowed_by(steps: Sequence[ArmMessage], name: str = "") -> str:
     if allowed is None or step.obstacle_distance is None:
         return f"The gripper is slowed by {name.rstrip(',') or 'a ' + step.limiter}"
     how = f"may approach at {allowed:.2f} m/s" if allowed > 0.0 else f"backs off at {-allowed:.2f} m/s or more"
-    return f"{what} {step.obstacle_distance:.2f} m away: the gripper {how}"
+    return f"{what} is {step.obstacle_distance:.2f} m away: the gripper {how}"
 
 
 def _ended(tasks: Sequence[TaskMessage]) -> str:

@@ -36,7 +36,8 @@ def _torque(felt: ForcesMessage) -> str:
     sizes = [abs(value) for value in felt.external_torque]
     most = max(sizes)
     colour = RED if most > ACCELERATING else AMBER if most > NOMINAL else GREEN
-    row = explained("external torque", _TORQUE), chip(f"joint {sizes.index(most) + 1}: {most:.1f} Nm", colour)
+    now = chip(f"joint {sizes.index(most) + 1}: {most:.1f} Nm", colour)
+    row = explained("external torque", _TORQUE), f"{now} at most {max(felt.torque_peaks, default=most):.0f} Nm"
     marks = (mark(NOMINAL / TOP), mark(ACCELERATING / TOP))
     return f"{pairs([row])}{bar(piece(0.0, min(most / TOP, 1.0), colour), *marks, height=6)}"
 

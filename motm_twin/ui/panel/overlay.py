@@ -35,14 +35,14 @@ class Overlay(Block):
     ) -> None:
         gui = visitor.client.gui
         super().__init__(gui, hub, visitor)
-        self._drive, self._replay, self._cameras = drive, replay, scene.cameras
+        self._replay, self._cameras = replay, scene.cameras
         self._legend, self._now, self._events, self._names = (gui.add_html("", visible=False) for _ in range(4))
         self._legend.content = _packed("legend", LAYERS)
         self._scene: object = None
         self._count = -1
         playback = hub.playback
         self._acts: dict[str, tuple[bool, Callable[..., object]]] = {  # for the driver only, and what is done
-            "toggle": (True, self._toggle),
+            "toggle": (True, lambda: replay.toggle() or drive.press()),
             "reset": (True, lambda: self.send(Reset())),
             "step": (True, self._step),
             "speed": (True, lambda name: self.send(Speed(factor=SPEEDS[name]))),
@@ -60,6 +60,7 @@ class Overlay(Block):
             "hide": (False, self._hide),
             "camera": (False, lambda name: scene.cameras.choose(visitor.client, name)),
             "turned": (False, lambda: scene.cameras.turned(visitor.client)),
+            "width": (False, lambda pixels: scene.cameras.tell_width(visitor.client, pixels)),
             "drawn": (False, self._drawn),
         }
         asked = gui.add_text(ASK, "", visible=False)
@@ -100,16 +101,6 @@ class Overlay(Block):
             return  # not from our script
         guard = self.hub.driving if drives else self.hub.watching
         await guard(lambda *_: act(*more))(event)
-
-    def _toggle(self) -> None:
-        """Play or pause the twin, or what is looked back at."""
-        shown, playback = self.shown, self.hub.playback
-        if shown is None or shown.live:
-            self._drive.press()
-        elif playback.playing:
-            playback.pause()
-        else:
-            playback.play(self._replay.speed, self.hub.span)
 
     def _step(self, periods: int) -> None:
         """One period back, or on: of the past, or of a twin that waits for it."""

@@ -24,19 +24,16 @@ from motm_twin.ui.panel.plots import PLOTS, PLOTS_KEY
 from motm_twin.ui.panel.replay_tab import ReplayTab
 from motm_twin.ui.panel.tune_tab import TuneTab
 from motm_twin.ui.panel.why_tab import WhyTab, headline, held_up
-from motm_twin.ui.panel.widgets import AMBER, BLUE, GREEN, MUTED, RED, STYLE, Block, card, chip, note, text
+from motm_twin.ui.panel.widgets import AMBER, BLUE, GREEN, MUTED, RED, Block, card, chip, ends, note, text
 from motm_twin.ui.scene.cameras import PRESETS
 from motm_twin.ui.scene.scene_view import SceneView
 
 # No arrow keys: they belong to the slider or list that has the focus. None of W A S D Q E: they fly Viser's camera.
 _FLY, _WRIST = ("Fly the camera", "W A S D Q E"), ("View of the wrist camera", "I")
 _SHOWN = {"delete": "Del", "escape": "Esc"}
-SHORT = """<div style="font-size:13.5px;line-height:1.5;padding:4px 12px 8px 12px;display:grid;
-grid-template-columns:58px 1fr;gap:3px 8px">
-<b style="color:var(--motm-brand)">Look</b><span>drag to turn, right-drag to move, wheel to zoom</span>
-<b style="color:var(--motm-brand)">Disturb</b><span>grab a Temi, a cube or a table and drag it</span>
-<b style="color:var(--motm-brand)">Ask</b><span>click a coloured dot, then open <b>Why</b></span>
-</div>"""
+SHORT = """<div class="short"><b>Look</b><span>drag to turn, right-drag to move, wheel to zoom</span>
+<b>Disturb</b><span>grab a Temi, a cube or a table and drag it</span>
+<b>Ask</b><span>click a coloured dot, then open <i>Why</i></span></div>"""
 
 
 def add_commands(
@@ -45,7 +42,7 @@ def add_commands(
     """Register keys and palette commands for a visitor."""
     hub, visitor = drive.hub, drive.visitor
     table: list[tuple[str, str | None, Callable, bool]] = [  # label, key, action, only for the driver
-        ("Play / pause", "space", drive.toggle, True),
+        ("Play / pause", "space", lambda: replay.toggle() or drive.toggle(), True),
         ("One step of 50 ms", "N", lambda: drive.send(Step()), True),
         ("Reset", "R", lambda: drive.send(Reset()), True),
         ("Faster", "X", lambda: drive.faster(1), True),
@@ -108,17 +105,7 @@ class HelpCard:
 
 
 def _table(keys: list[tuple[str, str]]) -> str:
-    cells = "".join(
-        f'<div style="white-space:nowrap"><kbd style="display:inline-block;min-width:22px;text-align:center;'
-        f"border:1px solid var(--motm-line);border-radius:4px;padding:0 5px;font-size:12px;"
-        f'background:var(--motm-soft)">{key}</kbd>'
-        f'<span style="margin-left:8px">{label}</span></div>'
-        for label, key in keys
-    )
-    return (
-        '<div style="font-size:13px;line-height:1.7;padding:6px 12px 10px 12px;border-top:1px solid var(--motm-line);'
-        'display:grid;grid-template-columns:1fr 1fr;gap:2px 16px">' + cells + "</div>"
-    )
+    return f'<div class="keys">{"".join(f"<div><kbd>{key}</kbd>{label}</div>" for label, key in keys)}</div>'
 
 
 # A page may close while its panel is being updated; that is nothing to report.
@@ -127,7 +114,7 @@ warnings.filterwarnings("ignore", message="Queued a .* on a closed connection")
 WIDTH = 330  # [px]
 TOP = '<i class="motm-top"></i>'  # its block stays in sight when the panel is scrolled
 CROSSHAIR = "<style>canvas, div:has(> canvas) {cursor: crosshair !important}</style>"  # the floor is clicked next
-PAST = "var(--motm-past)"  # looking back
+INK, PAST = "var(--motm-ink)", "var(--motm-past)"  # of the time: live, and looking back
 _STATES = {
     "playing": ("Running", GREEN),
     "paused": ("Paused", MUTED),
@@ -196,14 +183,12 @@ class Panel:
         gui.set_panel_label("motm-twin")
         gui.main_panel.dock_right()
         gui.main_panel.set_width(WIDTH)
-        gui.add_html(STYLE)
         self._status = gui.add_html(status_card("waiting", None, "connecting"))
         wheel = Wheel(gui, hub, visitor)
         tabs, icon = gui.add_tab_group(), viser.Icon
         self._help = HelpCard(hub, visitor)
         with tabs.add_tab("Drive", icon.STEERING_WHEEL):
-            drive = DriveTab(gui, hub, visitor, scene)
-            drive.row(("?  How to drive",), lambda _: self._help.show_keys(), anybody=True, hint="H: all keys")
+            drive = DriveTab(gui, hub, visitor, scene, self._help.show_keys)
         with tabs.add_tab("Disturb", icon.HAND_FINGER):
             disturb = DisturbTab(gui, hub, visitor)
         with tabs.add_tab("Why", icon.BULB):
@@ -219,11 +204,11 @@ class Panel:
 
     def update(self, shown: Shown) -> None:
         """Show this."""
-        looked_at = None if shown.live or shown.tick is None else shown.tick.time
         driving = self._hub.drives(self.visitor)
         aiming = driving and bool(shown.view.placing or shown.view.sending)
         says = "" if shown.tick is None else headline(shown.tick, shown.scene)
-        said = status_card(shown.state, shown.status, self._note(shown), looked_at=looked_at, says=says)
+        time = None if shown.tick is None else shown.tick.time
+        said = status_card(shown.state, shown.status, self._note(shown), time=time, live=shown.live, says=says)
         self._status.content = TOP + said + (CROSSHAIR if aiming else "")
         if driving != self._driving:
             self._driving = driving
@@ -246,28 +231,25 @@ class Panel:
 
 
 def status_card(
-    state: str, status: StatusMessage | None, note: str, *, looked_at: float | None = None, says: str = ""
+    state: str, status: StatusMessage | None, note: str, *, time: float | None = None, live: bool = True, says: str = ""
 ) -> str:
-    """State, time, speed, what the robot does (HTML), and one line when something is wrong; always of one height.
+    """State, time [s], speed, what the robot does (HTML), and a note when something is wrong; always of one height.
 
-    ``looked_at``: time [s] of the earlier period that is shown, which then stands in the place of the newest.
+    ``time``: of the shown period, which is an earlier one when not ``live``.
     """
-    name, colour = _STATES.get(state, (state, MUTED)) if looked_at is None else ("Looking back", PAST)
-    clock, line = "", "white-space:nowrap;overflow:hidden;text-overflow:ellipsis"
-    rows = []
+    name, colour = _STATES.get(state, (state, MUTED)) if live else ("Looking back", PAST)
+    clock, rows = "", []
+    if time is not None:
+        clock = f'<span style="font-size:17px;font-weight:600;color:{INK if live else PAST}">{time:.2f} s</span>'
     if status is not None:
-        past = "" if looked_at is None else f";color:{PAST}"
-        now = status.time if looked_at is None else looked_at
-        clock = f'<span style="font-size:17px;font-weight:600{past}">{now:.2f} s</span>'
         where = text(f"{scene_name(status.scene, status.variant)}, seed {status.seed}")
-        rows = [f'<div class="mu one" style="{line};margin-top:3px">{where} &middot; {_speed(state, status)}</div>']
-    rows.append(says or '<div class="big two"></div>')
+        rows = [f'<div class="mu one">{where} &middot; {_speed(state, status)}</div>']
     alarm = _STATES[state][1] if state in {"error", "lost", "done"} else AMBER
-    rows.append(f'<div class="alert" title="{text(note)}" style="color:{alarm}">{text(note)}</div>')
-    head = (
-        f'<div style="display:flex;justify-content:space-between;align-items:center">{chip(name, colour)}{clock}</div>'
-    )
-    return card(head, *rows, style="padding:8px 12px 2px")
+    if says:
+        rows += [says, f'<div class="alert" title="{text(note)}" style="color:{alarm}">{text(note)}</div>']
+    else:  # nothing is done yet: room for a long note
+        rows.append(f'<div class="long" style="color:{alarm}">{text(note)}</div>')
+    return card(ends(chip(name, colour), clock), *rows, style="padding:8px 12px 2px")
 
 
 def _speed(state: str, status: StatusMessage) -> str:
@@ -335,8 +317,4 @@ def asked_line(name: str) -> str:
 
 
 def _line(colour: str, content: str) -> str:
-    dot = (
-        f'<span style="display:inline-block;width:9px;height:9px;border-radius:5px;background:{colour};'
-        f'margin-right:7px"></span>'
-    )
-    return card(dot, content, style="line-height:1.4;padding:0 12px 10px 12px")
+    return card(f'<div class="driver"><i style="background:{colour}"></i>{content}</div>', style="padding:0 12px 10px")

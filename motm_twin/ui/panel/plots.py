@@ -23,21 +23,15 @@ from motm_twin.ui.panel.score import BUDGET
 
 WINDOW = 60.0  # [s]
 EVERY = 5  # updates (of 0.1 s) between pictures
-PANEL_WIDTH, HEIGHT, AXIS = 320, 92, 40  # [px]; of a plot, and more with its axis of time
+PANEL_WIDTH, HEIGHT, AXIS = 320, 92, 46  # [px]; of a plot, and more with its axis of time
 FONT = "10px sans-serif"
 PLOTS, PLOTS_KEY = "Plots of the last minute", "G"
 BUCKET = 0.5  # [s] of which a curve has one value; fixed in time, so that a curve only shifts
-WORST = {"distance": np.fmin, "linear_slack": np.fmax, "angular_slack": np.fmax, "period": np.fmax}  # of a bucket
+WORST = dict.fromkeys(("linear_slack", "angular_slack", "period", "torque", "wrist"), np.fmax) | {"distance": np.fmin}
 FAR = 1.5  # [m] top of the plot of distances; nothing near is drawn beyond it
 BLUE, ORANGE, TEAL, VIOLET, RED = "#3b82d6", "#d97706", "#0d9488", "#8b5cf6", "#dc4a4a"
 JOINTS = (BLUE, "#0891b2", TEAL, "#65a30d", ORANGE, "#db2777", VIOLET)  # on light and on dark
 NEAR, SLOW = "rgba(220, 60, 60, 0.22)", "rgba(240, 160, 40, 0.22)"  # regions, as in the paper's figure
-STYLE = """<style>
-.mp{display:flex;justify-content:space-between;align-items:baseline;white-space:nowrap;font-size:11px;
- padding:1px 12px 0 12px;font-variant-numeric:tabular-nums;color:var(--motm-mute)}
-.mp b{color:var(--motm-ink);font-size:12px}.mp .n{color:var(--motm-ink)}
-div:has(> div > .mp) .uplot-container {border: 0; margin: 0 8px 4px 2px}
-</style>"""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -68,7 +62,7 @@ class Plot:
             {"series": (first + k + 1, first + k), "fill": fill} for k, (_, fill) in enumerate(self.regions)
         ]
         axes: list[Any] = [
-            {"show": last, "size": 20, "label": "time of the run [s]", "labelSize": AXIS - 20, "labelFont": FONT},
+            {"show": last, "size": 26, "label": "time of the run [s]", "labelSize": AXIS - 26, "labelFont": FONT},
             {"size": 42, "space": 24},
         ]
         for axis in axes:
@@ -114,14 +108,14 @@ def plots(samples: NDArray[np.float64], base: BaseLimits, parameters: Mapping[st
         Plot(title=f"Slack {_named(('straight', BLUE), ('turning', ORANGE))}", unit="mm/s, &deg;/s",
              now=_pair(linear[-1], angular[-1]), curves=((linear, BLUE), (angular, ORANGE))),
         Plot(title="Computing time of a period", unit="ms", now=number(column["period"][-1], ".1f"),
-             curves=((column["period"], TEAL),), limits=(BUDGET,)),
+             curves=((column["period"], TEAL),), limits=(BUDGET,), range=(0.0, 2.0 * BUDGET)),
     ]  # fmt: skip
     if np.isfinite(column["torque"]).any():  # under contact dynamics
         left, right, torque, wrist = (column[name] for name in ("left", "right", "torque", "wrist"))
         found += [
             Plot(title=f"Fingers {_named(('left', BLUE), ('right', ORANGE))}", unit="N", now=_pair(left[-1], right[-1]),
                  curves=((left, BLUE), (right, ORANGE))),
-            Plot(title="External torque, largest joint", unit="Nm", now=number(torque[-1], ".1f"),
+            Plot(title="External torque, largest joint", unit="Nm, every 50 ms", now=number(torque[-1], ".1f"),
                  curves=((torque, VIOLET),), limits=tuple(REFLEXES.values())),
             Plot(title="Force at the wrist", unit="N", now=number(wrist[-1], ".1f"), curves=((wrist, TEAL),)),
         ]  # fmt: skip
@@ -210,7 +204,7 @@ class PlotsPanel:
                     (self._gui.add_html(""), plot.add(self._gui, time, last=plot is found[-1])) for plot in found
                 ]
         for plot, (heading, drawn) in zip(found, self._drawn, strict=True):
-            heading.content = STYLE * (plot is found[0]) + plot.heading
+            heading.content = plot.heading
             drawn.data = plot.data(time)
 
     def _toggle(self, _event: object, _visitor: Visitor) -> None:

@@ -21,7 +21,6 @@ SPEEDS = {"1/4": 0.25, "1/2": 0.5, "1x": 1.0, "2x": 2.0, "4x": 4.0}
 EXPORTS = {"10 s": 10.0, "30 s": 30.0, "60 s": 60.0}
 PICTURE = (1200, 1920)  # [px] height, width
 RENDER_TIME = 60.0  # [s] for a browser to draw one picture
-_CODE = "background:var(--motm-soft);border-radius:3px;padding:0 4px"
 
 
 class ReplayTab(Block):
@@ -48,7 +47,7 @@ class ReplayTab(Block):
         self.button("Save the session", self.save, anybody=True, icon=icon.DOWNLOAD, hint="V")
         self._saved = gui.add_html(rerun_text("scene-variant-seed-time.json").replace("Saved as", "Saves"))
         gui.add_divider()
-        hint = "the last seconds as one HTML file, to be sent on"
+        hint = "the last seconds as one HTML file that plays without a server"
         self.row(tuple(EXPORTS), lambda name: self.export(EXPORTS[name]), label="As a page", hint=hint, anybody=True)
         self._bar = gui.add_progress_bar(0.0, animated=True, visible=False)
 
@@ -67,6 +66,17 @@ class ReplayTab(Block):
     def step(self, periods: int) -> None:
         """Look one period earlier or later."""
         self.hub.playback.step(periods, self.hub.span)
+
+    def toggle(self) -> bool:
+        """Play or pause what is looked back at; False while the newest period is shown."""
+        playback = self.hub.playback
+        if self.shown is None or self.shown.live:
+            return False
+        if playback.playing:
+            playback.pause()
+        else:
+            playback.play(self.speed, self.hub.span)
+        return True
 
     def branch(self) -> None:
         """Let the twin continue from the shown moment."""
@@ -202,7 +212,6 @@ def rerun_text(name: str) -> str:
     """Hint to use a saved session, as HTML; ``name`` is one of `file_name`."""
     return note(
         f'Saved as <b style="overflow-wrap:anywhere">{name}</b>. '
-        f'Rerun it bit for bit:<br><code style="{_CODE}">motm-twin rerun FILE</code><br>'
-        f'Keep it as a test: put the file into <code style="{_CODE}">tests/recorded</code>; the test there reruns '
-        "every session and compares the state."
+        "Rerun it bit for bit:<br><code>motm-twin rerun FILE</code><br>"
+        "To keep it as a test, put the file into <code>tests/recorded</code>."
     )

@@ -14,6 +14,7 @@ from motm_twin.ui.panel.widgets import (
     RED,
     bar,
     card,
+    ends,
     explained,
     heading,
     mark,
@@ -49,17 +50,6 @@ def score_card(tick: TickMessage, status: StatusMessage | None, scene: Scene | N
     return card(heading(explained("Score", "as the referee counts", "referee")), *_compared(rows, tick, status, scene))
 
 
-def result_card(tick: TickMessage, status: StatusMessage | None, scene: Scene | None = None) -> str:
-    """The result of a finished run, in short; "" before its end."""
-    if not tick.done:
-        return ""
-    rows: list[tuple[str, ...]] = [("time of this run", f"<b>{_time(tick):.2f} s</b>")]
-    if tick.score is not None:
-        rows.append(("distance driven", f"{tick.score.path_length:.1f} m"))
-        rows.append(("least clearance, base", metres(tick.score.min_base_clearance)))
-    return card(heading("Result"), *_compared(rows, tick, status, scene))
-
-
 def _time(tick: TickMessage) -> float:
     """[s] of the work: a finished run goes on for 2 s, so that the robot comes to rest."""
     return tick.time if tick.ended is None else tick.ended
@@ -75,9 +65,11 @@ def _compared(
     return table(rows + _tour(tick, status)), _published(tick, status)
 
 
-def count_line(tick: TickMessage) -> str:
-    """Picks, places and contacts so far, as the referee counts them, as HTML."""
+def progress(tick: TickMessage, status: StatusMessage | None, scene: Scene | None = None) -> str:
+    """Picks, places and contacts so far in one line, as HTML; of a finished run the whole `score_card`."""
     score = tick.score
+    if tick.done:
+        return score_card(tick, status, scene)
     if score is None:
         return ""
     picks, places, ours, others = _counts(tick, score)
@@ -152,11 +144,8 @@ def timing_card(samples: NDArray[np.float64]) -> str:
     worst = int(np.argmax(period))
     over = int((period > BUDGET).sum())
     colour = GREEN if over == 0 else RED if over > 0.01 * len(period) else AMBER
-    name = explained(_PERIOD_NAME, _PERIOD_WORDS, "period")
-    head = (
-        f'<div style="display:flex;justify-content:space-between">{heading(name)}'
-        f'<span style="color:{colour};font-weight:600">{over} of {len(period)} over {BUDGET:.0f} ms</span></div>'
-    )
+    title = heading(explained(_PERIOD_NAME, _PERIOD_WORDS, "period"))
+    late = f'<b style="color:{colour}">{over} of {len(period)} over {BUDGET:.0f} ms</b>'
     bars = _labelled("typical", _stack([(name, float(np.nanmedian(values))) for name, values in stages]))
     bars += _labelled("slowest", _stack([(name, float(values[worst])) for name, values in stages]))
     cells: list[tuple[str, ...]] = [tuple(f'<span class="mu">{name}</span>' for name in _COLUMNS)]
@@ -165,14 +154,11 @@ def timing_card(samples: NDArray[np.float64]) -> str:
         low, high = np.nanpercentile(values, (50, 99))
         cells.append((dot, f"{low:.1f}", f"{high:.1f}", f"{np.nanmax(values):.1f}"))
     cells.append(("<b>period</b>", f"<b>{p50:.1f}</b>", f"<b>{p99:.1f}</b>", f"<b>{period.max():.1f}</b>"))
-    return card(head, bars, table(cells))
+    return card(ends(title, late), bars, table(cells))
 
 
 def _labelled(name: str, content: str) -> str:
-    return (
-        '<div style="display:flex;align-items:center;gap:8px;margin:2px 0"><span class="mu" style="width:48px">'
-        f'{name}</span><div style="flex:1">{content}</div></div>'
-    )
+    return f'<div class="row"><span class="mu" style="width:48px">{name}</span><div class="fill">{content}</div></div>'
 
 
 def _stack(stages: list[tuple[str, float]]) -> str:

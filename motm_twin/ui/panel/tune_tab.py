@@ -14,13 +14,14 @@ from motm_twin.model.edits import ParameterValue
 from motm_twin.ui import colours
 from motm_twin.ui.hub import Hub, Shown, Visitor
 from motm_twin.ui.panel.explain import method_title
-from motm_twin.ui.panel.widgets import AMBER, MUTED, RED, Block, card, follow, note, set_marks, text
+from motm_twin.ui.panel.widgets import AMBER, RED, Block, card, follow, note, set_marks, table, text
 from motm_twin.ui.what_if import RUNS, Outcome, State
 
 INTERVAL = 0.2  # [s] between two sendings; the last value wins
 HOLD = 1.5  # [s] after a person has moved a slider, it is not set from outside
 SHIPPED = "As shipped"  # of `PRESETS`
 OWN = "(own)"
+MOST_NAMED = 3  # parameters of a comparison
 WATCH = "Watch both runs"
 APART = "Try in what-if only"
 NOW, SHOWN, START = "from now", "from the shown moment", "from the start"
@@ -311,18 +312,21 @@ def result(state: State, earlier: str = "") -> str:
         return note("Both runs are computed beside the twin, with the same disturbances, and shown in the scene.")
     if state.phase == "failed":
         return note(text(state.text), RED)
-    rows = [_row("", "as it was", "changed", head=True)]
+    dots = (f'<span style="color:{colour}">●</span> {run}' for run, colour in _COLOURS.items())
+    rows: list[tuple[str, ...]] = [("", *dots)]
     before, after = (state.outcomes.get(run) for run in RUNS)
-    rows.append(_row("time", *(_time(state, run) for run in RUNS)))
+    rows.append(("time", *(_time(state, run) for run in RUNS)))
     if before is not None and after is not None:
-        rows.append(_row("picked", f"{before.picks}", f"{after.picks}"))
-        rows.append(_row("placed", f"{before.places}", f"{after.places}"))
-        rows.append(_row("contacts caused", *(f"{one.contacts} of {one.all_contacts}" for one in (before, after))))
-        rows.append(_row("driven", f"{before.path_length:.1f} m", f"{after.path_length:.1f} m"))
-        rows.append(_row("forecast", *(_forecast(outcome) for outcome in (before, after))))
-    table = f'<table style="width:100%;border-collapse:collapse">{"".join(rows)}</table>'
+        rows.append(("picked", f"{before.picks}", f"{after.picks}"))
+        rows.append(("placed", f"{before.places}", f"{after.places}"))
+        rows.append(("contacts caused", *(f"{one.contacts} of {one.all_contacts}" for one in (before, after))))
+        rows.append(("driven", f"{before.path_length:.1f} m", f"{after.path_length:.1f} m"))
+        rows.append(("forecast", *(_forecast(outcome) for outcome in (before, after))))
+    names = [f"{parameter(name).title}: {_shown(value)}" for name, value in state.values.items()]
+    what = ", ".join(names[:MOST_NAMED]) + (f", and {len(names) - MOST_NAMED} more" if len(names) > MOST_NAMED else "")
+    said = f'<div class="mu">changed: {text(what)}</div>' if what else ""
     of_before = f'<div style="color:{AMBER}">of the run before the {earlier}</div>' if earlier else ""
-    return note(of_before + table + _verdict(state, before, after), "inherit")
+    return card(of_before, table(rows), said, _verdict(state, before, after), style="padding:0 12px 6px")
 
 
 def _time(state: State, run: str) -> str:
@@ -338,17 +342,10 @@ def _forecast(outcome: Outcome) -> str:
     return "no" if outcome.forecast_from_s is None else f"from {outcome.forecast_from_s:.1f} s"
 
 
-def _row(name: str, *cells: str, head: bool = False) -> str:
-    tag = "th" if head else "td"
-    dots = [f'<span style="color:{_COLOURS[cell]}">●</span> {cell}' if head else cell for cell in cells]
-    found = "".join(f'<{tag} style="text-align:right;font-weight:{500 if head else 400}">{dot}</{tag}>' for dot in dots)
-    return f'<tr><{tag} style="text-align:left;color:{MUTED};font-weight:400">{name}</{tag}>{found}</tr>'
-
-
 def _verdict(state: State, before: Outcome | None, after: Outcome | None) -> str:
     if before is None or after is None:
         words = f"the same until {state.start:.1f} s" if state.start > 0.0 else "computed from the start"
-        return f'<div style="color:{MUTED}">{words}</div>'
+        return f'<div class="mu">{words}</div>'
     words = []
     if before.success and after.success:
         gain = round(after.time_s, 1) - round(before.time_s, 1)  # of what is shown above

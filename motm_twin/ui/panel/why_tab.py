@@ -27,6 +27,7 @@ from motm_twin.ui.panel.widgets import (
     bar,
     card,
     chip,
+    ends,
     explained,
     heading,
     mark,
@@ -41,7 +42,7 @@ from motm_twin.ui.panel.widgets import (
 FAST, SLOW = 2, 10  # updates (of 0.1 s) between refreshes of live text, and of statistics
 NEXT_WEIGHT = "next_weight"  # parameter: weight of the cost C_N
 ROUNDED = 0.05  # [s] tolerance of the sum of a message's costs
-_PLACE = "Of the places where the base could stand for its target, the one with the least cost."
+_PLACE = "Of all places where the base could stand for its target, this one costs the least."
 READY_MANIPULABILITY = 0.0838  # of the Panda's ready pose
 BEST_MANIPULABILITY = 0.127  # largest of 20,000 random poses
 RULER = 1.0  # [m] length of the bar of distances
@@ -183,13 +184,11 @@ def task_card(tick: TickMessage) -> str:
     rows.append((explained("where the base is to stand", _PLACE + number, "place"), mode))
     colour = {"goal": GREEN, "aborted": BLUE, "braking": RED}.get(plan.status, MUTED)
     cut = explained(", time was over", _CUT, "end of search") if plan.cut_by_clock else ""
-    shy = (
-        "as usual" if plan.k > _FREELY else "hardly, it is there" if plan.k < _SLIGHTLY else "less, it is nearly there"
-    )
+    shy = "full" if plan.k > _FREELY else "none: it is there" if plan.k < _SLIGHTLY else "less: it is nearly there"
     words = chip(explain.PLANS.get(plan.status, plan.status), colour)
     rows.append((explained("plan of the next seconds", _LOCAL, "plan"), words))
     rows.append((explained("time to get there", _T_H, "plan"), seconds(plan.t_h)))
-    rows.append((explained("shuns obstacles", f"{_K}: {plan.k:.2f}.", "penalty"), shy))
+    rows.append((explained("penalty near obstacles", f"{_K}: {plan.k:.2f}.", "penalty"), shy))
     rows.append((explained("motions tried", _NODES, "plan"), f"{plan.expansions}{cut}"))
     return card(heading("Task in hand"), pairs(rows))
 
@@ -205,8 +204,7 @@ def arm_card(tick: TickMessage, parameters: Mapping[str, ParameterValue], scene:
     solved = step.program == ProgramStatus.SOLVED
     word, words = PROGRAMS.get(step.program, (step.program, ""))  # type: ignore[call-overload]
     name = explained(chip(word, GREEN if solved else RED), words, "program") if words else chip(word, RED)
-    title = f'<div style="display:flex;justify-content:space-between">{heading("Arm")}{name}</div>'
-    parts = [title]
+    parts = [ends(heading("Arm"), name)]
     if not solved:
         parts.append(sentence(step.qp_status, RED))
     parts.append(_distance(tick.arm, parameters, limited_by(tick, scene)))
@@ -262,7 +260,7 @@ def _slack(slack: Sequence[float | None]) -> list[tuple[str, str]]:
         return []
     linear, angular = math.hypot(*known[:3]), math.hypot(*known[3:])
     words = f"{_SLACK} {1e3 * linear:.1f} mm/s, {math.degrees(angular):.1f} deg/s."
-    missed = "by nothing" if max(linear, angular) < _NEGLIGIBLE else f"by {100 * linear:.1f} cm/s"
+    missed = "not at all" if max(linear, angular) < _NEGLIGIBLE else f"by {100 * linear:.1f} cm/s"
     return [(explained("slower than wanted", words, "program"), missed)]
 
 
@@ -277,10 +275,8 @@ def events_card(tick: TickMessage, events: Sequence[EventMessage]) -> str:
     rows = []
     for time, kind, what in entries[:EVENTS]:
         colour = _EVENT_COLOURS.get(kind, MUTED)
-        rows.append(
-            f'<div style="display:flex;gap:8px"><span class="mu" style="min-width:56px;text-align:right">{time:.2f} s'
-            f'</span><span style="color:{colour}">&#9679;</span><span>{text(what)}</span></div>'
-        )
+        dot = f'<span style="color:{colour}">&#9679;</span>'
+        rows.append(f'<div class="event"><span class="mu">{time:.2f} s</span>{dot}<span>{text(what)}</span></div>')
     return card(heading("What happened"), "".join(rows) or '<div class="mu">nothing yet</div>')
 
 
@@ -294,7 +290,7 @@ def candidate_card(placement: PlacementMessage, index: int | None, next_weight: 
     x, y, heading_ = placement.poses[index]
     rows = [
         heading(_title(placement, index)),
-        f'<div class="mu">x {x:.2f} m, y {y:.2f} m, heading {math.degrees(heading_):.0f}&deg;</div>',
+        f'<div class="mu">x {x:.2f} m, y {y:.2f} m, heading {round(math.degrees(heading_))}&deg;</div>',
     ]
     if placement.rejected[index]:
         rows.append(sentence(f"Not possible: {placement.rejected[index]}", MUTED))
@@ -306,14 +302,15 @@ def candidate_card(placement: PlacementMessage, index: int | None, next_weight: 
 def _title(placement: PlacementMessage, index: int) -> str:
     """Rank and choice, with its number on hover; candidates are numbered round the target."""
     viable = sum(cost is not None for cost in placement.cost)
-    place = "" if placement.cost[index] is None else f", {_nth(rank(placement, index))} best of {viable}"
+    place = "" if placement.cost[index] is None else f", {_nth(rank(placement, index))} of {viable}"
     chosen = ", <b>chosen</b>" if index == placement.chosen else ""
     return explained("Place to stand", f"Candidate no. {index + 1} of {len(placement.poses)}", "place") + place + chosen
 
 
 def _nth(number: int) -> str:
+    """First comes without its number: "best", "2nd best"."""
     ending = "th" if number % 100 in (11, 12, 13) else {1: "st", 2: "nd", 3: "rd"}.get(number % 10, "th")
-    return f"{number}{ending}"
+    return "best" if number == 1 else f"{number}{ending} best"
 
 
 def _costs(placement: PlacementMessage, index: int, weight: float) -> list[str]:
@@ -359,7 +356,7 @@ def _hint(placement: PlacementMessage) -> str:
     """Hint to click, and the reasons why the grey ones are out."""
     count = len(placement.poses)
     if not count:
-        return legend(placement)
+        return ""
     reasons = Counter(why for why in placement.rejected if why)
     out = sum(reasons.values())
     rows = [f"<div><b>Click one of the coloured places</b> to read its costs. {count - out} of {count} are free</div>"]
@@ -369,12 +366,9 @@ def _hint(placement: PlacementMessage) -> str:
     return card(heading("Places to stand"), *rows) + legend(placement)
 
 
-def legend(placement: PlacementMessage | None = None) -> str:
+def legend(placement: PlacementMessage) -> str:
     """The scale of costs; the scene has a legend of the rest."""
-    known = [cost for cost in (placement.cost if placement else []) if cost is not None]
+    known = [cost for cost in placement.cost if cost is not None]
     low, high = (f"{min(known):.1f} s", f"{max(known):.1f} s") if known else ("cheap", "dear")
-    return card(
-        '<div style="display:flex;align-items:center;gap:6px">'
-        f'<span style="white-space:nowrap">{low}</span><span style="flex:1;height:8px;border-radius:4px;background:'
-        f'{colours.viridis_css()}"></span><span style="white-space:nowrap">{high}</span></div>'
-    )
+    scale = f'<span class="fill" style="height:8px;border-radius:4px;background:{colours.viridis_css()}"></span>'
+    return card(f'<div class="row"><span>{low}</span>{scale}<span>{high}</span></div>')

@@ -131,6 +131,11 @@ def heading(title: str) -> str:
     return f"<h4>{title}</h4>"
 
 
+def ends(left: str, right: str) -> str:
+    """A row with something at both of its ends, HTML."""
+    return f'<div class="ends">{left}{right}</div>'
+
+
 def sentence(value: str, colour: str) -> str:
     """A sentence from outside beside a coloured line."""
     return (
@@ -198,65 +203,3 @@ def seconds(value: float | None) -> str:
 def metres(value: float | None) -> str:
     """A length; "none near" when there is none."""
     return "none near" if value is None else f"{value:.2f} m"
-
-
-# Viser puts a column for labels before every row: rows of buttons without a label take its place, tasks have a wide
-# one, sliders stand below their label (which no hint covers) with their marks within the panel, folders have a whole
-# row that says what a click does, and five tabs have room side by side, left of the bar that scrolls the panel.
-# The state of the twin stays in sight however far the panel is scrolled. All widgets work without these rules too.
-STYLE = """<style>
-.mm{font-size:13px;line-height:1.45;font-variant-numeric:tabular-nums}
-.mm h4{font-size:11px;letter-spacing:.06em;text-transform:uppercase;color:var(--motm-mute);font-weight:600;
- margin:0 0 3px}
-.mm .big{font-size:16px;line-height:1.35;font-weight:600}
-.mm .mu{color:var(--motm-mute)}
-.mm .kv{display:grid;grid-template-columns:auto 1fr;gap:1px 12px}
-.mm .kv>:nth-child(odd){color:var(--motm-mute);white-space:nowrap}
-.mm .kv>:nth-child(even){text-align:right}
-.mm .chip{border-radius:9px;padding:0 8px;color:var(--motm-paper);font-weight:600;font-size:12px;white-space:nowrap}
-.motm-top + .mm .chip{font-size:13px;padding:1px 9px}
-.mm .bar{position:relative;height:10px;border-radius:5px;background:var(--motm-line);overflow:hidden}
-.mm .bar>i{position:absolute;top:0;bottom:0}
-.mm table{width:100%;border-collapse:collapse}
-.mm td{padding:1px 0;vertical-align:top}.mm td+td{text-align:right;padding-left:8px;white-space:nowrap}
-.mm .ex{border-bottom:1px dotted var(--motm-edge);cursor:help;color:inherit;text-decoration:none}
-.mm a.ex{cursor:pointer}.mm a.ex:hover{border-bottom-style:solid}
-.mm .big{margin-top:5px}.mm .two{height:43px;overflow:hidden}
-.mm .alert,.mm .one{width:0;min-width:100%} /* takes no room of its own: the panel stays as wide as it is */
-.mm .alert{height:19px;margin-top:3px;white-space:nowrap;overflow:hidden;text-overflow:ellipsis;cursor:help}
-.mn{font-size:12px;line-height:1.45;color:var(--motm-mute);padding:0 12px 6px 12px;font-variant-numeric:tabular-nums}
-.mn .docs{color:var(--motm-brand)}
-.mm hr{border:0;border-top:1px solid var(--motm-line);margin:5px 0}
-div:has(> .motm-top) {position: sticky; top: 0; z-index: 5; background: var(--mantine-color-body, white)}
-div:has(> div > div > div > .motm-top) {overflow: visible !important}
-.mantine-Flex-root:has(> div > p > label:empty) > div:first-child {display: none}
-div:has(> div > .motm-wide) > div > .mantine-Flex-root:has(> div > p > label) > div:first-child,
-div:has(> div > .motm-wide) > .mantine-Flex-root:has(> div > p > label) > div:first-child {width: 58% !important}
-div:has(> div > .motm-wide) label {color: var(--motm-ink); letter-spacing: -0.3px}
-div:has(> div > .motm-stacked) .mantine-Flex-root:has(> div > p > label):not(:has(input[type=checkbox])) {
- flex-direction: column; align-items: stretch !important}
-div:has(> div > .motm-stacked) .mantine-Flex-root:has(> div > p > label) > div:first-child {width: 100% !important}
-div:has(> div > .motm-stacked) .mantine-Flex-root:has(input[type=checkbox]) > div:first-child {width: 86% !important}
-div:has(> div > .motm-stacked) label {color: var(--motm-ink); letter-spacing: -0.3px}
-.mantine-Slider-root {margin-left: 12px !important; margin-right: 4px !important}
-div:has(> div > .motm-stacked) .mantine-Flex-root:has(> div > p > label) > div:last-child >
- div:has(.mantine-Slider-root) {padding-top: 22px; margin-top: -22px}
-.mantine-Paper-root:has(> .mantine-Paper-root > svg.tabler-icon-chevron-down) {padding-bottom: 0 !important}
-.mantine-Paper-root:has(> .mantine-Paper-root > svg[class*=tabler-icon-chevron]) {margin: 5px 10px !important}
-.mantine-Paper-root:has(> svg[class*=tabler-icon-chevron]) {
- position: static; transform: none; display: flex; align-items: center; padding: 3px 10px; font-weight: 600;
- background: var(--motm-soft); cursor: pointer; border-radius: 3px}
-.mantine-Paper-root:has(> svg[class*=tabler-icon-chevron]):hover {background: var(--motm-over)}
-.mantine-Paper-root > svg[class*=tabler-icon-chevron] {
- order: 2; margin-left: 5px; width: 1.1em; height: 1.1em; top: 0; opacity: 0.9; color: var(--motm-brand)}
-.mantine-Paper-root:has(> svg.tabler-icon-chevron-down)::after {content: "open"; margin-left: auto; font-weight: 400;
- color: var(--motm-brand)}
-.mantine-Paper-root:has(> svg.tabler-icon-chevron-up)::after {content: "close"; margin-left: auto; font-weight: 400;
- color: var(--motm-brand)}
-.mantine-Paper-root:has(> .mantine-Paper-root > svg.tabler-icon-chevron-down) > :nth-child(3) {display: none}
-[data-dock-strip]:has(> [data-dock-tab]:nth-child(5)) {flex-wrap: nowrap !important; justify-content: space-between;
- padding: 0 10px 0 2px !important}
-[data-dock-strip]:has(> [data-dock-tab]:nth-child(5)) > [data-dock-tab] {padding: 0 0.3em !important; flex: 1 1 auto;
- justify-content: center; letter-spacing: -0.3px}
-[data-dock-strip]:has(> [data-dock-tab]:nth-child(5)) > [data-dock-tab] > * {margin-right: 0.2em !important}
-</style>"""

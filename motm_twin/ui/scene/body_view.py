@@ -15,6 +15,7 @@ from motm_twin.ui import colours
 from motm_twin.ui.scene.drag import SIGN, Drag
 from motm_twin.ui.scene.furniture import glb, loose_box_mesh, loose_cylinder_mesh
 from motm_twin.ui.scene.light import FLOOR, LYING, NO_SHADOW, box_shadow_glb, round_shadow_glb
+from motm_twin.ui.scene.robot_view import COLOURED, add_lines
 
 ROOT = "/bodies"
 TRAIL_LENGTH = 48  # points
@@ -43,13 +44,7 @@ class BodyView:
         self._server, self._drag = server, drag
         self._bodies: dict[str, _Drawn] = {}
         self._colours: dict[str, colours.Rgb] = {}
-        self._trails = server.scene.add_line_segments(
-            f"{ROOT}/trails",
-            np.zeros((1, 2, 3), dtype=np.float32),
-            np.zeros((1, 2, 3), dtype=np.uint8),
-            thickness=0.02,
-            visible=False,  # given one colour, it would stay white when it gets several
-        )
+        self._trails = add_lines(server.scene, f"{ROOT}/trails", COLOURED, 0.02)
         self.on = True  # Temis, persons and their trails
 
     def show(self, scene: Scene) -> None:
@@ -60,18 +55,17 @@ class BodyView:
 
     def update(self, tick: TickMessage) -> None:
         """Draw the bodies of a tick; one that is held here is drawn under the pointer."""
-        present: set[str] = set()
-        for body in tick.objects:
-            held, place = self._drag.held(body.name), (*body.position, body.yaw)
+        drawn = {f"object/{item.name}": item for item in tick.objects}
+        drawn |= {f"body/{body.name}": body for body in (*tick.agents, *tick.obstacles)}
+        for name, body in drawn.items():
+            held, cube = self._drag.held(body.name), name.startswith("object/")
+            x, y, z = (*body.position[:2], body.position[2] if cube else 0.0)
+            yaw = body.yaw
             if held is not None:
-                place = (held.x, held.y, held.z + body.size[0] / 2, body.yaw)
-            present.add(self._place(f"object/{body.name}", body, place, tick.time))
-        for body in (*tick.agents, *tick.obstacles):
-            held, place = self._drag.held(body.name), (*body.position[:2], 0.0, body.yaw)
-            if held is not None:
-                place = (held.x, held.y, 0.0, body.yaw if held.heading is None else held.heading)
-            present.add(self._place(f"body/{body.name}", body, place, tick.time))
-        for name in set(self._bodies) - present:
+                x, y, z = held.x, held.y, held.z + body.size[0] / 2 if cube else 0.0
+                yaw = yaw if held.heading is None else held.heading
+            self._place(name, body, (x, y, z, yaw), tick.time)
+        for name in set(self._bodies) - set(drawn):
             self._remove(name)
 
     def update_trails(self) -> None:
@@ -89,7 +83,7 @@ class BodyView:
             self._trails.points = np.concatenate(pieces).astype(np.float32)
             self._trails.colors = np.concatenate(tones).astype(np.uint8)
 
-    def _place(self, name: str, body: BodyMessage, place: tuple, time: float) -> str:
+    def _place(self, name: str, body: BodyMessage, place: tuple, time: float) -> None:
         """Draw one body at ``place``: x, y, z [m] and heading [rad]."""
         shape = (body.kind, tuple(body.size))
         if name in self._bodies and self._bodies[name].shape != shape:
@@ -112,7 +106,6 @@ class BodyView:
         if drawn.shadow is not None:
             drawn.shadow.visible = drawn.handle.visible
         self._mark_frozen(name, drawn, body)
-        return name
 
     def _mark_frozen(self, name: str, drawn: _Drawn, body: BodyMessage) -> None:
         frozen = body.state == FROZEN

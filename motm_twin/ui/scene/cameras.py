@@ -127,7 +127,8 @@ class _Eye:
     target: View | None = None  # of a fixed view
     aspect: float = 0.0  # that the target is for
     seen: float = 0.0  # aspect of the picture at the last update
-    page_width: int = 0  # [px] when it came
+    page_width: int = 0  # of the picture when it came, in pixels of the display
+    width: float = 0.0  # [px] of the page, as it tells it; 0: it has not
     ease_from: View | None = None
     ease_start: float = -math.inf
     ease_fov: float = FIELD_OF_VIEW  # at the start of the move
@@ -177,6 +178,13 @@ class Cameras:
             eye = self._eyes.get(client.client_id)
             if eye is not None:
                 eye.turned_at = time.monotonic()
+
+    def tell_width(self, client: viser.ClientHandle, width: float) -> None:
+        """Take the width [px] of a page: a phone has more pixels than that across its picture."""
+        with self._lock:
+            eye = self._eyes.get(client.client_id)
+            if eye is not None:
+                eye.width = max(float(width), 1.0)
 
     def mode(self, client: viser.ClientHandle) -> str:
         """Preset that a visitor has now."""
@@ -335,9 +343,9 @@ def _between(start: float, goal: float, part: float) -> float:
 def _aspect(eye: _Eye, client: viser.ClientHandle) -> float:
     """Width / height of the picture beside the panel."""
     width, height = client.camera.image_width, client.camera.image_height
-    if width == eye.page_width and width > NARROW:
-        width -= PANEL
-    return width / max(height, 1)
+    page = eye.width or width
+    share = 1.0 - PANEL / page if width == eye.page_width and page > NARROW else 1.0
+    return share * width / max(height, 1)
 
 
 def _widened(client: viser.ClientHandle, before: float, now: float) -> View | None:

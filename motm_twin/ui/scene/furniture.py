@@ -21,7 +21,8 @@ from viser.transforms import SO3
 
 from motm_twin.bus.messages import TickMessage
 from motm_twin.model.furniture import Piece, pieces
-from motm_twin.model.scene import Bin, Box, Bump, Cylinder, PlanarPose, Scene, Solid
+from motm_twin.model.scene import Bin, Box, Bump, PlanarPose, Scene, Solid
+from motm_twin.model.scene_shapes import outline
 from motm_twin.ui.scene.drag import SIGN, Drag
 from motm_twin.ui.scene.light import (
     NO_SHADOW,
@@ -110,7 +111,7 @@ def loose_cylinder_mesh(diameter: float, height: float) -> trimesh.Scene:
 def blocks(solids: Iterable[Solid], centre: tuple[float, float] = (0.0, 0.0)) -> list[Block]:
     """Outlines [m] about a centre, with lower and upper ends [m]: they cast the shadow of a piece."""
     return [
-        (shapely.affinity.translate(_outline(solid, 0.0), -centre[0], -centre[1]), solid.z_min, solid.z_max)
+        (shapely.affinity.translate(outline(solid.shape), -centre[0], -centre[1]), solid.z_min, solid.z_max)
         for solid in solids
     ]
 
@@ -215,20 +216,18 @@ def _placed(parts: list[Part], centre: tuple[float, float], yaw: float) -> list[
 
 
 def _outline(solid: Solid, rounding: float) -> shapely.Polygon:
-    shape = solid.shape
-    if isinstance(shape, Cylinder):
-        return shapely.Point(*shape.centre).buffer(shape.radius, quad_segs=16)
-    if isinstance(shape, Box):
-        outline = _rectangle(*shape.size, rounding)
-        outline = shapely.affinity.rotate(outline, shape.yaw, origin=(0, 0), use_radians=True)
-        return shapely.affinity.translate(outline, *shape.centre)
-    return shapely.Polygon(shape.corners)
+    """Of a box with corners of this radius [m], of anything else as it is."""
+    shape = outline(solid.shape)
+    return _rounded(shape, min(rounding, 0.45 * min(solid.shape.size))) if isinstance(solid.shape, Box) else shape
 
 
 def _rectangle(length: float, width: float, rounding: float) -> shapely.Polygon:
-    r = min(rounding, 0.45 * min(length, width))
-    inner = shapely.box(-length / 2 + r, -width / 2 + r, length / 2 - r, width / 2 - r)
-    return inner.buffer(r, quad_segs=4) if r > 0.0 else inner
+    half = (length / 2, width / 2)
+    return _rounded(shapely.box(-half[0], -half[1], *half), min(rounding, 0.9 * min(half)))
+
+
+def _rounded(shape: shapely.Polygon, radius: float) -> shapely.Polygon:
+    return shape.buffer(-radius, join_style="mitre").buffer(radius, quad_segs=4) if radius > 0.0 else shape
 
 
 def _extrude(outline: shapely.Polygon, z_min: float, z_max: float) -> trimesh.Trimesh:

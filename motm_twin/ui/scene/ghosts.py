@@ -5,6 +5,7 @@ whole robot reaches for the target from the chosen place of the base.
 """
 
 from functools import cache
+from typing import Any
 
 import numpy as np
 import trimesh
@@ -36,22 +37,15 @@ class GhostView:
     """Silhouettes of the base, and the robot at its next grasp or release."""
 
     def __init__(self, server: viser.ViserServer) -> None:
-        scene = server.scene
-        self._silhouettes = add_batch(
-            scene, f"{ROOT}/silhouette", hull_mesh(LINKS[0]), SILHOUETTES, colours.PLAN,
-            batched_opacities=np.array(FADES_IN, dtype=np.float32), opacity=0.99, side="front",
-        )  # fmt: skip
-        self._arrival = [
-            add_batch(
-                scene, f"{ROOT}/arrival/{link}", hull_mesh(link), 1, colours.PLAN, opacity=ARRIVAL_OPACITY,
-                side="front",
-            )
-            for link in ARRIVAL_LINKS
-        ]  # fmt: skip
-        self._proposed = add_batch(
-            scene, f"{ROOT}/proposed", hull_mesh(LINKS[0]), 1, colours.TARGET, opacity=PROPOSED_OPACITY, side="front",
-            visible=False,
-        )  # fmt: skip
+
+        def add(path: str, link: str, count: int, colour: colours.Rgb, opacity: float, **more: Any) -> Any:
+            path = f"{ROOT}/{path}"
+            return add_batch(server.scene, path, hull_mesh(link), count, colour, opacity=opacity, side="front", **more)
+
+        fades, base = np.array(FADES_IN, dtype=np.float32), LINKS[0]
+        self._silhouettes = add("silhouette", base, SILHOUETTES, colours.PLAN, 0.99, batched_opacities=fades)
+        self._arrival = [add(f"arrival/{link}", link, 1, colours.PLAN, ARRIVAL_OPACITY) for link in ARRIVAL_LINKS]
+        self._proposed = add("proposed", base, 1, colours.TARGET, PROPOSED_OPACITY, visible=False)
         self._going: tuple[float, float] | None = None
         self._kinematics: Frankie | None = None
         self._known: tuple[tuple[float, ...], Array] | None = None  # arrival that was computed last, and its joints

@@ -27,8 +27,7 @@ from motm_twin.ui.hub import Hub, Visitor
 from motm_twin.ui.legend import PLACES
 
 SELECTABLE = ("object", "bin", "body", "piece")
-SLACK = 0.014  # [rad] tolerance for small things
-SLACK_NEAR = 0.015  # [m] the same close to the eye
+SLACK, SLACK_LEAST = 0.006, 0.015  # [rad], [m] by which a small thing may be missed: some seven pixels of a laptop
 CANDIDATE_HEIGHT = 0.035  # [m]
 CANDIDATES, RING = 192, 72  # that are drawn at most; of the smallest ring, whose impossible ones are drawn as well
 SAME_PLACE = 0.4  # [m] from the place that the first click proposed, the second confirms it
@@ -144,7 +143,7 @@ def _candidate(ray: Ray, tick: TickMessage) -> Hit | None:
     centres = np.column_stack([places, np.full(len(drawn), CANDIDATE_HEIGHT)])
     along = (centres - ray.origin) @ ray.direction
     aside = np.linalg.norm(centres - ray.origin - along[:, None] * ray.direction, axis=1)
-    missed = aside - 0.03 - np.minimum(SLACK_NEAR, SLACK * along)
+    missed = aside - 0.03 - np.maximum(SLACK_LEAST, SLACK * along)
     index = int(np.argmin(np.where(along > 0.0, missed, _NO_HIT)))
     if along[index] <= 0.0 or missed[index] > 0.0:
         return None
@@ -155,7 +154,7 @@ def _object(ray: Ray, item: BodyMessage) -> Hit | None:
     centre = np.asarray(item.position)
     along = float((centre - ray.origin) @ ray.direction)
     aside = float(np.linalg.norm(centre - ray.at(along)))
-    if along <= 0.0 or aside > 0.6 * item.size[0] + min(SLACK_NEAR, SLACK * along):
+    if along <= 0.0 or aside > 0.6 * item.size[0] + max(SLACK_LEAST, SLACK * along):
         return None
     return Hit("object", item.name, centre, along - 0.6 * item.size[0])
 

@@ -15,9 +15,9 @@ from viser.transforms import SO3
 
 from motm_twin.bus.messages import PlacementMessage, TickMessage
 from motm_twin.ui import colours
-from motm_twin.ui.scene.drag import Spot, ring, spot_of
+from motm_twin.ui.scene.drag import SIGN, Spot, ring, spot_of
 from motm_twin.ui.scene.picking import CANDIDATE_HEIGHT, CANDIDATES, Surroundings, drawn_candidates
-from motm_twin.ui.scene.robot_view import AWAY, add_batch
+from motm_twin.ui.scene.robot_view import AWAY, add_batch, add_lines
 
 PLAN, MARKS = "/plan", "/marks"
 DASH = 0.08  # [m]
@@ -44,9 +44,7 @@ class PathLine:
         dashed: bool = False,
     ) -> None:  # fmt: skip
         self._height, self._dashed = height, dashed
-        self._handle = server.scene.add_line_segments(
-            f"{PLAN}/{name}", np.zeros((1, 2, 3), dtype=np.float32), colour, thickness=width, visible=False
-        )
+        self._handle = add_lines(server.scene, f"{PLAN}/{name}", colour, width)
 
     def update(self, points: Points, on: bool) -> None:
         """Draw through these points; nothing when there are fewer than two."""
@@ -62,21 +60,11 @@ class CandidateView:
     """All candidates as one batched mesh: a ball with a nose that points along the heading."""
 
     def __init__(self, server: viser.ViserServer) -> None:
-        grey = np.full((CANDIDATES, 3), 128, dtype=np.uint8)
-        self._handle = add_batch(
-            server.scene,
-            f"{PLAN}/candidates",
-            _pointed_ball(),
-            CANDIDATES,
-            grey,
-            batched_scales=np.full(CANDIDATES, 1e-3),
-        )
-        self._cost = server.scene.add_label(
-            f"{PLAN}/candidates/cost", "", font_screen_scale=0.75, anchor="bottom-center", visible=False
-        )
-        self._goal = server.scene.add_line_segments(
-            f"{PLAN}/goal", _goal_mark(), colours.TARGET, thickness=0.022, visible=False
-        )
+        scene, grey, none = server.scene, np.full((CANDIDATES, 3), 128, dtype=np.uint8), np.full(CANDIDATES, 1e-3)
+        path = f"{PLAN}/candidates"
+        self._handle = add_batch(scene, path, _pointed_ball(), CANDIDATES, grey, batched_scales=none)
+        self._cost = scene.add_label(f"{path}/cost", "", visible=False, **SIGN)
+        self._goal = add_lines(scene, f"{PLAN}/goal", colours.TARGET, 0.022, _goal_mark())
         self._key: tuple = ()
 
     def update(self, placement: PlacementMessage, on: bool, picked: int | None) -> None:
@@ -190,9 +178,7 @@ class MarksView:
 
     def __init__(self, server: viser.ViserServer) -> None:
         add = server.scene
-        self._target = add.add_line_segments(
-            f"{MARKS}/target", ring(0.06), colours.TARGET, thickness=0.010, visible=False
-        )
+        self._target = add_lines(add, f"{MARKS}/target", colours.TARGET, 0.010, ring(0.06))
         self._drives = add_batch(add, f"{MARKS}/drive_to", _flag(), MOST_DRIVES, colours.TARGET)
         cube = trimesh.creation.box((1.0, 1.0, 1.0))
         self._beliefs = add_batch(
@@ -268,6 +254,5 @@ def _flag() -> tuple[np.ndarray, np.ndarray]:
 
 def _joined(*meshes: trimesh.Trimesh) -> tuple[np.ndarray, np.ndarray]:
     """Vertices and faces of several meshes as one."""
-    starts = itertools.accumulate((len(mesh.vertices) for mesh in meshes), initial=0)
-    faces = [mesh.faces + start for mesh, start in zip(meshes, starts, strict=False)]
-    return np.concatenate([mesh.vertices for mesh in meshes]), np.concatenate(faces)
+    whole = trimesh.util.concatenate(meshes)
+    return whole.vertices, whole.faces

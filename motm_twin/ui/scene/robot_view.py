@@ -24,6 +24,8 @@ from motm_twin.ui.what_if import RUNS, Other
 
 ROOT, OTHERS = "/robot", "/others"
 AWAY = (0.0, 0.0, -100.0)  # [m] where unused parts of a batch wait
+NO_LINES = np.zeros((1, 2, 3), dtype=np.float32)
+COLOURED = np.zeros((1, 2, 3), dtype=np.uint8)  # of lines that are to have several colours
 MOST = 2  # robots of a comparison
 MOST_MOVERS = 16  # of each run that are drawn
 COLOUR_NAMES = ("orange", "green")  # of `colours.OTHERS`
@@ -45,6 +47,13 @@ def add_batch(
         batched_wxyzs=np.tile([1.0, 0.0, 0.0, 0.0], (count, 1)), batched_positions=np.tile(AWAY, (count, 1)),
         batched_colors=colour, **NO_SHADOW, **options,
     )  # fmt: skip
+
+
+def add_lines(
+    scene: viser.SceneApi, path: str, colour: Any, thickness: float, points: Any = NO_LINES
+) -> viser.LineSegmentsHandle:
+    """Line segments, hidden. A node that is made with one colour stays white when it gets several."""
+    return scene.add_line_segments(path, points, colour, thickness=thickness, visible=False)
 
 
 def put_batch(handles: Sequence[viser.BatchedMeshHandle], count: int, links: dict[int, Array]) -> None:
@@ -141,12 +150,8 @@ class ComparisonView:
             self._scene, f"{OTHERS}/movers", (shape.vertices, shape.faces), count, np.repeat(tints, MOST_MOVERS, 0),
             batched_scales=np.full((count, 3), 0.1, dtype=np.float32), opacity=0.3,
         )  # fmt: skip
-        self._labels = [
-            self._scene.add_label(
-                f"{OTHERS}/label{i}", "", font_screen_scale=0.7, anchor="bottom-center", visible=False
-            )
-            for i in range(MOST)
-        ]
+        look = {"font_screen_scale": 0.7, "anchor": "bottom-center", "visible": False}
+        self._labels = [self._scene.add_label(f"{OTHERS}/label{i}", "", **look) for i in range(MOST)]
 
     def _move(self, robots: Sequence[Other]) -> None:
         assert self._movers is not None

@@ -49,6 +49,7 @@ class SceneView:
         self._clock = server.scene.add_frame(CLOCK, show_axes=False)
         self._drawn: TickMessage | None = None
         self._live = True  # the twin's own run is shown
+        self._job = (-1, -1)  # run and task, whose candidates are numbered
 
     def stop(self) -> None:
         """Let go of everything."""
@@ -67,6 +68,7 @@ class SceneView:
             return
         surroundings.update(tick)
         self.clicks.surroundings, self.clicks.tick = surroundings, tick
+        self._forget_candidate(tick)
         fresh = tick is not self._drawn
         live = self._hub.what_if.watched is None  # else two other runs are watched, and their Temis
         if live != self._live:
@@ -87,6 +89,14 @@ class SceneView:
         spot = target_spot(tick, surroundings)
         target = None if spot is None else np.array([spot.x, spot.y, spot.z + 0.5 * spot.height])
         self.cameras.update(np.array(tick.robot.true_pose), self._robot.hand, dt, ride=fresh, target=target)
+
+    def _forget_candidate(self, tick: TickMessage) -> None:
+        """Of another task: the number of the one that was clicked stands for another place there."""
+        job, view = (tick.run, tick.task_index), self._hub.view
+        if job != self._job and view.picked is not None:
+            view.picked = None
+            self._hub.inspect()
+        self._job = job
 
     def _draw_plan(self, shown: Shown, tick: TickMessage, surroundings: Surroundings) -> None:
         if self._hub.shows(STAA) != self._plan.staa_on:

@@ -16,6 +16,7 @@ from motm_twin.model.reason import Kind
 from motm_twin.ui import colours
 from motm_twin.ui.scene.drag import ring
 from motm_twin.ui.scene.light import FLOOR
+from motm_twin.ui.scene.robot_view import COLOURED, add_lines
 
 TRACKS = "/tracks"
 MOST = 12  # that are drawn
@@ -38,22 +39,10 @@ class TrackView:
     """One node for all lines, one for the bold ring, and a label per track."""
 
     def __init__(self, server: viser.ViserServer) -> None:
-        add, nothing = server.scene, np.zeros((1, 2, 3))
-        self._lines = add.add_line_segments(
-            f"{TRACKS}/lines", nothing.astype(np.float32), nothing.astype(np.uint8), thickness=0.014, visible=False
-        )
-        self._ring = add.add_line_segments(f"{TRACKS}/met", _CIRCLE, colours.PEOPLE, thickness=0.045, visible=False)
-        self._labels = [
-            add.add_label(
-                f"{TRACKS}/number{k}",
-                "",
-                font_screen_scale=0.75,
-                anchor="center-center",
-                depth_test=True,
-                visible=False,
-            )
-            for k in range(MOST)
-        ]
+        scene, look = server.scene, {"font_screen_scale": 0.75, "anchor": "center-center", "depth_test": True}
+        self._lines = add_lines(scene, f"{TRACKS}/lines", COLOURED, 0.014)
+        self._ring = add_lines(scene, f"{TRACKS}/met", colours.PEOPLE, 0.045, _CIRCLE)
+        self._labels = [scene.add_label(f"{TRACKS}/number{k}", "", visible=False, **look) for k in range(MOST)]
         self.on = True
 
     def update(self, tick: TickMessage) -> None:
