@@ -49,10 +49,10 @@ from motm_twin.planning.in_time import fill_waits
 from motm_twin.planning.rejections import mark_free
 from motm_twin.planning.staa import run_search
 from motm_twin.planning.warm_up import warm_up_evasion, warm_up_foresight, warm_up_placement, warm_up_search
-from motm_twin.sim.agent_kernels import look_about
 from motm_twin.sim.kernels import polygon_distance
 from motm_twin.sim.plant import SimulatedPlant
 from motm_twin.sim.referee_geometry import update_gaps
+from motm_twin.sim.social_force import nearest
 from motm_twin.twin import Twin
 
 ARM_STEP = 0.01  # [s]
@@ -305,7 +305,7 @@ PARTS = {
     "search": Part(warm_up_search, run_search, 18.0),
     "foresight": Part(_foresight, fill_waits, 22.0),  # the search, with others to whom it gives way
     "plant": Part(_plant, update_gaps, 10.0),
-    "agents": Part(_agents, look_about, 14.0),  # the plant, with them
+    "agents": Part(_agents, nearest, 14.0),  # the plant, with those that drive and walk
     "placement": Part(warm_up_placement, mark_free, 10.0),
 }
 
