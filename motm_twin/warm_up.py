@@ -15,7 +15,6 @@ from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import joblib
 import msgspec
 import numpy as np
 from numba.core import event
@@ -130,6 +129,8 @@ def compile_kernels(parts: Iterable[str] = EVERYTHING, tell: Callable[[str], Non
             "Set NUMBA_CACHE_DIR to a folder of yours."
         )
         return
+    import joblib  # slow to import; it counts the cores that this process may use, in a container too
+
     tell("Compiling the numeric kernels, once per installation: half a minute on a quick machine, two on a slow one.")
     began, done = time.monotonic(), 0
     started = [(_start(share), share) for share in shares(parts, joblib.cpu_count())]
@@ -153,7 +154,7 @@ def shares(parts: Iterable[str], most: int) -> list[list[str]]:
     found: list[list[str]] = [[] for _ in range(most)]
     for part in sorted(parts, key=lambda name: -PARTS[name].seconds):
         min(found, key=lambda share: sum(PARTS[name].seconds for name in share)).append(part)
-    return [share for share in found if share]
+    return [sorted(share, key=list(PARTS).index) for share in found if share]
 
 
 def _start(parts: Iterable[str]) -> subprocess.Popen[bytes]:
@@ -299,14 +300,14 @@ class Part(NamedTuple):
     seconds: float  # of processor time
 
 
-PARTS = {
-    "arm": Part(_arm, manipulability_gradient, 28.0),
+PARTS = {  # one process does its own in this order; the search comes last, as most of placement is in it too
+    "placement": Part(warm_up_placement, mark_free, 10.0),
     "perception": Part(_perception, unseen_in_stop, 20.0),
-    "search": Part(warm_up_search, run_search, 18.0),
-    "foresight": Part(_foresight, fill_waits, 22.0),  # the search, with others to whom it gives way
+    "arm": Part(_arm, manipulability_gradient, 28.0),
     "plant": Part(_plant, update_gaps, 10.0),
     "agents": Part(_agents, nearest, 14.0),  # the plant, with those that drive and walk
-    "placement": Part(warm_up_placement, mark_free, 10.0),
+    "search": Part(warm_up_search, run_search, 22.0),
+    "foresight": Part(_foresight, fill_waits, 28.0),  # the search, with others to whom it gives way
 }
 
 

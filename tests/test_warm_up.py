@@ -77,6 +77,12 @@ def test_parts_are_shared_out_so_that_all_processes_take_about_as_long() -> None
     assert max(took) < 1.2 * min(took)
 
 
+def test_the_search_is_compiled_after_placement_whose_kernels_it_needs() -> None:
+    (all_in_one,) = shares(parts_of({}, agents=False), 1)
+    assert all_in_one[0] == "placement"
+    assert all_in_one[-1] == "search"
+
+
 def test_where_kernels_cannot_be_kept_it_says_so_once_and_compiles_as_it_goes(cold, monkeypatch) -> None:
     monkeypatch.setattr(warm_up, "can_keep", lambda: False)
     said: list[str] = []
