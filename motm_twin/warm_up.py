@@ -25,7 +25,7 @@ from motm_twin.control.arm.monitor import ArmMonitor
 from motm_twin.control.arm.parameters import ArmParameters
 from motm_twin.control.arm.program import base_bounds, joint_bounds
 from motm_twin.control.arm.types import ArmGoal, ArmInputs, ArmObstacles
-from motm_twin.control.monitor import Monitor, unseen_in_stop
+from motm_twin.control.monitor import Monitor, MonitorParameters, unseen_in_stop
 from motm_twin.control.self_check import SelfCheck, SelfCheckSettings
 from motm_twin.measures.agents import compile_gaps
 from motm_twin.measures.people import compile_meetings
@@ -290,6 +290,13 @@ def _foresight() -> None:
     warm_up_search()
     warm_up_foresight()
     warm_up_evasion()
+    known = known_world(load_scene("exp2"))
+    now = _observation(known.robot.lidar, 0.0)
+    comes = frozen(np.array([[0.7, 0.0, -1.0, 0.0, 0.25, 0.03, 1.0]]))
+    world = msgspec.structs.replace(Mapper(known).update(now), tracks=comes)
+    acting = Actuation(twist=frozen(np.array([0.5, 0.0])), joint_velocity=frozen(np.zeros(7)), gripper="open")
+    monitor = Monitor(known.robot, MonitorParameters(passive_safety=True))
+    monitor.check(acting, now, PERIOD, scan_stamp=now.time, world=world)  # stops
 
 
 class Part(NamedTuple):

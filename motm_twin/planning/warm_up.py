@@ -18,6 +18,7 @@ from motm_twin.planning.commitment import KeepPlans
 from motm_twin.planning.controller import StaaController
 from motm_twin.planning.evasion import MakesWay
 from motm_twin.planning.every_ring import EveryRing
+from motm_twin.planning.heed import cannot_brake
 from motm_twin.planning.in_time import InTime
 from motm_twin.planning.parameters import PlanningParameters
 from motm_twin.planning.placement import NextTargetPlacement
@@ -77,6 +78,7 @@ def warm_up_foresight() -> BasePlan:
     problem = _problem()
     crossing = frozen(np.array([[0.8, 0.5, 0.0, -0.5, 0.25, 0.03, 1.0], [2.0, 0.9, 0.0, -0.3, 0.25, 0.03, 2.0]]))
     problem = msgspec.structs.replace(problem, world=msgspec.structs.replace(problem.world, tracks=crossing))
+    cannot_brake(problem.pose, crossing, 1.0, body_of(robot.footprint))
     in_time = InTime(EveryRing(), robot.base.velocity_lag)
     placement = NextTargetPlacement(robot, parameters, candidates=in_time).place(problem)
     controller = StaaController(robot, parameters, commitment=KeepPlans())
