@@ -48,10 +48,10 @@ from motm_twin.planning.in_time import fill_waits
 from motm_twin.planning.rejections import mark_free
 from motm_twin.planning.staa import run_search
 from motm_twin.planning.warm_up import warm_up_evasion, warm_up_foresight, warm_up_placement, warm_up_search
+from motm_twin.sim.agent_kernels import look_about
 from motm_twin.sim.kernels import polygon_distance
 from motm_twin.sim.plant import SimulatedPlant
 from motm_twin.sim.referee_geometry import update_gaps
-from motm_twin.sim.social_force import nearest
 from motm_twin.twin import Twin
 
 ARM_STEP = 0.01  # [s]
@@ -312,7 +312,7 @@ PARTS = {  # one process does its own in this order; the search comes last, as m
     "perception": Part(_perception, unseen_in_stop, 20.0),
     "arm": Part(_arm, manipulability_gradient, 28.0),
     "plant": Part(_plant, update_gaps, 10.0),
-    "agents": Part(_agents, nearest, 14.0),  # the plant, with those that drive and walk
+    "agents": Part(_agents, look_about, 14.0),  # the plant, with those that drive and walk
     "search": Part(warm_up_search, run_search, 22.0),
     "foresight": Part(_foresight, fill_waits, 28.0),  # the search, with others to whom it gives way
 }

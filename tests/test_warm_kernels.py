@@ -39,7 +39,7 @@ print(json.dumps(sorted(name for name, _ in called() - warm)))
     [
         ("fast", (("exp1", 350),)),  # without the kernels of agents
         ("fast", (("exp1", 350), ("exp2", 250))),
-        ("foresight", (("exp2", 500),)),
+        ("foresight", (("exp1", 100), ("exp2", 600))),
     ],
 )
 def test_a_run_calls_no_kernel_that_the_first_start_has_not_compiled(

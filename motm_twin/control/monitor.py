@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from motm_twin.control.arm.parameters import Numbers, numbers
 from motm_twin.control.self_check import FULL_TRUST, Trust
-from motm_twin.model.compiler import inner, njit
+from motm_twin.model.compiler import njit
 from motm_twin.model.geometry import Array
 from motm_twin.model.joint_limits import DQ_MAX
 from motm_twin.model.number import OWN, Number, Slider
@@ -335,7 +335,7 @@ def _carry(points: Array, pose: Array, now: Array) -> None:
         points[i, 0], points[i, 1] = back_c * dx + back_s * dy, -back_s * dx + back_c * dy
 
 
-@inner
+@njit(cache=True)
 def _finite(values: Array) -> bool:
     for value in values:
         if not math.isfinite(value):

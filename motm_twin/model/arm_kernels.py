@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 
-from motm_twin.model.compiler import inner, njit
+from motm_twin.model.compiler import njit
 from motm_twin.model.exact import fma
 from motm_twin.model.geometry import Array
 
@@ -139,7 +139,7 @@ def manipulability_gradient(q: Array) -> Array:
     return factored_gradient(J, L, factor(J, L))
 
 
-@inner
+@njit(cache=True)
 def factored_gradient(J: Array, L: Array, m: float) -> Array:
     """The same with what `factor` gives: L and the measure m.
 

@@ -3,9 +3,6 @@
 The first start compiles all of them, so that their number and size is a wait for everybody who installs.
 
 - Nothing calls kernels from C. The wrapper for that, which Numba makes of each, is a tenth of the time.
-- Python calls only some kernels. For `inner` ones, which other kernels call, Numba makes no wrapper that takes Python's
-  objects apart: for a tuple of thirty arrays that is longer than the kernel. Python must not call them: nothing checks
-  that, and it crashes. ``tests/project/test_kernels.py`` finds such a call.
 - A literal is a type of its own when one kernel gives it to another, and so is a read-only array: the kernel that gets
   it is compiled once more. So ``np.bool_(True)`` and ``np.int64(3)`` are given, and arrays that are all writable.
 - An array that is assigned to a slice (``a[:3] = b``) may have another shape. The text of that error alone compiles for
@@ -19,4 +16,3 @@ import numba
 
 _OPTIONS: Any = {"no_cfunc_wrapper": True}
 njit: Any = partial(numba.njit, **_OPTIONS)
-inner: Any = njit(cache=True, no_cpython_wrapper=True)

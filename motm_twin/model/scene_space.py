@@ -65,7 +65,7 @@ def _arm_points(scene: Scene) -> list[tuple[float, float, float]]:
     if not scene.robot.has_arm:
         return []
     arm, pose = scene.robot.arm, np.array(scene.start, dtype=float)
-    joints = fk_arm(READY.copy())[_ARM_LINE, :3, 3] + np.array([arm.mount_x, arm.mount_y, arm.mount_z])
+    joints = fk_arm(READY)[_ARM_LINE, :3, 3] + np.array([arm.mount_x, arm.mount_y, arm.mount_z])
     points = []
     for start, end in itertools.pairwise(from_frame(pose, joints).tolist()):
         count = max(1, math.ceil(math.dist(start, end) / LINK_RADIUS))

@@ -12,7 +12,7 @@ import math
 
 import numpy as np
 
-from motm_twin.model.compiler import inner, njit
+from motm_twin.model.compiler import njit
 from motm_twin.model.geometry import Array
 from motm_twin.model.profile import Footprint, RobotProfile
 
@@ -74,7 +74,7 @@ def label_cells(cells, reach):
     return label, count
 
 
-@inner
+@njit(cache=True)
 def hull_of_cells(cells):
     """Convex hull of the squares of cells sorted by row and column: corners (x, y) in cells, counter-clockwise."""
     count = cells.shape[0]
@@ -110,7 +110,7 @@ def hull_of_cells(cells):
     return hull[: size - 1].astype(np.float64)
 
 
-@inner
+@njit(cache=True)
 def drop_flat_corners(hull, flat, most):
     """The hull with corners left out that stand out least from the line of their neighbours, until few and sharp."""
     corners = hull.copy()
@@ -156,7 +156,7 @@ def _by_label(labels, count):
     return order, ends
 
 
-@inner
+@njit(cache=True)
 def _lies(hull, cells, g, lost):
     """Somewhere g beside the hull (n, 2) all cells (m, 2) are more than g + ``lost`` away; all in cells."""
     far = (g + lost) ** 2
@@ -181,7 +181,7 @@ def _lies(hull, cells, g, lost):
     return False
 
 
-@inner
+@njit(cache=True)
 def _encloses(hull, cells, far):
     """A place inside the hull (n, 2) is farther than ``far`` from all cells (m, 2); all in cells."""
     low_x, high_x, low_y, high_y = hull[:, 0].min(), hull[:, 0].max(), hull[:, 1].min(), hull[:, 1].max()

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from motm_twin.model.compiler import inner, njit
+from motm_twin.model.compiler import njit
 
 NEVER = -(2**30)  # time stamp of what has not happened [ms]
 SECTORS = 256  # of the view round the sensor, in which beams are asked how far there is evidence
@@ -75,7 +75,7 @@ def mark_hits(
         level[row, column] = min(fading.most, level[row, column] + fading.hit)
 
 
-@inner
+@njit(cache=True)
 def _evidence_in_sectors(occupied, columns, x0, y0):
     """Reach [cells] of evidence in each sector round (x0, y0) [cells], 0 where there is none; (SECTORS,)."""
     far = np.zeros(SECTORS)

@@ -9,9 +9,8 @@ from motm_twin.model.compiler import njit
 from motm_twin.model.geometry import Array
 from motm_twin.model.motion import kernel
 
-# As `kernel`, for functions that take large tuples: passing those (by value) costs more than the work inside. Called
-# from kernels only, as `inner` is.
-inlined = njit(cache=True, _nrt=False, error_model="numpy", forceinline=True, no_cpython_wrapper=True)
+# As `kernel`, for functions that take large tuples: passing those (by value) costs more than the work inside.
+inlined = njit(cache=True, _nrt=False, error_model="numpy", forceinline=True)
 
 
 @kernel

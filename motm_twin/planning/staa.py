@@ -338,7 +338,7 @@ def _job_after(
     return left, reached, left <= 0.0, False
 
 
-@kernel
+@inlined
 def proximity_scale(t_h: float, k_min: float, k_time: float) -> float:
     """k = max(0.1, min(t_h / 3, 1)): scale of the proximity penalty t_h [s] before the goal (Paper, Sec. III-D)."""
     return max(k_min, min(t_h / k_time, 1.0))

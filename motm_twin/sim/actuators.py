@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import msgspec
 import numpy as np
 
-from motm_twin.model.compiler import inner, njit
+from motm_twin.model.compiler import njit
 from motm_twin.model.exact import norm
 from motm_twin.model.geometry import Array
 from motm_twin.model.joint_limits import DDQ_MAX, DQ_MAX, Q_MAX, Q_MIN
@@ -95,7 +95,7 @@ def _follow(q: Array, dq: Array, command: Array, factor: float, dt: float) -> tu
     return new_q, new_dq
 
 
-@inner
+@njit(cache=True)
 def _stoppable(room: float, speed: float, a: float, dt: float) -> float:
     """Largest next speed from which a joint still stops within the room [rad] that is left.
 

@@ -5,7 +5,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from motm_twin.model.compiler import inner, njit
+from motm_twin.model.compiler import njit
 from motm_twin.model.geometry import Array
 from motm_twin.sim.kernels import Index, clearance, polygon_distance, put_rectangle
 
@@ -32,7 +32,7 @@ def bearing_to(pose: Array, x: float, y: float) -> float:
     return math.atan2(math.sin(turn), math.cos(turn))
 
 
-@inner
+@njit(cache=True)
 def _stoppable(room: float, acceleration: float) -> float:
     """Speed [m/s] from which an agent stops within the room [m], with a small reserve."""
     return math.sqrt(2.0 * 0.8 * acceleration * max(0.0, room))
@@ -139,7 +139,7 @@ def _put(some: Array, discs: Array, begin: int) -> None:
             discs[begin + i, k] = some[i, k]
 
 
-@inner
+@njit(cache=True)
 def free_ahead(
     pose: Array, body: float, margin: float, reach: float, corners: Array, first: Index, discs: Array
 ) -> float:
@@ -154,7 +154,7 @@ def free_ahead(
     return free
 
 
-@inner
+@njit(cache=True)
 def _gap_to(x: float, y: float, i: int, corners: Array, first: Index, discs: Array) -> float:
     polygons = first.shape[0] - 1
     if i < polygons:
@@ -163,7 +163,7 @@ def _gap_to(x: float, y: float, i: int, corners: Array, first: Index, discs: Arr
     return max(0.0, math.hypot(x - discs[k, 0], y - discs[k, 1]) - discs[k, 2])
 
 
-@inner
+@njit(cache=True)
 def _free_of(
     pose: Array, body: float, margin: float, reach: float, i: int, corners: Array, first: Index, discs: Array
 ) -> float:
@@ -291,7 +291,7 @@ def _push(heap: list[tuple[float, int]], item: tuple[float, int]) -> None:
         k = (k - 1) // 2
 
 
-@inner
+@njit(cache=True)
 def _pop(heap: list[tuple[float, int]]) -> tuple[float, int]:
     top = heap[0]
     last = heap.pop()

@@ -5,7 +5,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from motm_twin.model.compiler import inner, njit
+from motm_twin.model.compiler import njit
 from motm_twin.model.exact import dot, norm
 from motm_twin.model.geometry import Array
 
@@ -31,7 +31,7 @@ def polygon_distance(x: float, y: float, corners: Array, begin: int, end: int) -
     return 0.0 if inside else math.sqrt(best)
 
 
-@inner
+@njit(cache=True)
 def put_rectangle(corners: Array, first: int, x: float, y: float, heading: float, length: float, width: float) -> None:
     """Four corners [m] of a rectangle about (x, y), counter-clockwise, to ``corners[first : first + 4]``."""
     c, s = math.cos(heading), math.sin(heading)
@@ -88,7 +88,7 @@ def cast_rays(origin: Array, angle: float, step: float, n: int, segments: Array,
     return ranges
 
 
-@inner
+@njit(cache=True)
 def _segments_cross(a: Array, b: Array, corners: Array, begin: int, end: int) -> bool:
     """The plane segment a-b touches a convex polygon (Cyrus-Beck)."""
     enter, leave = 0.0, 1.0
@@ -110,7 +110,7 @@ def _segments_cross(a: Array, b: Array, corners: Array, begin: int, end: int) ->
     return True
 
 
-@inner
+@njit(cache=True)
 def _clip_heights(a: Array, b: Array, low: float, high: float) -> tuple[float, float]:
     """Part of the segment a-b between two heights as parameters; first > second when there is none."""
     dz = b[2] - a[2]
@@ -140,7 +140,7 @@ def sight_blocked(a: Array, b: Array, corners: Array, first: Index, z: Array, di
     return False
 
 
-@inner
+@njit(cache=True)
 def segment_distance(a: Array, b: Array, c: Array, d: Array) -> float:
     """Distance [m] between the segments a-b and c-d in space, shapes (3,)."""
     u, v, w = b - a, d - c, a - c
@@ -165,7 +165,7 @@ def segment_distance(a: Array, b: Array, c: Array, d: Array) -> float:
 _GRAZE = 1e-9  # [m] of overlap that rounding makes
 
 
-@inner
+@njit(cache=True)
 def _between(a: Array, b: Array) -> float:
     """Largest gap [m] along an edge normal of convex polygon a; negative: overlap along every one of them."""
     best = -np.inf

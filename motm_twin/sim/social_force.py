@@ -5,7 +5,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from motm_twin.model.compiler import inner, njit
+from motm_twin.model.compiler import njit
 from motm_twin.model.geometry import Array
 from motm_twin.sim.crowd import Crowd
 from motm_twin.sim.kernels import Index
@@ -59,7 +59,7 @@ def nearest(x: float, y: float, corners: Array, begin: int, end: int) -> tuple[f
     return near_x, near_y, -best if inside else best
 
 
-@inner
+@njit(cache=True)
 def _repulsion(dx: float, dy: float, gap: float, velocity: Array) -> tuple[float, float]:
     """Acceleration [m/s^2] by another who walks: falls with the half axis b of an ellipse that its way stretches.
 
@@ -130,7 +130,7 @@ def _step(
     return chosen
 
 
-@inner
+@njit(cache=True)
 def _nearest_of(x: float, y: float, bodies: tuple[Array, Index, Array]) -> tuple[float, float, float]:
     """Nearest point of polygons and discs, and its distance [m]: negative inside, inf when there is none."""
     corners, first, discs = bodies

@@ -7,7 +7,7 @@ import pytest
 
 PACKAGE = Path(__file__).resolve().parents[2] / "motm_twin"
 MOST_LINES, MOST_ARGUMENTS = 60, 8
-COMPILED = ("njit", "inner", "kernel", "inlined")  # decorators of numeric kernels
+COMPILED = ("njit", "kernel", "inlined")  # decorators of numeric kernels
 
 # Numeric kernels with more arguments: numba compiles them for arrays and numbers, and takes no struct. With the reason.
 KERNELS: dict[str, tuple[str, tuple[str, ...]]] = {

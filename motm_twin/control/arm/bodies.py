@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from motm_twin.model.body_geometry import CAPSULE_FRAMES, CAPSULE_LINKS, CAPSULE_P0, CAPSULE_P1, CAPSULE_RADII
-from motm_twin.model.compiler import inner, njit
+from motm_twin.model.compiler import njit
 from motm_twin.model.exact import norm
 from motm_twin.model.geometry import Array
 from motm_twin.model.kinematics import HAND, TCP
@@ -145,7 +145,7 @@ def solid_distance(x: float, y: float, z: float, k: int, solids: Solids) -> tupl
     return dz, 0.0, 0.0, nz
 
 
-@inner
+@njit(cache=True)
 def _plane_distance(x: float, y: float, k: int, solids: Solids) -> tuple[float, float, float]:
     vertices, radius = solids.vertices, solids.radius
     start, end = solids.first[k], solids.first[k + 1]
@@ -182,7 +182,7 @@ def _plane_distance(x: float, y: float, k: int, solids: Solids) -> tuple[float, 
     return best, nx, ny
 
 
-@inner
+@njit(cache=True)
 def _near_solid(x: float, y: float, z: float, reach: float, k: int, bounds: Array) -> bool:
     return (
         bounds[k, 0] - reach < x < bounds[k, 1] + reach
@@ -200,7 +200,7 @@ def _overlap(low: Array, high: Array, k: int, bounds: Array) -> bool:
     return True
 
 
-@inner
+@njit(cache=True)
 def _ball_centres(T: Array, balls: Balls, d_i: Array, at_mount: Array) -> tuple[Array, Array, Array]:
     """Centres (n, 3) of the balls in the frame of the solids, and the corners of the box in which solids matter."""
     frame, centre, ball_radius, body = balls.frame, balls.centre, balls.radius, balls.body
@@ -222,7 +222,7 @@ def _ball_centres(T: Array, balls: Balls, d_i: Array, at_mount: Array) -> tuple[
     return at, low, high
 
 
-@inner
+@njit(cache=True)
 def body_distances(
     T: Array, balls: Balls, d_i: Array, at_mount: Array, solids: Solids, column: int
 ) -> tuple[Array, Array, IntArray]:

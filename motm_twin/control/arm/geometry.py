@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from motm_twin.model.arm_kernels import ELBOW_OFFSET, LOWER, SHOULDER, TOOL, UPPER, WRIST
-from motm_twin.model.compiler import inner, njit
+from motm_twin.model.compiler import njit
 from motm_twin.model.exact import hypot, norm, product, wrap_angle
 from motm_twin.model.geometry import Array
 
@@ -20,7 +20,7 @@ STRAIGHT = _UPPER + _LOWER  # [m] joint 6 from the shoulder, elbow straight
 ELBOW = -math.atan(ELBOW_OFFSET / UPPER) - math.atan(ELBOW_OFFSET / LOWER)  # [rad] joint 4 then: -0.467, no limit near
 
 
-@inner
+@njit(cache=True)
 def mount_point(pose: Array, mount: Array) -> Array:
     """Position of the arm mount in the frame of the base pose [m], shape (3,)."""
     c, s = math.cos(pose[2]), math.sin(pose[2])
@@ -155,7 +155,7 @@ def hand_yaw(R: Array) -> float:
     return math.atan2(R[1, 0] + R[0, 1], R[0, 0] - R[1, 1])
 
 
-@inner
+@njit(cache=True)
 def carried_velocity(point: Array, pose: Array, twist: Array) -> Array:
     """Velocity of a point fixed to the moving base [m/s], shape (3,)."""
     v, w = twist

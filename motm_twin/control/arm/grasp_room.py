@@ -25,7 +25,7 @@ from motm_twin.control.arm.geometry import QUARTER, cube_yaw, tool_rotation
 from motm_twin.control.arm.parameters import AvoidanceParameters
 from motm_twin.control.arm.types import ArmGoal
 from motm_twin.model.arm_kernels import HAND_LENGTH
-from motm_twin.model.compiler import inner, njit
+from motm_twin.model.compiler import njit
 from motm_twin.model.exact import hypot
 from motm_twin.model.geometry import Array, to_frame
 from motm_twin.model.kinematics import HAND
@@ -137,7 +137,7 @@ def _object_room(position: Array, yaw: float, width: float, neighbours: Array) -
     return nearest, who
 
 
-@inner
+@njit(cache=True)
 def _object_gap(position: Array, yaw: float, width: float, item: Array) -> float:
     """Gap [m] between the open hand over a position and an upright cube; negative: they overlap seen from above."""
     gap = np.inf
@@ -157,7 +157,7 @@ def _object_gap(position: Array, yaw: float, width: float, item: Array) -> float
     return gap
 
 
-@inner
+@njit(cache=True)
 def _square_gap(x: float, y: float, half_x: float, half_y: float, turn: float, half: float) -> float:
     """Gap [m] between a rectangle about the origin and a square at (x, y), turned; at corners less than it is."""
     c, s = abs(math.cos(turn)), abs(math.sin(turn))

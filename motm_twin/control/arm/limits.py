@@ -38,7 +38,7 @@ from motm_twin.control.arm.bodies import (
 )
 from motm_twin.control.arm.parameters import AvoidanceParameters, Numbers, numbers
 from motm_twin.control.arm.view import Arm
-from motm_twin.model.compiler import inner, njit
+from motm_twin.model.compiler import njit
 from motm_twin.model.exact import product
 from motm_twin.model.geometry import Array
 from motm_twin.model.known import KnownWorld
@@ -192,7 +192,7 @@ def damper_line(d: float, d_s: float, d_i: float, xi: float) -> float:
     return xi * (d - d_s) / (d_i - d_s)
 
 
-@inner
+@njit(cache=True)
 def approach_row(
     T: Array, frame: int, local: Array, pose: Array, mount: Array, nx: float, ny: float, nz: float, row: Array
 ) -> None:
@@ -239,13 +239,13 @@ def _own_rows(arm: Arm, balls: Balls, d_s: Array, d_i: Array, solids: Solids, av
     return _shallow(rows, np.int64(_MOST_OWN))
 
 
-@inner
+@njit(cache=True)
 def _shallow(rows: Rows, most: int) -> Rows:
     """The first rows, none of which asks for a faster retreat than `_DEEP`."""
     return Rows(rows.G[:most], np.maximum(rows.h[:most], _DEEP), rows.name[:most])
 
 
-@inner
+@njit(cache=True)
 def _damper_rows(
     arm: Arm, balls: Balls, near: tuple[Array, Array, IntArray], d_s: Array, d_i: Array, xi: float, turn: float
 ) -> Rows:
@@ -285,7 +285,7 @@ def _link_rows(arm: Arm, balls: Balls, points: Array, static: NDArray[np.bool_],
     )
 
 
-@inner
+@njit(cache=True)
 def _rows_of_seen(
     arm: Arm, balls: Balls, points: Array, static: NDArray[np.bool_], standing: bool, avoidance: Numbers
 ) -> Rows:
@@ -411,7 +411,7 @@ def _near(point: Array, gripper: Array, targets: Array) -> bool:
     return False
 
 
-@inner
+@njit(cache=True)
 def label_target_distance(points: Array, static: NDArray[np.bool_], targets: Array, link: float, out: Array) -> None:
     """For each static cell, the distance of its whole obstacle to the nearest target; others keep what they have.
 
@@ -446,7 +446,7 @@ def label_target_distance(points: Array, static: NDArray[np.bool_], targets: Arr
             out[members[k]] = nearest
 
 
-@inner
+@njit(cache=True)
 def _nearest_per_sector(
     points: Array, of_kind: NDArray[np.bool_], reach: float, x: float, y: float, sectors: int
 ) -> NDArray[np.int64]:
@@ -464,7 +464,7 @@ def _nearest_per_sector(
     return index[nearest_first(best)]
 
 
-@inner
+@njit(cache=True)
 def nearest_first(distance: Array) -> NDArray[np.int64]:
     """Indices of the finite ones, nearest first; of equal ones as `np.argsort` has them."""
     order, count, unsorted = np.empty(distance.shape[0], dtype=np.int64), 0, False

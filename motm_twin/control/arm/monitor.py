@@ -31,7 +31,7 @@ from motm_twin.control.arm.bodies import (
 from motm_twin.control.arm.limits import approach_row
 from motm_twin.control.arm.parameters import Numbers, numbers
 from motm_twin.model.arm_kernels import fk_arm
-from motm_twin.model.compiler import inner, njit
+from motm_twin.model.compiler import njit
 from motm_twin.model.geometry import Array, frozen, to_frame
 from motm_twin.model.joint_limits import DDQ_MAX, DQ_MAX, Q_MAX, Q_MIN, WRIST_MIN
 from motm_twin.model.known import KnownWorld
@@ -202,7 +202,7 @@ def _near(T: Array, arm: _Arm, pose: Array, solids: Solids, column: int) -> tupl
     return body_distances(T, arm.balls, np.full(len(BODIES), _LOOK), there, solids, column)
 
 
-@inner
+@njit(cache=True)
 def _worst(
     T: Array, arm: _Arm, pose: Array, twist: Array, seen: tuple[Array, Array, IntArray],
     line: tuple[float, float, float], worst: Array, numbers: Numbers,
@@ -244,7 +244,7 @@ def _worst(
     return excess, b, k, fast
 
 
-@inner
+@njit(cache=True)
 def _taken_up(q: Array, row: Array, taking: float) -> float:
     """Speed [m/s] of the base along a row (9,) that the arm can take up before its joints are at their limits."""
     total = 0.0

@@ -20,7 +20,7 @@ from motm_twin.control.arm.parameters import ArmParameters, Numbers
 from motm_twin.control.arm.phases import grasp_point
 from motm_twin.control.arm.types import ArmInputs, Phase
 from motm_twin.control.arm.view import Arm, ManipulatorState, View
-from motm_twin.model.compiler import inner, njit
+from motm_twin.model.compiler import njit
 from motm_twin.model.exact import hypot, norm, wrap_angle
 from motm_twin.model.geometry import Array
 from motm_twin.model.kinematics import HAND, TCP
@@ -164,7 +164,7 @@ def _fill(velocity: Array, linear: Array, angular: Array) -> None:
         velocity[k], velocity[3 + k] = linear[k], angular[k]
 
 
-@inner
+@njit(cache=True)
 def _stowed(arm: Arm, way: _Way, parameters: Numbers) -> _Swing:
     """Gripper, object and elbow inside the footprint, turned a little towards the target, unless there is none."""
     n, p, mount = parameters[0], arm.p, arm.mount
@@ -175,13 +175,13 @@ def _stowed(arm: Arm, way: _Way, parameters: Numbers) -> _Swing:
     return _Swing(n.stow_radius, azimuth, z, 0.0, 0.0, n.k_transit, n.k_transit)
 
 
-@inner
+@njit(cache=True)
 def _stow_rotation(p: Array, mount: Array, parameters: Numbers) -> Array:
     outward = _outward(mount, p)
     return tool_rotation(outward, parameters[0].stow_tilt, outward)
 
 
-@inner
+@njit(cache=True)
 def _swing(
     swing: _Swing, rotation: Array, arm: Arm, planar: float, parameters: Numbers, velocity: Array, reference: Array
 ) -> None:
@@ -211,7 +211,7 @@ def _swing(
     reference[0], reference[1], reference[2] = point[0], point[1], point[2]
 
 
-@inner
+@njit(cache=True)
 def _inbound(arm: Arm, way: _Way, lowest: float, parameters: Numbers) -> _Swing:
     """The hover point, at the limited radius on the line from the mount, where the base will be on arrival.
 
@@ -251,7 +251,7 @@ def _inbound(arm: Arm, way: _Way, lowest: float, parameters: Numbers) -> _Swing:
     return _Swing(max(radius, n.swing_radius), azimuth, z, radius_rate, azimuth_rate, n.k_transit, gain)
 
 
-@inner
+@njit(cache=True)
 def _hand_polar(p: Array, q: Array, pose: Array, base_mount: Array) -> tuple[float, float]:
     """Radius and azimuth of the hand about the mount, the azimuth counted on from joint 1: it may pass half a turn.
 
@@ -261,7 +261,7 @@ def _hand_polar(p: Array, q: Array, pose: Array, base_mount: Array) -> tuple[flo
     return radius, q[0] + math.remainder(azimuth - q[0], 2.0 * math.pi)
 
 
-@inner
+@njit(cache=True)
 def _apparent_motion(target: Array, pose: Array, twist: Array, radius: float, azimuth: float) -> tuple[float, float]:
     """Radial speed and azimuth rate of the standing target, as the moving base sees it."""
     away = -carried_velocity(target, pose, twist)
@@ -275,7 +275,7 @@ def _turn(rotation: Array, R: Array, parameters: Numbers) -> Array:
     return capped(parameters[0].k_orientation * rotation_error(R, rotation), parameters[0].turning_rate)
 
 
-@inner
+@njit(cache=True)
 def _planar_share(arm: Arm, time_to_range: float, parameters: Numbers) -> float:
     """1 as long as the arm should swing in one plane, 0 when the hand must be turned to the object."""
     n = parameters[0]
@@ -284,7 +284,7 @@ def _planar_share(arm: Arm, time_to_range: float, parameters: Numbers) -> float:
     return max(soon, min(max((beside - n.plane_azimuth) / n.plane_azimuth, 0.0), 1.0))
 
 
-@inner
+@njit(cache=True)
 def _transit_rotation(arm: Arm, way: _Way, planar: float, parameters: Numbers) -> Array:
     """In the arm's own plane at first, at last as over the object; tilted so that the camera looks ahead for it."""
     n, p, mount, pick = parameters[0], arm.p, arm.mount, way.goal == _PICK
@@ -300,12 +300,12 @@ def _transit_rotation(arm: Arm, way: _Way, planar: float, parameters: Numbers) -
     return tool_rotation(wanted + planar * wrap_angle(own - wanted), tilt, outward)
 
 
-@inner
+@njit(cache=True)
 def _largest_tilt(place: bool, parameters: Numbers) -> float:
     return parameters[0].place_tilt if place else parameters[0].pick_tilt
 
 
-@inner
+@njit(cache=True)
 def _look_tilt(arm: Arm, outward: float, parameters: Numbers) -> float:
     """Tilt that brings the object into the view cone of the palm camera."""
     n, T, target = parameters[0], arm.T, arm.target
@@ -315,6 +315,6 @@ def _look_tilt(arm: Arm, outward: float, parameters: Numbers) -> float:
     return min(max(math.atan2(ahead, down) - n.look_cone, 0.0), n.look_tilt)
 
 
-@inner
+@njit(cache=True)
 def _outward(mount: Array, point: Array) -> float:
     return math.atan2(point[1] - mount[1], point[0] - mount[0])

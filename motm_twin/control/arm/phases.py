@@ -14,7 +14,7 @@ from motm_twin.control.arm.grasp_room import GraspRoom
 from motm_twin.control.arm.parameters import ArmParameters
 from motm_twin.control.arm.types import ArmInputs, ArmTiming, Phase
 from motm_twin.control.arm.view import ManipulatorState, View
-from motm_twin.model.compiler import inner, njit
+from motm_twin.model.compiler import njit
 from motm_twin.model.exact import norm
 from motm_twin.model.geometry import Array, to_frame, wrap_angle
 from motm_twin.model.profile import RobotProfile
@@ -186,7 +186,7 @@ def _way_later(
     return norm(there - _in_base(pose, p))
 
 
-@inner
+@njit(cache=True)
 def _in_base(pose: Array, point: Array) -> Array:
     """A point in the frame of the base, shape (3,)."""
     c, s = math.cos(pose[2]), math.sin(pose[2])

@@ -35,7 +35,7 @@ from motm_twin.control.arm.qp import Program
 from motm_twin.control.arm.types import ArmInputs, Phase
 from motm_twin.control.arm.view import Arm, ManipulatorState, View
 from motm_twin.model.arm_kernels import factored_gradient
-from motm_twin.model.compiler import inner, njit
+from motm_twin.model.compiler import njit
 from motm_twin.model.geometry import Array
 from motm_twin.model.joint_limits import DDQ_MAX, DQ_MAX, Q_MAX, Q_MIN
 from motm_twin.model.known import KnownWorld
@@ -179,7 +179,7 @@ def _joint_bounds(
             lower[k], upper[k] = middle, middle
 
 
-@inner
+@njit(cache=True)
 def _damped(room: float, eta: float, start: float, stop: float) -> float:
     """Largest speed towards a limit that is ``room`` away: the damper line from ``start`` on."""
     return np.inf if room >= start else damper_line(room, stop, start, eta)
@@ -297,7 +297,7 @@ def _program(
     return c, A, b, lower, upper
 
 
-@inner
+@njit(cache=True)
 def _hand_rows(arm: Arm, velocity: Array, beta: float) -> tuple[Array, Array]:
     """A x = b of the hand: ``beta J_b u + J_a qdot + slack = nu - (1 - beta) J_b v_measured``, shapes (6, 17), (6,)."""
     A, b, J = np.zeros((6, SIZE)), np.empty(6), arm.J
@@ -326,14 +326,14 @@ def anchor(twist: Array, rates: Array, near: tuple[Array, Array], base: Numbers,
         rates[k] = _clipped(_clipped(rates[k], dq[k] - room, dq[k] + room), -DQ_MAX[k], DQ_MAX[k])
 
 
-@inner
+@njit(cache=True)
 def _clipped(value: float, low: float, high: float) -> float:
     """As np.clip: the value itself unless it is outside."""
     lifted = low if value < low else value
     return high if lifted > high else lifted
 
 
-@inner
+@njit(cache=True)
 def posture_error(q: Array, azimuth: float, gain: float, fastest: float) -> Array:
     """Rates [rad/s] of joints 1, 3 and 5 away from an arm in the plane of that azimuth, shape (7,)."""
     error = np.zeros(7)

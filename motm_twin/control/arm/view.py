@@ -11,7 +11,7 @@ from motm_twin.control.arm.geometry import mount_point, nearest_distance, polar,
 from motm_twin.control.arm.parameters import ArmParameters
 from motm_twin.control.arm.types import ArmGoal, ArmInputs, Phase
 from motm_twin.model.arm_kernels import TCP, factor, fk_arm, point_jacobian
-from motm_twin.model.compiler import inner, njit
+from motm_twin.model.compiler import njit
 from motm_twin.model.exact import hypot, times
 from motm_twin.model.geometry import Array
 from motm_twin.model.reason import Reason
@@ -236,7 +236,7 @@ def hand_state(q: Array, pose: Array, mount: Array) -> tuple[Array, Array, Array
     return T, p, R, J
 
 
-@inner
+@njit(cache=True)
 def hand_of(T: Array, arm: Array, pose: Array, mount: Array, p: Array, R: Array, J: Array) -> None:
     """Fill in p, R, J of `hand_state`; T from `fk_arm`, ``arm``: Jacobian in the axes of the mount, shape (6, 7).
 
@@ -260,7 +260,7 @@ def hand_of(T: Array, arm: Array, pose: Array, mount: Array, p: Array, R: Array,
             J[r + 2, 2 + k] = arm[r + 2, k]
 
 
-@inner
+@njit(cache=True)
 def _sum_of_rows(matrix: Array) -> float:
     total = 0.0
     for row in range(matrix.shape[0]):
