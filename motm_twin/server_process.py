@@ -37,9 +37,9 @@ def make_twin(scene: Scene, *, budget: SearchBudget, plant: str, method: "Method
     """A twin whose searches are bounded by the clock as well; ``plant``: kinematic, or by contact dynamics."""
     from motm_twin.plants import with_plant
     from motm_twin.twin import Twin  # slow to import: only once the server listens
-    from motm_twin.warm_up import compile_kernels, program_clock
+    from motm_twin.warm_up import compile_kernels, parts_of, program_clock
 
-    compile_kernels()
+    compile_kernels(parts_of(method.parameters, agents=True))
     twin = Twin(with_plant(scene, plant), method=method, budget=budget, clock=program_clock)
     freeze_setup()
     return twin
@@ -51,9 +51,9 @@ def make_external_twin(
     """A twin of a robot in another program; a mirrored one only observes."""
     from motm_twin.external.plant import ZenohPlant
     from motm_twin.twin import Twin
-    from motm_twin.warm_up import compile_kernels, program_clock
+    from motm_twin.warm_up import compile_kernels, parts_of, program_clock
 
-    compile_kernels()
+    compile_kernels(parts_of(method.parameters, agents=True))
     scene = msgspec.structs.replace(scene, tasks=()) if robot.listen_only else scene
     plant = ZenohPlant(robot, scene, sender=sender)
     twin = Twin(scene, method=method, budget=budget, clock=program_clock, plant=plant)

@@ -25,7 +25,7 @@ from motm_twin.model.scene_file import load_scene
 from motm_twin.model.twin_plant import ExternalPlant
 from motm_twin.program import freeze_setup
 from motm_twin.twin import Twin
-from motm_twin.warm_up import compile_kernels, program_clock
+from motm_twin.warm_up import compile_kernels, parts_of, program_clock
 
 ENCOUNTER = 1.0  # [m] between base and agent at which an encounter begins
 PARTED = 1.2  # [m] and at which it has ended
@@ -84,7 +84,7 @@ def run_scene(
 
     ``parameters``: of `control.tuning`, on top of the method's, and those on top of ``numbers``.
     """
-    compile_kernels()
+    compile_kernels(parts_of(method.parameters, agents=bool(scene.agents)))
     twin = Twin(
         scene, method=method, parameters=parameters, numbers=numbers, clock=program_clock,
         plant=plant,

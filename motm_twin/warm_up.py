@@ -1,17 +1,19 @@
 """Compile the numeric kernels, once per installation: ``python -m motm_twin.warm_up``.
 
-Numba caches compiled kernels for later starts. The five big parts are compiled at the same time, in separate
-processes; what is left is compiled where it is called, and `program_clock` does not count it.
+Numba caches compiled kernels for later starts. The parts that a run needs are shared out to as many processes as there
+are cores; what is left is compiled where it is called, and `program_clock` does not count it.
 """
 
+import gc
 import math
 import os
 import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import msgspec
 import numpy as np
@@ -23,11 +25,12 @@ from motm_twin.control.arm.monitor import ArmMonitor
 from motm_twin.control.arm.parameters import ArmParameters
 from motm_twin.control.arm.program import base_bounds, joint_bounds
 from motm_twin.control.arm.types import ArmGoal, ArmInputs, ArmObstacles
-from motm_twin.control.monitor import Monitor
+from motm_twin.control.monitor import Monitor, MonitorParameters, unseen_in_stop
 from motm_twin.control.self_check import SelfCheck, SelfCheckSettings
 from motm_twin.measures.agents import compile_gaps
 from motm_twin.measures.people import compile_meetings
 from motm_twin.methods.registry import find_method
+from motm_twin.model.edits import ParameterValue
 from motm_twin.model.geometry import frozen
 from motm_twin.model.joint_limits import READY
 from motm_twin.model.kinematics import manipulability_gradient
@@ -35,22 +38,28 @@ from motm_twin.model.known import known_world
 from motm_twin.model.period import PERIOD
 from motm_twin.model.plant import Actuation, Observation, Scan
 from motm_twin.model.profile import Lidar, RobotProfile
+from motm_twin.model.scene import Scene
 from motm_twin.model.scene_file import load_scene
 from motm_twin.perception.mapper import Mapper
 from motm_twin.perception.movers import MoverTracker
 from motm_twin.perception.objects import ObjectTracker
 from motm_twin.perception.tracks import DynamicTracker
+from motm_twin.planning.in_time import fill_waits
+from motm_twin.planning.rejections import mark_free
 from motm_twin.planning.staa import run_search
-from motm_twin.planning.warm_up import warm_up_evasion, warm_up_placement, warm_up_search
+from motm_twin.planning.warm_up import warm_up_evasion, warm_up_foresight, warm_up_placement, warm_up_search
+from motm_twin.sim.agent_kernels import look_about
 from motm_twin.sim.kernels import polygon_distance
 from motm_twin.sim.plant import SimulatedPlant
+from motm_twin.sim.referee_geometry import update_gaps
 from motm_twin.twin import Twin
 
 ARM_STEP = 0.01  # [s]
-LOOK = 0.1  # [s] between two looks at what compiles
+LOOK = 0.2  # [s] between two looks at what compiles
 PERIODS = 10
 WATCHED = 80  # periods of things that move
 METHODS = ("motm", "foresight", "irm")  # that have all kernels of methods between them
+EVERYTHING = ("arm", "perception", "placement", "agents", "foresight")  # parts without those that others contain
 DRIVES = (("exp1", 250), ("exp2", 100))  # scenes and periods for the other kernels: a carried cube, Temis
 
 
@@ -83,9 +92,14 @@ def program_clock() -> float:
     return time.perf_counter() - _compilation.seconds
 
 
-def is_warm() -> bool:
-    """The largest kernel is in numba's cache; after a change it is not (`drop_stale_kernels`)."""
-    return any(Path(run_search.stats.cache_path).glob(f"*{run_search.__name__}*.nbi"))
+def is_warm(parts: Iterable[str] = ("arm", "perception", "placement", "plant", "search")) -> bool:
+    """The largest kernel of each part is in numba's cache; after a change it is not (`drop_stale_kernels`)."""
+    return all(_is_kept(PARTS[part].largest) for part in parts)
+
+
+def _is_kept(kernel: Any) -> bool:
+    module = Path(kernel.py_func.__code__.co_filename).stem
+    return any(Path(kernel.stats.cache_path).glob(f"{module}.{kernel.__name__}-*.nbi"))
 
 
 def can_keep() -> bool:
@@ -93,13 +107,21 @@ def can_keep() -> bool:
     return os.access(run_search.stats.cache_path, os.W_OK)
 
 
+def parts_of(parameters: Mapping[str, ParameterValue], *, agents: bool) -> tuple[str, ...]:
+    """Parts that a run with these parameters needs, with agents or without."""
+    plant = "agents" if agents else "plant"
+    search = "foresight" if parameters.get("risk_weight", 0.0) else "search"
+    return ("arm", "perception", "placement", plant, search)
+
+
 def _tell(text: str) -> None:
     print(text, file=sys.stderr, flush=True)
 
 
-def compile_kernels(tell: Callable[[str], None] = _tell) -> None:
-    """Compile the big parts in processes of their own, unless they are compiled already; ``tell`` how far it is."""
-    if is_warm():
+def compile_kernels(parts: Iterable[str] = EVERYTHING, tell: Callable[[str], None] = _tell) -> None:
+    """Compile the parts that are not compiled already, in processes of their own; ``tell`` how far it is."""
+    parts = [part for part in parts if not is_warm([part])]
+    if not parts:
         return
     if not can_keep():
         tell(
@@ -107,26 +129,42 @@ def compile_kernels(tell: Callable[[str], None] = _tell) -> None:
             "Set NUMBA_CACHE_DIR to a folder of yours."
         )
         return
+    import joblib  # slow to import; it counts the cores that this process may use, in a container too
+
     tell("Compiling the numeric kernels, once per installation: half a minute on a quick machine, two on a slow one.")
-    began, done, processes = time.monotonic(), 0, [_start(name) for name in PARTS]
+    began, done = time.monotonic(), 0
+    started = [(_start(share), share) for share in shares(parts, joblib.cpu_count())]
     try:
-        while done < len(processes):
+        running = True
+        while running:
             time.sleep(LOOK)
-            ended = sum(process.poll() is not None for process in processes)
+            running = any(process.poll() is None for process, _ in started)
+            ended = sum(is_warm([part]) for part in parts) if running else len(parts)
             if ended > done:
                 done = ended
-                tell(f"  {done} of {len(processes)} parts after {time.monotonic() - began:.0f} s")
+                tell(f"  {done} of {len(parts)} parts after {time.monotonic() - began:.0f} s")
     finally:
-        for process in processes:
+        for process, _ in started:
             process.kill()
             process.wait()
 
 
-def _start(part: str) -> subprocess.Popen[bytes]:
-    """A process that compiles a part, and ends when its standard input does, with this process at the latest."""
+def shares(parts: Iterable[str], most: int) -> list[list[str]]:
+    """Parts for each of so many processes at most, which take about as long as each other."""
+    found: list[list[str]] = [[] for _ in range(most)]
+    for part in sorted(parts, key=lambda name: -PARTS[name].seconds):
+        min(found, key=lambda share: sum(PARTS[name].seconds for name in share)).append(part)
+    return [sorted(share, key=list(PARTS).index) for share in found if share]
+
+
+def _start(parts: Iterable[str]) -> subprocess.Popen[bytes]:
+    """A process that compiles parts, and ends when its standard input does, with this process at the latest."""
     here = str(Path(__file__).parents[1])
-    environment = os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, (here, os.environ.get("PYTHONPATH"))))}
-    command = [sys.executable, "-m", "motm_twin.warm_up", part]
+    environment = os.environ | {
+        "PYTHONPATH": os.pathsep.join(filter(None, (here, os.environ.get("PYTHONPATH")))),
+        "NUMBA_DISABLE_ERROR_MESSAGE_HIGHLIGHTING": "1",  # it colours the text of every overload that does not fit
+    }
+    command = [sys.executable, "-m", "motm_twin.warm_up", *parts]
     return subprocess.Popen(command, stdin=subprocess.PIPE, env=environment, start_new_session=True)  # noqa: S603
 
 
@@ -138,14 +176,19 @@ def _end_with_input() -> None:
     threading.Thread(target=watch, name="parent", daemon=True).start()
 
 
-def _plant() -> None:
+def _agents() -> None:
+    """The plant with agents that drive, and that walk."""
     driving = load_scene("exp2")
     walking = tuple(msgspec.structs.replace(agent, behaviour="social_force") for agent in driving.agents)
-    for scene in (driving, msgspec.structs.replace(driving, agents=walking)):
-        plant = SimulatedPlant(scene)
-        for _ in range(PERIODS):
-            plant.observe()
-            plant.step(ARM_STEP)
+    _plant(driving)
+    _plant(msgspec.structs.replace(driving, agents=walking))
+
+
+def _plant(scene: Scene | None = None) -> None:
+    plant = SimulatedPlant(scene or load_scene("exp1"))
+    for _ in range(PERIODS):
+        plant.observe()
+        plant.step(ARM_STEP)
     polygon_distance(0.0, 0.0, np.zeros((4, 2)), 0, 4)  # whether a cube that is let go lies on something
 
 
@@ -168,7 +211,6 @@ def _perception() -> None:
         world = tracks.update(mapper.taken, movers.sort(mapper.update(now), now.pose))
         acting = Actuation(twist=frozen(np.array([0.2, 0.0])), joint_velocity=frozen(np.zeros(7)), gripper="open")
         checks.told(monitor.check(acting, seen, PERIOD, scan_stamp=seen.time, world=world).actuation, seen)
-    warm_up_evasion()
 
 
 def _arm() -> None:
@@ -244,20 +286,48 @@ def _arm_inputs(observation: Observation) -> ArmInputs:
     )
 
 
-PARTS = {
-    "search": warm_up_search,
-    "arm": _arm,
-    "perception": _perception,
-    "plant": _plant,
-    "placement": warm_up_placement,
-}  # the longest first
+def _foresight() -> None:
+    warm_up_search()
+    warm_up_foresight()
+    warm_up_evasion()
+    known = known_world(load_scene("exp2"))
+    now = _observation(known.robot.lidar, 0.0)
+    comes = frozen(np.array([[0.7, 0.0, -1.0, 0.0, 0.25, 0.03, 1.0]]))
+    world = msgspec.structs.replace(Mapper(known).update(now), tracks=comes)
+    acting = Actuation(twist=frozen(np.array([0.5, 0.0])), joint_velocity=frozen(np.zeros(7)), gripper="open")
+    monitor = Monitor(known.robot, MonitorParameters(passive_safety=True))
+    monitor.check(acting, now, PERIOD, scan_stamp=now.time, world=world)  # stops
+
+
+class Part(NamedTuple):
+    """Kernels that one process compiles."""
+
+    compile: Callable[[], object]
+    largest: Any  # of its kernels
+    seconds: float  # of processor time
+
+
+PARTS = {  # one process does its own in this order; the search comes last, as most of placement is in it too
+    "placement": Part(warm_up_placement, mark_free, 10.0),
+    "perception": Part(_perception, unseen_in_stop, 20.0),
+    "arm": Part(_arm, manipulability_gradient, 28.0),
+    "plant": Part(_plant, update_gaps, 10.0),
+    "agents": Part(_agents, look_about, 14.0),  # the plant, with those that drive and walk
+    "search": Part(warm_up_search, run_search, 22.0),
+    "foresight": Part(_foresight, fill_waits, 28.0),  # the search, with others to whom it gives way
+}
 
 
 def main() -> None:
-    """Compile everything, by running the twin; with the name of a part, only that."""
-    if len(sys.argv) > 1 and sys.argv[1] in PARTS:
+    """Compile everything, by running the twin; with names of parts, only those."""
+    parts = sys.argv[1:]
+    if parts and all(part in PARTS for part in parts):
         _end_with_input()
-        PARTS[sys.argv[1]]()
+        gc.freeze()
+        gc.disable()  # a seventh of the time
+        for part in parts:
+            PARTS[part].compile()
+            gc.collect()
         return
     compile_kernels()
     compile_gaps()

@@ -10,11 +10,11 @@ from typing import Annotated, NamedTuple
 
 import msgspec
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from motm_twin.control.arm.parameters import Numbers, numbers
 from motm_twin.control.self_check import FULL_TRUST, Trust
+from motm_twin.model.compiler import njit
 from motm_twin.model.geometry import Array
 from motm_twin.model.joint_limits import DQ_MAX
 from motm_twin.model.number import OWN, Number, Slider
@@ -319,10 +319,10 @@ def _examine(
     if beams.moved:
         _carry(points, beams.pose, pose)
     a, yaw_a, lag = b.linear_acceleration, b.yaw_acceleration, b.velocity_lag
-    turning = points_in_stop(points, v, w, a, yaw_a, lag, False, body.rectangle, body.margin)
+    turning = points_in_stop(points, v, w, a, yaw_a, lag, np.bool_(False), body.rectangle, body.margin)
     if turning < body.enough:
         return True, turning, turning
-    return True, turning, points_in_stop(points, v, w, a, yaw_a, lag, True, body.rectangle, body.margin)
+    return True, turning, points_in_stop(points, v, w, a, yaw_a, lag, np.bool_(True), body.rectangle, body.margin)
 
 
 @njit(cache=True)
@@ -444,11 +444,13 @@ def unseen_in_stop(
     along, across = math.ceil(2.0 * rectangle[0] / frame[2]), math.ceil(2.0 * rectangle[1] / frame[2])
     outline = np.empty((2 * (along + across), 2))
     for i in range(along):
-        outline[2 * i] = rectangle[2] - rectangle[0] + i * 2.0 * rectangle[0] / along, rectangle[1]
-        outline[2 * i + 1] = rectangle[2] + rectangle[0] - i * 2.0 * rectangle[0] / along, -rectangle[1]
+        shift = i * 2.0 * rectangle[0] / along
+        outline[2 * i, 0], outline[2 * i, 1] = rectangle[2] - rectangle[0] + shift, rectangle[1]
+        outline[2 * i + 1, 0], outline[2 * i + 1, 1] = rectangle[2] + rectangle[0] - shift, -rectangle[1]
     for i in range(across):
-        outline[2 * (along + i)] = rectangle[2] + rectangle[0], rectangle[1] - i * 2.0 * rectangle[1] / across
-        outline[2 * (along + i) + 1] = rectangle[2] - rectangle[0], i * 2.0 * rectangle[1] / across - rectangle[1]
+        k, shift = 2 * (along + i), i * 2.0 * rectangle[1] / across
+        outline[k, 0], outline[k, 1] = rectangle[2] + rectangle[0], rectangle[1] - shift
+        outline[k + 1, 0], outline[k + 1, 1] = rectangle[2] - rectangle[0], shift - rectangle[1]
     dt, time = 0.05, 0.0
     x, y, heading = pose[0], pose[1], pose[2]
     never, late = 0, 0

@@ -11,8 +11,8 @@ from collections.abc import Iterable
 
 import msgspec
 import numpy as np
-from numba import njit
 
+from motm_twin.model.compiler import njit
 from motm_twin.model.geometry import Array
 from motm_twin.model.joint_limits import DDQ_MAX, DQ_MAX, Q_MAX, Q_MIN, braking_time
 from motm_twin.model.motion import drive

@@ -5,9 +5,9 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numba import njit
 
 from motm_twin.measures.interval import Interval
+from motm_twin.model.compiler import njit
 from motm_twin.model.geometry import Array, wrap_angle
 from motm_twin.model.motion import arc
 from motm_twin.model.profile import Footprint

@@ -9,10 +9,10 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numba import njit
 
 from motm_twin.measures.agents import CONFLICT, FAR, HORIZON, Body, base_gap, body_of, predicted_gap
 from motm_twin.measures.interval import Interval
+from motm_twin.model.compiler import njit
 from motm_twin.model.geometry import Array
 from motm_twin.model.motion import arc
 from motm_twin.model.scene import Scene

@@ -14,9 +14,9 @@ from itertools import pairwise
 import msgspec
 import numpy as np
 import shapely
-from numba import njit
 from shapely.geometry.base import BaseGeometry
 
+from motm_twin.model.compiler import njit
 from motm_twin.model.geometry import Array
 from motm_twin.model.known import KnownWorld
 from motm_twin.model.scene import Cylinder, DriveTo, Pick, Scene, Solid

@@ -7,8 +7,8 @@ compare every kernel with pinocchio on ``frankie.urdf``, so that the two descrip
 import math
 
 import numpy as np
-from numba import njit
 
+from motm_twin.model.compiler import njit
 from motm_twin.model.exact import fma
 from motm_twin.model.geometry import Array
 

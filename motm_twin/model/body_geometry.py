@@ -6,8 +6,8 @@ stands within it. Fingers are regions of the hand that contain them at every gri
 """
 
 import numpy as np
-from numba import njit
 
+from motm_twin.model.compiler import njit
 from motm_twin.model.geometry import Array, frozen
 from motm_twin.model.kinematics import ARM_FRAMES
 

@@ -12,9 +12,10 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from numba import njit, types, vectorize
+from numba import types, vectorize
 from numba.extending import intrinsic, overload, register_jitable
 
+from motm_twin.model.compiler import njit
 from motm_twin.model.geometry import Array, wrap_angle
 
 __all__ = ["angle_of", "dot", "hypot", "norm", "product", "times", "transposed_times", "turn_between", "wrap_angle"]

@@ -12,9 +12,9 @@ from typing import Annotated
 
 import msgspec
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from motm_twin.model.compiler import njit
 from motm_twin.model.geometry import Array
 from motm_twin.model.number import OWN, Number
 from motm_twin.model.plant import Scan
@@ -172,7 +172,7 @@ def _follow(state, places, returns, expected, first, stamp, limits):
                     gone[k], missed[k] = True, -1
         begin = max(end, begin + 1)
     unseen = np.zeros(count, np.bool_)
-    begin = 0
+    begin = np.int64(0)
     while begin < count:
         end = begin
         while end < count and not math.isnan(doubted[end]):
@@ -193,7 +193,9 @@ def _judge(state, missed, begin, end, stamp, limits, unseen):
     if (returned[begin:end] == stamp).sum() >= proofs or (known and rested):
         doubted[begin:end] = np.nan
         blind[begin:end] = False
-        missed[:] = np.where((missed >= begin) & (missed < end), -1, missed)
+        for k in range(missed.shape[0]):
+            if begin <= missed[k] < end:
+                missed[k] = -1
         return
     unseen[begin:end] = True
     if known or proved[begin:end].sum() >= proofs:

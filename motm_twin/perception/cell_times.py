@@ -4,9 +4,9 @@ import math
 from dataclasses import dataclass, field
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from motm_twin.model.compiler import njit
 from motm_twin.perception.world_map import WorldMap
 
 ROWS_APART = 1 << 32  # between the numbers of two cells in the same column

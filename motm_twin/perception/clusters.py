@@ -11,8 +11,8 @@ The polygons feed the visibility graph only; collision is decided by the distanc
 import math
 
 import numpy as np
-from numba import njit
 
+from motm_twin.model.compiler import njit
 from motm_twin.model.geometry import Array
 from motm_twin.model.profile import Footprint, RobotProfile
 
@@ -105,7 +105,7 @@ def hull_of_cells(cells):
                 if (b[0] - a[0]) * (p[1] - a[1]) - (b[1] - a[1]) * (p[0] - a[0]) > 0:
                     break
                 size -= 1
-            hull[size] = p
+            hull[size, 0], hull[size, 1] = p[0], p[1]
             size += 1
     return hull[: size - 1].astype(np.float64)
 
@@ -126,7 +126,7 @@ def drop_flat_corners(hull, flat, most):
         if n <= most and least > flat:
             break
         for i in range(best, n - 1):
-            corners[i] = corners[i + 1]
+            corners[i, 0], corners[i, 1] = corners[i + 1, 0], corners[i + 1, 1]
         n -= 1
     return corners[:n].copy()
 

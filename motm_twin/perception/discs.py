@@ -8,8 +8,8 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from numba import njit
 
+from motm_twin.model.compiler import njit
 from motm_twin.model.exact import angle_of
 from motm_twin.model.geometry import Array
 from motm_twin.perception.clusters import label_cells

@@ -9,8 +9,9 @@ taken off: relative to the occupied square the result is never too small, and to
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from motm_twin.model.compiler import njit
 
 FAR = 1 << 28
 
@@ -100,7 +101,9 @@ def _blurred(distance, slope, blur, share, cost):
             near[row, column] = max(distance[row, column] * slope + one, zero)
     inner = along[blur : blur + columns]
     for row in range(rows):
-        inner[:] = near[max(0, row - blur)]
+        first = near[max(0, row - blur)]
+        for column in range(columns):
+            inner[column] = first[column]
         for k in range(1 - blur, blur + 1):  # the border continues outwards
             other = near[min(rows - 1, max(0, row + k))]
             for column in range(columns):
@@ -108,7 +111,8 @@ def _blurred(distance, slope, blur, share, cost):
         for k in range(blur):
             along[k], along[columns + 2 * blur - 1 - k] = inner[0], inner[columns - 1]
         total = cost[row]
-        total[:] = along[:columns]
+        for column in range(columns):
+            total[column] = along[column]
         for k in range(1, 2 * blur + 1):
             for column in range(columns):
                 total[column] += along[column + k]

@@ -4,9 +4,9 @@ import math
 
 import msgspec
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from motm_twin.model.compiler import njit
 from motm_twin.model.profile import RobotProfile
 from motm_twin.perception.grid import Grid
 from motm_twin.perception.occupancy import NEVER

@@ -12,8 +12,8 @@ from typing import Annotated
 
 import msgspec
 import numpy as np
-from numba import njit
 
+from motm_twin.model.compiler import njit
 from motm_twin.model.exact import wrap_angle
 from motm_twin.model.geometry import Array, compose, from_frame, inverse, to_frame
 from motm_twin.model.known import KnownWorld

@@ -9,8 +9,9 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from motm_twin.model.compiler import njit
 
 NEVER = -(2**30)  # time stamp of what has not happened [ms]
 SECTORS = 256  # of the view round the sensor, in which beams are asked how far there is evidence

@@ -6,9 +6,9 @@ from typing import Annotated
 
 import msgspec
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from motm_twin.model.compiler import njit
 from motm_twin.model.exact import hypot
 from motm_twin.model.geometry import Array
 from motm_twin.model.known import KnownWorld

@@ -13,9 +13,9 @@ from typing import Annotated, NamedTuple
 
 import msgspec
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from motm_twin.model.compiler import njit
 from motm_twin.model.geometry import Array, frozen
 from motm_twin.model.known import KnownWorld
 from motm_twin.model.number import OWN, Number

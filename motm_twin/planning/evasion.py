@@ -212,7 +212,7 @@ def best_evasion(tried: Array, around: Around, reach: Reach, field: Field, state
     allowed = reach.clearance if root >= reach.clearance else min(reach.floor, root - 0.001)
     lowest = math.inf
     for i in range(tried.shape[0]):
-        start = _driven(states, 0, first, tried[i], (0.0, lowest, allowed), around, reach, field)
+        start = _driven(states, np.int64(0), first, tried[i], (0.0, lowest, allowed), around, reach, field)
         if start >= lowest:
             continue
         for k in range(tried.shape[0]):

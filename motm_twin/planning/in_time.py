@@ -45,7 +45,7 @@ class InTime:
         waiting, doubt = np.zeros(len(viable)), np.zeros(len(viable))
         dwell = target.dwell if target.kind != "drive" else 0.0
         poses, arrival = np.ascontiguousarray(judged.candidates.pose), judged.current
-        _fill_waits(poses, arrival, dwell, others, SPREAD, body, waiting, doubt)
+        fill_waits(poses, arrival, dwell, others, SPREAD, body, waiting, doubt)
         among = waiting + doubt
         among -= np.minimum(among, LOYAL * _chosen_before(target, survey, poses))
         current = judged.current + among
@@ -105,7 +105,7 @@ def _delay(places: Array, way: Array, times: Array, others: Array, spread: Sprea
 
 
 @kernel
-def _fill_waits(
+def fill_waits(
     poses: Array, arrival: Array, dwell: float, others: Array, spread: Spread, body: Body, waiting: Array, doubt: Array
 ) -> None:
     """Fill in how long each of the poses (m, 3) is taken after the arrival [s], and what is left of doubt [s]."""

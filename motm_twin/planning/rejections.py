@@ -54,7 +54,7 @@ def rejections(pose: Array, wanted: float, here: Here) -> list[Rejection]:
 def leaves_room(pose: Array, room: float, here: Here) -> Array:
     """Test that nothing that may be moving is in the footprint larger by `room` [m] all round, shape (m,) of bool."""
     result = np.zeros(len(pose), dtype=bool)
-    _mark_free(pose, np.cos(pose[:, 2]), np.sin(pose[:, 2]), may_move(here.world), room, here.body, result)
+    mark_free(pose, np.cos(pose[:, 2]), np.sin(pose[:, 2]), may_move(here.world), room, here.body, result)
     return result
 
 
@@ -159,7 +159,7 @@ def _any_within(px: float, py: float, c: float, s: float, points: Array, margin:
 
 
 @kernel
-def _mark_free(
+def mark_free(
     pose: Array, c: Array, s: Array, points: Array, margin: float, body: Body, result: NDArray[np.bool_]
 ) -> None:
     """Say of each pose (n, 3) whether there is nothing within; c, s of the headings."""

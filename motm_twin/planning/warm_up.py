@@ -3,6 +3,8 @@
 Numba stores what it compiled, so that this takes time only once per installation.
 """
 
+from dataclasses import replace
+
 import msgspec
 import numpy as np
 
@@ -15,6 +17,9 @@ from motm_twin.planning.collision import body_of
 from motm_twin.planning.commitment import KeepPlans
 from motm_twin.planning.controller import StaaController
 from motm_twin.planning.evasion import MakesWay
+from motm_twin.planning.every_ring import EveryRing
+from motm_twin.planning.heed import cannot_brake
+from motm_twin.planning.in_time import InTime
 from motm_twin.planning.parameters import PlanningParameters
 from motm_twin.planning.placement import NextTargetPlacement
 from motm_twin.planning.types import (
@@ -63,6 +68,22 @@ def warm_up_search() -> None:
     committed = StaaController(RobotProfile(), PlanningParameters(), commitment=KeepPlans())
     for _ in range(2):  # the second time it keeps to the first plan, which does not arrive, in a tight place
         committed.plan(before_the_box, away, SearchBudget(expansions=4))
+
+
+def warm_up_foresight() -> BasePlan:
+    """Compile what planning among others needs: candidates in time, the search that looks ahead, and waiting."""
+    robot, parameters = RobotProfile(), PlanningParameters()
+    staa = replace(parameters.staa, risk_weight=10.0, courtesy_weight=0.4)
+    parameters = replace(parameters, staa=staa)
+    problem = _problem()
+    crossing = frozen(np.array([[0.8, 0.5, 0.0, -0.5, 0.25, 0.03, 1.0], [2.0, 0.9, 0.0, -0.3, 0.25, 0.03, 2.0]]))
+    problem = msgspec.structs.replace(problem, world=msgspec.structs.replace(problem.world, tracks=crossing))
+    cannot_brake(problem.pose, crossing, 1.0, body_of(robot.footprint))
+    in_time = InTime(EveryRing(), robot.base.velocity_lag)
+    placement = NextTargetPlacement(robot, parameters, candidates=in_time).place(problem)
+    controller = StaaController(robot, parameters, commitment=KeepPlans())
+    controller.plan(problem, placement, SearchBudget(expansions=300))
+    return controller.plan(problem, placement, SearchBudget(expansions=300))  # it keeps to the first plan
 
 
 def warm_up_evasion() -> BasePlan:

@@ -39,7 +39,7 @@ from motm_twin.record.replay import begin
 from motm_twin.sessions.branches import Log
 from motm_twin.sessions.session import Session, SessionError, decode_session, encode_session, load_session
 from motm_twin.twin import Twin
-from motm_twin.warm_up import compile_kernels
+from motm_twin.warm_up import compile_kernels, parts_of
 
 _SWITCH = {"true": True, "on": True, "yes": True, "false": False, "off": False, "no": False}
 Changes = dict[str, ParameterValue]
@@ -278,7 +278,7 @@ def compare(session: Session, changes: Changes, start: int, method: str | None =
     """
     for name in THREADS:
         os.environ.setdefault(name, "1")
-    compile_kernels()
+    compile_kernels(parts_of(session.parameters, agents=True))
     context = multiprocessing.get_context("spawn")
     data, readers, processes = encode_session(session), {}, []
     try:

@@ -10,12 +10,12 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from motm_twin.control.arm.bodies import FINGERS, HAND_BODY, IntArray, arm_balls
 from motm_twin.control.arm.geometry import ELBOW, stretch, tilt_for, tool_rotation
 from motm_twin.control.arm.parameters import ArmParameters
 from motm_twin.model.arm_kernels import ELBOW_OFFSET, LOWER, SHOULDER, TOOL, UPPER, WRIST
+from motm_twin.model.compiler import njit
 from motm_twin.model.exact import angle_of, turn_between
 from motm_twin.model.geometry import Array, frozen
 from motm_twin.model.joint_limits import Q_MAX, Q_MIN

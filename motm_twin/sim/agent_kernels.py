@@ -3,9 +3,9 @@
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from motm_twin.model.compiler import njit
 from motm_twin.model.geometry import Array
 from motm_twin.sim.kernels import Index, clearance, polygon_distance, put_rectangle
 
@@ -115,10 +115,10 @@ def look_about(
     """
     count, others = fixed.shape[0], expected.shape[0] - 1
     discs = np.empty((count + others * expected.shape[1], 3))
-    discs[:count] = fixed
+    _put(fixed, discs, 0)
     for i in range(expected.shape[0]):
         if i != own:
-            discs[count : count + expected.shape[1]] = expected[i]
+            _put(expected[i], discs, count)
             count += expected.shape[1]
     free = min(
         free_ahead(pose, body, margin, reach, corners, first, discs),
@@ -129,6 +129,14 @@ def look_about(
         clearance(pose[0], pose[1], robot_corners, robot_first, robot_discs),
     )
     return free, gap - body
+
+
+@njit(cache=True)
+def _put(some: Array, discs: Array, begin: int) -> None:
+    """Write some discs, (k, 3), from place ``begin`` on."""
+    for i in range(some.shape[0]):
+        for k in range(3):
+            discs[begin + i, k] = some[i, k]
 
 
 @njit(cache=True)

@@ -7,9 +7,9 @@ from collections.abc import Mapping, Sequence
 import coal
 import numpy as np
 import pinocchio as pin
-from numba import njit
 from numpy.typing import NDArray
 
+from motm_twin.model.compiler import njit
 from motm_twin.model.data_dirs import web_assets_dir
 from motm_twin.model.exact import product
 from motm_twin.model.geometry import Array

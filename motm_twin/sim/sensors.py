@@ -10,8 +10,8 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from motm_twin.model.compiler import njit
 from motm_twin.model.exact import dot, times
 from motm_twin.model.geometry import Array, from_frame, to_frame, wrap_angle
 from motm_twin.model.motion import drive

@@ -1,9 +1,10 @@
 """Warming up compiles everything that a period calls."""
 
-from motm_twin.planning.warm_up import warm_up_evasion, warm_up_placement, warm_up_search
+from motm_twin.planning.warm_up import warm_up_evasion, warm_up_foresight, warm_up_placement, warm_up_search
 
 
 def test_warming_up_runs_both_parts() -> None:
     assert warm_up_placement().mode == "ring"
     warm_up_search()
+    assert warm_up_foresight().local_among[0] > 0.0
     assert warm_up_evasion().status == "escaping"

@@ -7,10 +7,10 @@ hand swings in these coordinates, so it never crosses the arm's own column.
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from motm_twin.model.arm_kernels import ELBOW_OFFSET, LOWER, SHOULDER, TOOL, UPPER, WRIST
+from motm_twin.model.compiler import njit
 from motm_twin.model.exact import hypot, norm, product, wrap_angle
 from motm_twin.model.geometry import Array
 

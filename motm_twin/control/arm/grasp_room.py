@@ -9,7 +9,6 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from motm_twin.control.arm.bodies import (
     FINGERS,
@@ -26,6 +25,7 @@ from motm_twin.control.arm.geometry import QUARTER, cube_yaw, tool_rotation
 from motm_twin.control.arm.parameters import AvoidanceParameters
 from motm_twin.control.arm.types import ArmGoal
 from motm_twin.model.arm_kernels import HAND_LENGTH
+from motm_twin.model.compiler import njit
 from motm_twin.model.exact import hypot
 from motm_twin.model.geometry import Array, to_frame
 from motm_twin.model.kinematics import HAND

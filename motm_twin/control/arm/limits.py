@@ -21,7 +21,6 @@ import math
 from typing import NamedTuple, Protocol
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from motm_twin.control.arm.bodies import (
@@ -39,6 +38,7 @@ from motm_twin.control.arm.bodies import (
 )
 from motm_twin.control.arm.parameters import AvoidanceParameters, Numbers, numbers
 from motm_twin.control.arm.view import Arm
+from motm_twin.model.compiler import njit
 from motm_twin.model.exact import product
 from motm_twin.model.geometry import Array
 from motm_twin.model.known import KnownWorld
@@ -225,18 +225,18 @@ def _furniture_rows(arm: Arm, balls: Balls, d_s: Array, d_i: Array, solids: Soli
     c, sine = math.cos(turn), math.sin(turn)
     dx, dy = arm.mount[0] - arm.T_odom_world[0], arm.mount[1] - arm.T_odom_world[1]
     there = np.array([c * dx + sine * dy, -sine * dx + c * dy, arm.base_mount[2], arm.pose[2] - turn])
-    distance, away, ball = body_distances(arm.T, balls, d_i + a.furniture_lead, there, solids, -1)
+    distance, away, ball = body_distances(arm.T, balls, d_i + a.furniture_lead, there, solids, np.int64(-1))
     rows = _damper_rows(arm, balls, (distance, away, ball), d_s, d_i, a.xi, turn)
-    return _shallow(rows, _MOST)
+    return _shallow(rows, np.int64(_MOST))
 
 
 @njit(cache=True)
 def _own_rows(arm: Arm, balls: Balls, d_s: Array, d_i: Array, solids: Solids, avoidance: Numbers) -> Rows:
     there = np.array([arm.base_mount[0], arm.base_mount[1], arm.base_mount[2], 0.0])
-    distance, away, ball = body_distances(arm.T, balls, d_i, there, solids, COLUMN)
+    distance, away, ball = body_distances(arm.T, balls, d_i, there, solids, np.int64(COLUMN))
     rows = _damper_rows(arm, balls, (distance, away, ball), d_s, d_i, avoidance[0].xi, arm.pose[2])
     rows.G[:, :2] = 0.0
-    return _shallow(rows, _MOST_OWN)
+    return _shallow(rows, np.int64(_MOST_OWN))
 
 
 @njit(cache=True)
@@ -276,8 +276,8 @@ def _damper_rows(
 
 @njit(cache=True)
 def _link_rows(arm: Arm, balls: Balls, points: Array, static: NDArray[np.bool_], avoidance: Numbers) -> Rows:
-    moving = _rows_of_seen(arm, balls, points, static, False, avoidance)
-    standing = _rows_of_seen(arm, balls, points, static, True, avoidance)
+    moving = _rows_of_seen(arm, balls, points, static, np.bool_(False), avoidance)
+    standing = _rows_of_seen(arm, balls, points, static, np.bool_(True), avoidance)
     return Rows(
         np.concatenate((moving.G, standing.G)),
         np.concatenate((moving.h, np.maximum(standing.h, 0.0))),
@@ -301,7 +301,7 @@ def _rows_of_seen(
             count += 1
     if count == 0:
         return Rows(np.empty((0, 9)), np.empty(0), np.empty(0, dtype=np.int64))
-    found = seen_distances(arm.T, balls, HAND_BODY, d_i, near[:count], arm.mount, arm.pose[2])
+    found = seen_distances(arm.T, balls, np.int64(HAND_BODY), d_i, near[:count], arm.mount, arm.pose[2])
     return _damper_rows(arm, balls, found, np.full(HAND_BODY, d_s), np.full(HAND_BODY, d_i), a.xi, 0.0)
 
 

@@ -15,7 +15,6 @@ from typing import Annotated, NamedTuple
 
 import msgspec
 import numpy as np
-from numba import njit
 
 from motm_twin.control.arm.bodies import (
     BODIES,
@@ -32,6 +31,7 @@ from motm_twin.control.arm.bodies import (
 from motm_twin.control.arm.limits import approach_row
 from motm_twin.control.arm.parameters import Numbers, numbers
 from motm_twin.model.arm_kernels import fk_arm
+from motm_twin.model.compiler import njit
 from motm_twin.model.geometry import Array, frozen, to_frame
 from motm_twin.model.joint_limits import DDQ_MAX, DQ_MAX, Q_MAX, Q_MIN, WRIST_MIN
 from motm_twin.model.known import KnownWorld
@@ -42,7 +42,6 @@ from motm_twin.model.reason import Kind, Reason
 _LOOK = 0.15  # [m] from a body of the arm: no hand is so fast that anything further off matters yet
 _ROUNDS = 4  # of holding back the body that is most above its speed: a wedged arm has several
 _ENOUGH = 1e-3  # [m/s] over the line that is left alone
-_ORIGIN = frozen(np.zeros(3))
 NOWHERE = frozen(np.zeros(7))
 
 
@@ -170,21 +169,22 @@ def _hold_back(
     can; joints come to a rate in the time ``settles`` [s]. Returns body and solid, furniture first and then its
     ``own``, that were most above it, their distance [m] and speed [m/s]; body -1: none was.
     """
-    T, p = fk_arm(arm.q), numbers[0]
-    seen, own_seen = _near(T, arm, pose, furniture, -1), _near(T, arm, _ORIGIN, own, COLUMN)
+    T, p, origin = fk_arm(arm.q), numbers[0], np.zeros(3)
+    seen, own_seen = _near(T, arm, pose, furniture, np.int64(-1)), _near(T, arm, origin, own, np.int64(COLUMN))
     solids = furniture.z.shape[0]
     found, solid, near, speed = -1, 0, np.inf, 0.0
     row, own_row = np.empty(9), np.empty(9)
     for _ in range(_ROUNDS):
         excess, b, k, fast = _worst(T, arm, pose, twist, seen, (p.kept, p.braking, braking), row, numbers)
         own_excess, own_b, own_k, own_fast = _worst(
-            T, arm, _ORIGIN, _ORIGIN, own_seen, (p.own_kept, p.own_braking, braking), own_row, numbers
+            T, arm, origin, origin, own_seen, (p.own_kept, p.own_braking, braking), own_row, numbers
         )
         if max(excess, own_excess) < _ENOUGH:
             break
         if own_excess > excess:
             excess, b, k, fast = own_excess, own_b, own_k + solids, own_fast
-            row[:] = own_row
+            for joint in range(9):
+                row[joint] = own_row[joint]
         if found < 0:
             found, solid, speed = b, k, fast
             near = seen[0][b, k] if k < solids else own_seen[0][b, k - solids]
@@ -239,7 +239,8 @@ def _worst(
                 over = max(over, carried - _taken_up(arm.q, row, p.taking) - math.sqrt(2.0 * line[2] * room))
             if over > excess:
                 excess, b, k, fast = over, i, n, approach
-                worst[:] = row
+                for joint in range(9):
+                    worst[joint] = row[joint]
     return excess, b, k, fast
 
 

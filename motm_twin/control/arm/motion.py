@@ -4,7 +4,6 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from motm_twin.control.arm.geometry import (
     capped,
@@ -21,6 +20,7 @@ from motm_twin.control.arm.parameters import ArmParameters, Numbers
 from motm_twin.control.arm.phases import grasp_point
 from motm_twin.control.arm.types import ArmInputs, Phase
 from motm_twin.control.arm.view import Arm, ManipulatorState, View
+from motm_twin.model.compiler import njit
 from motm_twin.model.exact import hypot, norm, wrap_angle
 from motm_twin.model.geometry import Array
 from motm_twin.model.kinematics import HAND, TCP
@@ -155,7 +155,13 @@ def _fixed(arm: Arm, way: _Way, point: Array, parameters: Numbers, velocity: Arr
     radius = hypot(way.over[0] - mount[0], way.over[1] - mount[1])
     tilt = tilt_for(radius, p[2] - mount[2], n.stretch, _largest_tilt(way.goal == _PLACE, parameters))
     rotation = tool_rotation(_outward(mount, p) if math.isnan(way.yaw) else way.yaw, tilt, outward)
-    velocity[:3], velocity[3:] = linear, _turn(rotation, arm.R, parameters)
+    _fill(velocity, linear, _turn(rotation, arm.R, parameters))
+
+
+@njit(cache=True)
+def _fill(velocity: Array, linear: Array, angular: Array) -> None:
+    for k in range(3):
+        velocity[k], velocity[3 + k] = linear[k], angular[k]
 
 
 @njit(cache=True)
@@ -200,8 +206,9 @@ def _swing(
     linear[2] = min(max(n.k_transit * (swing.z - p[2]), -n.vertical_speed), n.vertical_speed)
     angular = _turn(rotation, arm.R, parameters)
     angular[2] += planar * (twist[1] + turning)
-    velocity[:3], velocity[3:] = linear, angular
-    reference[:] = from_polar(swing.radius, swing.azimuth, swing.z, pose, base_mount)
+    _fill(velocity, linear, angular)
+    point = from_polar(swing.radius, swing.azimuth, swing.z, pose, base_mount)
+    reference[0], reference[1], reference[2] = point[0], point[1], point[2]
 
 
 @njit(cache=True)

@@ -9,13 +9,13 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from motm_twin.control.arm.bodies import BODIES, arm_balls, placed
 from motm_twin.control.arm.limits import seen_distances
 from motm_twin.control.arm.parameters import ArmParameters
 from motm_twin.control.arm.types import ArmInputs
 from motm_twin.control.arm.view import Arm
+from motm_twin.model.compiler import njit
 from motm_twin.model.exact import norm, times
 from motm_twin.model.geometry import Array
 from motm_twin.model.joint_limits import DDQ_MAX

@@ -8,13 +8,13 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
 from motm_twin.control.arm.geometry import hand_yaw, planar_joints, pose_at, tilt_of
 from motm_twin.control.arm.grasp_room import GraspRoom
 from motm_twin.control.arm.parameters import ArmParameters
 from motm_twin.control.arm.types import ArmInputs, ArmTiming, Phase
 from motm_twin.control.arm.view import ManipulatorState, View
+from motm_twin.model.compiler import njit
 from motm_twin.model.exact import norm
 from motm_twin.model.geometry import Array, to_frame, wrap_angle
 from motm_twin.model.profile import RobotProfile
@@ -181,7 +181,8 @@ def _way_later(
     """The same ``ahead`` [s] of now."""
     there = _in_base(pose_at(ahead, pose, plan_times, plan_poses), target)
     away = there[:2] - mount[:2]
-    there[:2] = mount[:2] + away * min(1.0, hover / max(norm(away), 1e-6))
+    share = min(1.0, hover / max(norm(away), 1e-6))
+    there[0], there[1] = mount[0] + away[0] * share, mount[1] + away[1] * share
     return norm(there - _in_base(pose, p))
 
 

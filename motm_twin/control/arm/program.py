@@ -16,7 +16,6 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from motm_twin.control.arm.bodies import arm_balls, placed
 from motm_twin.control.arm.geometry import polar
@@ -36,6 +35,7 @@ from motm_twin.control.arm.qp import Program
 from motm_twin.control.arm.types import ArmInputs, Phase
 from motm_twin.control.arm.view import Arm, ManipulatorState, View
 from motm_twin.model.arm_kernels import factored_gradient
+from motm_twin.model.compiler import njit
 from motm_twin.model.geometry import Array
 from motm_twin.model.joint_limits import DDQ_MAX, DQ_MAX, Q_MAX, Q_MIN
 from motm_twin.model.known import KnownWorld

@@ -7,9 +7,9 @@ from typing import Any
 import daqp
 import msgspec
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from motm_twin.model.compiler import njit
 from motm_twin.model.geometry import Array
 
 SOLVERS = ("daqp", "osqp")

@@ -6,12 +6,12 @@ from typing import NamedTuple
 
 import msgspec
 import numpy as np
-from numba import njit
 
 from motm_twin.control.arm.geometry import mount_point, nearest_distance, polar, release_point, tilt_of
 from motm_twin.control.arm.parameters import ArmParameters
 from motm_twin.control.arm.types import ArmGoal, ArmInputs, Phase
 from motm_twin.model.arm_kernels import TCP, factor, fk_arm, point_jacobian
+from motm_twin.model.compiler import njit
 from motm_twin.model.exact import hypot, times
 from motm_twin.model.geometry import Array
 from motm_twin.model.reason import Reason
@@ -206,12 +206,12 @@ def _look(
     hand_of(T, jacobian, pose, t.base_mount, p, R, J)
     mount, target = mount_point(pose, t.base_mount), np.empty(3)
     if goal == _PICK:
-        target[:] = t.position
+        target[0], target[1], target[2] = t.position[0], t.position[1], t.position[2]
     elif goal == _PLACE:  # the point of the release square that is easiest to reach
-        target[:2] = release_point(t.position, t.yaw, half, mount, preferred)
-        target[2] = t.position[2] + rise
+        released = release_point(t.position, t.yaw, half, mount, preferred)
+        target[0], target[1], target[2] = released[0], released[1], t.position[2] + rise
     else:
-        target[:] = mount + np.array([1.0, 0.0, 0.0])
+        target[0], target[1], target[2] = mount[0] + 1.0, mount[1], mount[2]
     expected, root = np.empty(2), np.empty((6, 6))
     for k in range(2):
         expected[k] = measured[k] + beta * (wanted[k] - measured[k])
