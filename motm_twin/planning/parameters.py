@@ -296,7 +296,7 @@ class HeedParameters:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class ForesightParameters:
-    """What being among others costs, and the search that finds the way among them."""
+    """Costs of being among others, and the search that finds the way among them."""
 
     taken: Annotated[float, Number("", OWN, "probability from which on a place is waited for")] = 0.3
     doubt: Annotated[
