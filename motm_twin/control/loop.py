@@ -319,7 +319,7 @@ class ControlLoop(Stateful[LoopState]):
         place = self.tracker.belief(name, observation)[0]
         if top is not None:
             place = np.array([hand[0], hand[1], top + 0.5 * self.targets.objects[name].side])
-        self.tracker.move_belief(name, place, observation, self.settings.parameters.objects.lost_sd)
+        self.tracker.move_belief(name, place, observation, 2.0 * self.settings.parameters.objects.bin_sd)
 
     def _arm_inputs(
         self, observation: Observation, T_odom_world: Array, plan: BasePlan, plan_poses: Array,

@@ -118,7 +118,7 @@ def stand_ground(materials: Materials) -> Evasion:
 
 def make_way(materials: Materials) -> Evasion:
     """The base moves out of the way of dynamic obstacles that would reach it."""
-    return MakesWay(materials.parts.known, materials.parts.parameters.evasion)
+    return MakesWay(materials.parts.known, materials.parts.parameters)
 
 
 def staa_control(materials: Materials, policies: Policies) -> BaseController:

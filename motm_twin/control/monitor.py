@@ -81,11 +81,8 @@ class MonitorParameters(msgspec.Struct, frozen=True, kw_only=True):
     """When the monitor acts."""
 
     slow_age: Annotated[
-        float, Number("s", OWN, "a scan or state older than this: half speed; for an old state the arm begins to slow")
+        float, Number("s", OWN, "of a scan or state: older, half speed, the arm slows; twice as old, both stand")
     ] = 0.15
-    stop_age: Annotated[
-        float, Number("s", OWN, "a scan or state older than this: stand, and for an old state the arm, too")
-    ] = 0.30
     stop_margin: Annotated[float, Number("m", OWN, "kept between the stopped footprint and scan points")] = 0.01
     creep_speed: Annotated[
         float, Number("m/s", OWN, "over floor that was seen, but not lately: a touch at this speed does no harm")
@@ -242,12 +239,12 @@ class Monitor(Stateful[MonitorState]):
         p, age = self.parameters, max(scan_age, observation.age)
         if age <= p.slow_age:
             return 1.0, None
-        limit = p.stop_age if age > p.stop_age else p.slow_age
+        limit = 2.0 * p.slow_age if age > 2.0 * p.slow_age else p.slow_age
         if observation.age > scan_age:
             why = Reason(kind=Kind.STATE_OLD, subject="robot", value=age, limit=limit, unit="s")
         else:
             why = refused or Reason(kind=Kind.SCAN_OLD, subject="lidar", value=age, limit=limit, unit="s")
-        return (0.0, _stopped(why)) if age > p.stop_age else (0.5, _slowed(why, 0.5))
+        return (0.0, _stopped(why)) if age > 2.0 * p.slow_age else (0.5, _slowed(why, 0.5))
 
     def _arm_share(self, age: float) -> float:
         """Share of its speed that the arm keeps: it needs no scan, but must know where it is.
@@ -255,7 +252,7 @@ class Monitor(Stateful[MonitorState]):
         It falls steadily while the state grows old, so that the joints slow down together: the hand keeps to its way.
         """
         p = self.parameters
-        return min(max((p.stop_age - age) / (p.stop_age - p.slow_age), 0.0), 1.0)
+        return min(max(2.0 - age / p.slow_age, 0.0), 1.0)
 
     def _braking(self, twist: Array, observation: Observation) -> Reason:
         scan = observation.scan

@@ -10,6 +10,7 @@ import numpy as np
 from motm_twin.model.geometry import Array
 from motm_twin.model.joint_limits import Q_MAX, Q_MIN
 from motm_twin.model.number import OWN, Number
+from motm_twin.model.period import A_PERIOD_AND_A_BIT
 from motm_twin.model.plant import Actuation, Observation
 from motm_twin.model.profile import BaseLimits, RobotProfile
 from motm_twin.model.reason import Kind, Reason
@@ -21,49 +22,30 @@ JOINTS = 7
 class MotionSettings(msgspec.Struct, frozen=True, kw_only=True):
     """Limits of the checks of motion. Shares leave room for a base that is 40 % faster or slower than told."""
 
-    asked: Annotated[
-        float, Number("", OWN, "share of the largest speed from which a base that stands does not follow")
-    ] = 0.1
+    asked: Annotated[float, Number("", OWN, "share of the largest speed that is told from noise")] = 0.1
     stands: Annotated[float, Number("", OWN, "share of what was asked: a joint that does less stands")] = 0.15
     base_stands: Annotated[
         float, Number("", OWN, "the same of a base, which takes a second to come to rest, and may be slower than told")
     ] = 0.45
-    stuck_after: Annotated[float, Number("s", OWN, "that the base stands although it should move")] = 0.25
+    stuck_after: Annotated[float, Number("s", OWN, "that wheels, a joint or fingers stand, or follow again")] = 0.25
     late: Annotated[
         float, Number("s", OWN, "of lag more than the profile says: at full speed its way is more than the margins")
     ] = 0.1
-    well: Annotated[float, Number("s", OWN, "at which the base is well again")] = 0.05
     memory: Annotated[float, Number("s", OWN, "over which the lag is reckoned")] = 0.6
     smooth: Annotated[
-        float, Number("s", OWN, "over which a twist is smoothed before its change is told from its noise")
+        float, Number("s", OWN, "over which a twist is smoothed, and changes, before that is told from its noise")
     ] = 0.1
     limited: Annotated[float, Number("", OWN, "share of a limit at which a base is at it")] = 0.95
-    caught_up: Annotated[
-        float, Number("s", OWN, "after which it has caught up with what it could not follow there")
-    ] = 0.25
     changes: Annotated[
-        float, Number("", OWN, "share of the largest acceleration, for `changing`: less change of speed tells no lag")
+        float, Number("", OWN, "share of the largest acceleration, for `smooth`: less change of speed tells no lag")
     ] = 0.15
-    changing: Annotated[float, Number("s", OWN, "time of that change")] = 0.1
     apart: Annotated[float, Number("", OWN, "of the square that tells lag from another speed than told")] = 0.05
-    overshoot: Annotated[
-        float, Number("", OWN, "share of the largest speed by which a late base is faster than it should be")
-    ] = 0.1
-    back_after: Annotated[float, Number("s", OWN, "of following after which a base is no longer stuck")] = 0.3
-    forgotten: Annotated[float, Number("s", OWN, "without a demand after which it is given another chance")] = 2.0
+    forgotten: Annotated[float, Number("s", OWN, "without a demand: what is stuck is given another chance")] = 2.0
     joint_asked: Annotated[
         float, Number("rad/s", OWN, "from which a joint that stands does not follow: above the noise of its rates")
     ] = 0.08
-    joint_after: Annotated[float, Number("s", OWN, "that a joint stands although it should move")] = 0.2
-    recent: Annotated[
-        float, Number("s", OWN, "within which the rates that joints are told explain those that they have")
-    ] = 0.06
     joint_room: Annotated[float, Number("rad", OWN, "from a limit of position within which a joint may stand")] = 0.1
-    joint_forgotten: Annotated[
-        float, Number("s", OWN, "without a demand after which a stuck joint is given another chance")
-    ] = 2.0
     creep: Annotated[float, Number("", OWN, "share of its speed with which a stuck or late base goes on")] = 0.3
-    fingers_after: Annotated[float, Number("s", OWN, "after their command within which fingers move")] = 0.3
     fingers_moved: Annotated[float, Number("m", OWN, "by which they have moved then")] = 0.001
 
 
@@ -133,11 +115,12 @@ def check_base(state: MotionState, now: Observation, dt: float, base: BaseLimits
     if state.standing > settings.stuck_after:
         state.base = "base_stuck"
     elif state.base == "base_stuck":
-        state.base = "" if state.moving > settings.back_after or state.resting > settings.forgotten else state.base
+        state.base = "" if state.moving > settings.stuck_after or state.resting > settings.forgotten else state.base
     elif bool(late.any()):
         state.base = "base_late"
     elif state.base == "base_late" and (
-        (bool(known.any()) and bool((state.lag[known] < settings.well).all())) or state.resting > settings.forgotten
+        (bool(known.any()) and bool((state.lag[known] < 0.5 * settings.late).all()))
+        or state.resting > settings.forgotten
     ):
         state.base = ""
     if state.base == "base_stuck":
@@ -162,12 +145,12 @@ def _lag(
     largest, most = limits
     limited = (np.abs(measured) > settings.limited * largest) | (np.abs(change) > settings.limited * most)
     state.free = np.where(limited, 0.0, state.free + dt)
-    free = state.free > settings.caught_up
+    free = state.free > settings.stuck_after
     now = np.array([speed * speed, speed * change, change * change, short * speed, short * change])
     state.sums = np.where(free, math.exp(-dt / settings.memory) * state.sums + dt * now, state.sums)
     vv, va, aa, sv, sa = state.sums
     square = vv * aa - va * va
-    known = (aa > settings.changing * (settings.changes * most) ** 2) & (square > settings.apart * vv * aa)
+    known = (aa > settings.smooth * (settings.changes * most) ** 2) & (square > settings.apart * vv * aa)
     state.lag = np.where(known, (sa * vv - sv * va) / np.where(known, square, 1.0), state.lag)
     return known
 
@@ -175,7 +158,7 @@ def _lag(
 def check_joints(state: MotionState, now: Observation, dt: float, settings: MotionSettings) -> None:
     """Find the joint that stands although it is told to move."""
     rates = state.rates
-    state.astray = _astray(state, now, settings)
+    state.astray = _astray(state, now)
     at_end = np.where(rates > 0.0, Q_MAX - now.q, now.q - Q_MIN) < settings.joint_room
     asked = (np.abs(rates) > settings.joint_asked) & ~at_end
     stands = np.abs(now.dq) < settings.stands * np.abs(rates)
@@ -184,17 +167,17 @@ def check_joints(state: MotionState, now: Observation, dt: float, settings: Moti
         k = state.joint
         follows = abs(now.dq[k]) > 0.5 * abs(rates[k]) and abs(rates[k]) > 0.01
         state.idle = state.idle + dt if abs(rates[k]) <= 0.01 else 0.0
-        if follows or state.idle > settings.joint_forgotten:
+        if follows or state.idle > settings.forgotten:
             state.joint, state.idle = -1, 0.0
             state.still = np.zeros(JOINTS)
         return
-    if float(state.still.max()) > settings.joint_after:
+    if float(state.still.max()) > settings.stuck_after:
         state.joint, state.idle = int(np.argmax(state.still)), 0.0
 
 
-def _astray(state: MotionState, now: Observation, settings: MotionSettings) -> Array:
+def _astray(state: MotionState, now: Observation) -> Array:
     """Joint rates beyond all that they were told lately [rad/s], shape (7,): no lag explains these."""
-    state.recent = [one for one in state.recent if now.time - one[0] <= settings.recent]
+    state.recent = [one for one in state.recent if now.time - one[0] <= A_PERIOD_AND_A_BIT]
     if not state.recent:
         return np.zeros(JOINTS)
     told = np.array([rates for _, rates in state.recent])
@@ -210,7 +193,7 @@ def check_fingers(state: MotionState, now: Observation, profile: RobotProfile, s
     due = state.width > 0.9 * widest if state.gripper == "close" else state.width < 0.9 * widest
     if moved or not due:
         state.fingers = ""
-    elif now.time - state.since > settings.fingers_after + now.ahead + now.age:
+    elif now.time - state.since > settings.stuck_after + now.ahead + now.age:
         state.fingers = "stuck"
 
 
@@ -250,7 +233,7 @@ def _of_base(state: MotionState, measured: float, axis: int, base: BaseLimits, s
         why = Reason(kind=Kind.BASE_STUCK, subject="wheels", value=measured, limit=expected, unit=unit)
         return Finding(reason=why, base=settings.creep)
     largest = base.forward_speed, base.yaw_rate
-    overshoot = abs(measured) > abs(expected) + settings.overshoot * largest[axis]
+    overshoot = abs(measured) > abs(expected) + settings.asked * largest[axis]
     share = 0.0 if overshoot else settings.creep
     late = float(state.lag.max())
     return Finding(

@@ -16,11 +16,11 @@ from motm_twin.model.compiler import njit
 from motm_twin.model.geometry import Array
 from motm_twin.model.joint_limits import DDQ_MAX, DQ_MAX, Q_MAX, Q_MIN, braking_time
 from motm_twin.model.motion import drive
+from motm_twin.model.period import ARM_STEP
 from motm_twin.model.plant import Actuation
 from motm_twin.model.profile import RobotProfile
 from motm_twin.planning.types import BasePlan
 
-STEP = 0.01  # [s]
 ROUNDING = 1e-6  # [s]
 KEPT = 1000  # commands
 DOUBT = 0.1  # [s] after a change of the gripper's command in which a state may not know of it yet
@@ -68,7 +68,7 @@ class Predictor:
         gripper, moving = self._acting(stamp - DOUBT).gripper, motion.gripper_moving
         lag = self._profile.arm.velocity_lag
         while stamp < until - ROUNDING:
-            dt = min(STEP, until - stamp)
+            dt = min(ARM_STEP, until - stamp)
             acting = self._acting(stamp)
             new_v, new_w = self._base(v, w, acting.twist, dt)
             pose = drive(pose, 0.5 * (v + new_v), 0.5 * (w + new_w), dt)

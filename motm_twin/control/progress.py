@@ -24,9 +24,10 @@ class ProgressParameters(msgspec.Struct, frozen=True, kw_only=True):
     back_off: Annotated[float, Number("s", OWN, "without progress, when it begins to back off")] = 3.0
     look: Annotated[float, Number("s", OWN, "the same of turning to where its lidar does not see")] = 5.0
     tight: Annotated[float, Number("s", OWN, "the same of planning with less room")] = 6.0
-    tightest: Annotated[float, Number("s", OWN, "the same of planning down to the true footprint")] = 8.0
+    tightest: Annotated[
+        float, Number("s", OWN, "the same of planning down to the true footprint, and until that is done with")
+    ] = 8.0
     elsewhere: Annotated[float, Number("s", OWN, "the same of going for another place")] = 12.0
-    keeps: Annotated[float, Number("s", OWN, "of progress after which a way that needed less room is done with")] = 8.0
     gain: Annotated[float, Number("s", OWN, "by which the way left must be shorter than ever before")] = 0.2
     relocated: Annotated[float, Number("m", OWN, "by which the place to go to must move to count as another")] = 0.5
     relocations: Annotated[
@@ -67,7 +68,7 @@ class Progress:
         """Recovery of this period."""
         state, p = self.state, self._parameters
         stalled = time - state.since
-        if time - state.eased < p.keeps:
+        if time - state.eased < p.tightest:
             stalled = max(stalled, state.hardest)
         return Recovery(
             back_off=p.back_off <= time - state.since < p.look,
@@ -94,7 +95,7 @@ class Progress:
         if left < state.best - p.gain:
             if math.isfinite(state.best):
                 stalled = time - state.since
-                if stalled >= p.tight or time - state.eased < p.keeps:
+                if stalled >= p.tight or time - state.eased < p.tightest:
                     state.hardest, state.eased = max(stalled, state.hardest), time
                 state.since = time
             state.best = left

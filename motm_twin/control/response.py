@@ -13,29 +13,32 @@ from typing import Annotated
 import msgspec
 import numpy as np
 
+from motm_twin.control.motion_check import JOINTS
 from motm_twin.control.predictor import Motion, Predictor
 from motm_twin.model.geometry import Array
 from motm_twin.model.joint_limits import DDQ_MAX, DQ_MAX
 from motm_twin.model.number import OWN, Number
+from motm_twin.model.period import A_PERIOD_AND_A_BIT, ARM_STEP
 from motm_twin.model.plant import Actuation, Observation
 from motm_twin.model.profile import RobotProfile
 from motm_twin.model.state import Stateful
 
-JOINTS = 7
 LAGS = (0.0, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4)  # [s] more than the profile says
 
 
 class ResponseSettings(msgspec.Struct, frozen=True, kw_only=True):
     """When another delay or lag is believed; choices of this project."""
 
-    step: Annotated[float, Number("s", OWN, "between the delays that are tried")] = 0.01
-    longest: Annotated[float, Number("s", OWN, "longest delay that is tried")] = 0.3
-    memory: Annotated[float, Number("s", OWN, "over which misfits are added up")] = 2.0
-    base_memory: Annotated[float, Number("s", OWN, "the same of the base, which changes its speed less often")] = 4.0
+    longest: Annotated[float, Number("s", OWN, "longest delay that is tried; so long another one must fit better")] = (
+        0.3
+    )
+    memory: Annotated[float, Number("s", OWN, "over which misfits are added up, those of the base twice as long")] = 2.0
     explained: Annotated[
         float, Number("", OWN, "share of the square of what a model expects, that its misfit is at most")
     ] = 0.2
-    settles: Annotated[float, Number("s", OWN, "after which every base is at a speed that does not change")] = 1.5
+    settles: Annotated[
+        float, Number("s", OWN, "after which a base is at its speed, and a fault has been told by another name")
+    ] = 1.5
     steady: Annotated[
         float, Number("s", OWN, "over which the scale of the base is reckoned while its speed is steady")
     ] = 0.5
@@ -48,19 +51,13 @@ class ResponseSettings(msgspec.Struct, frozen=True, kw_only=True):
         float,
         Number("s", OWN, "by which a misfit of the base is larger at least, in shares of its largest speed squared"),
     ] = 0.001
-    tells_joint: Annotated[
-        float, Number("rad/s", OWN, "between two models below which this moment does not tell one from the other")
-    ] = 0.01
-    tells_base: Annotated[float, Number("", OWN, "the same of the base, in shares of its largest speed")] = 0.01
-    gap: Annotated[
-        float, Number("s", OWN, "between observations beyond which nothing is told from one to the next")
-    ] = 0.06
+    tells: Annotated[float, Number("", OWN, "[rad/s] or share of the largest speed, that tells two models apart")] = (
+        0.01
+    )
     slow: Annotated[float, Number("", OWN, "share of the largest speed below which a scale is not reckoned")] = 0.2
     unchanged: Annotated[
         float, Number("", OWN, "share of the largest speed within which what the base is told does not change")
     ] = 0.02
-    sure: Annotated[float, Number("s", OWN, "for which that has been so")] = 0.3
-    sure_base: Annotated[float, Number("s", OWN, "longer than a fault is told by another name first")] = 1.5
 
 
 @dataclass
@@ -88,7 +85,7 @@ class Response(Stateful[ResponseState]):
     def __init__(self, profile: RobotProfile, settings: ResponseSettings | None = None) -> None:
         """``profile``: what the robot was told of itself."""
         self._profile, self._settings = profile, settings or ResponseSettings()
-        self._count = round(self._settings.longest / self._settings.step) + 1
+        self._count = round(self._settings.longest / ARM_STEP) + 1
         self._state = ResponseState(rates=np.zeros((self._count, JOINTS)), of_delay=np.zeros((2, self._count)))
 
     @property
@@ -135,7 +132,7 @@ class Response(Stateful[ResponseState]):
         dt, state.time = 0.0 if state.time is None else now.time - state.time, now.time
         if not _finite(now):
             return
-        if not (0.0 < dt <= self._settings.gap) or now.ahead > 0.0 or now.age > 0.0 or not state.commands:
+        if not (0.0 < dt <= A_PERIOD_AND_A_BIT) or now.ahead > 0.0 or now.age > 0.0 or not state.commands:
             state.rates, state.twists = np.tile(now.dq, (self._count, 1)), np.tile(now.twist, (len(LAGS), 1))
             return
         self._joints(now, dt)
@@ -150,12 +147,12 @@ class Response(Stateful[ResponseState]):
         off = now.dq[None] - state.rates
         fresh = np.array([(off * off).sum(axis=1), (state.rates * state.rates).sum(axis=1)])
         state.of_delay = math.exp(-dt / settings.memory) * state.of_delay + dt * fresh
-        believed = round(state.delay / settings.step)
+        believed = round(state.delay / ARM_STEP)
         best = self._better(state.of_delay, believed, settings.joints)
         apart = 0.0 if best is None else float(np.abs(state.rates[best] - state.rates[believed]).max())
-        state.late = 0.0 if best is None else state.late + dt * (apart > self._settings.tells_joint)
-        if best is not None and state.late > settings.sure:
-            state.delay, state.late, state.lagging = settings.step * best, 0.0, 0.0
+        state.late = 0.0 if best is None else state.late + dt * (apart > self._settings.tells)
+        if best is not None and state.late > settings.longest:
+            state.delay, state.late, state.lagging = ARM_STEP * best, 0.0, 0.0
             state.twists, state.of_lag = np.tile(now.twist, (len(LAGS), 1)), np.zeros_like(state.of_lag)
 
     def _base(self, now: Observation, dt: float) -> None:
@@ -174,12 +171,12 @@ class Response(Stateful[ResponseState]):
         state.scale = np.where(steady, state.scale + dt / settings.steady * (ratio - state.scale), state.scale)
         model, off = state.twists / largest, (state.twists - now.twist[None]) / largest
         fresh = np.array([(off * off).sum(axis=1), (model * model).sum(axis=1)])
-        state.of_lag = math.exp(-dt / settings.base_memory) * state.of_lag + dt * fresh
+        state.of_lag = math.exp(-dt / (2.0 * settings.memory)) * state.of_lag + dt * fresh
         believed = LAGS.index(state.lag)
         best = self._better(state.of_lag, believed, settings.base)
         apart = 0.0 if best is None else float(np.abs(model[best] - model[believed]).max())
-        state.lagging = 0.0 if best is None else state.lagging + dt * (apart > self._settings.tells_base)
-        if best is not None and state.lagging > settings.sure_base:
+        state.lagging = 0.0 if best is None else state.lagging + dt * (apart > self._settings.tells)
+        if best is not None and state.lagging > settings.settles:
             state.lag, state.lagging = LAGS[best], 0.0
 
     def _better(self, misfits: Array, believed: int, least: float) -> int | None:

@@ -38,11 +38,8 @@ class SequenceParameters(msgspec.Struct, frozen=True, kw_only=True):
     out_of_reach: Annotated[
         float, Number("s", OWN, "after which the time in reach counts anew; a base that swings keeps it running")
     ] = 5.0
-    outside_limit: Annotated[
-        float, Number("s", OWN, "as near as it gets before a target outside the map is given up")
-    ] = 10.0
-    drive_limit: Annotated[
-        float, Number("s", OWN, "at the closest free place before a drive to a point that is not free is given up")
+    closest_limit: Annotated[
+        float, Number("s", OWN, "as near as it gets before an outside or taken target is given up")
     ] = 10.0
     other_order: Annotated[
         float, Number("s", OWN, "without progress of the base after which another task comes first")
@@ -203,8 +200,8 @@ class TaskSequence(Stateful[SequenceState]):
             state.outside_since = None
         elif state.outside_since is None:
             state.outside_since = time
-        elif time - state.outside_since > self.limits.outside_limit:
-            text = f"{kind_of(task)} {name_of(task)}: outside the map for {self.limits.outside_limit:.0f} s"
+        elif time - state.outside_since > self.limits.closest_limit:
+            text = f"{kind_of(task)} {name_of(task)}: outside the map for {self.limits.closest_limit:.0f} s"
             return self._give_up(time, text + self._elsewhere(pose))
         if isinstance(task, DriveTo):
             return self._watch_drive(task, time, blocked=blocked)
@@ -216,8 +213,8 @@ class TaskSequence(Stateful[SequenceState]):
             state.in_reach_since = None
         elif state.in_reach_since is None:
             state.in_reach_since = time
-        elif time - state.in_reach_since > self.limits.drive_limit:
-            return self._give_up(time, f"drive to {name_of(task)}: {blocked} for {self.limits.drive_limit:.0f} s")
+        elif time - state.in_reach_since > self.limits.closest_limit:
+            return self._give_up(time, f"drive to {name_of(task)}: {blocked} for {self.limits.closest_limit:.0f} s")
         return ()
 
     def _watch_reach(

@@ -11,6 +11,7 @@ from motm_twin.model.compiler import njit
 from motm_twin.model.geometry import Array, wrap_angle
 from motm_twin.model.motion import arc
 from motm_twin.model.profile import Footprint
+from motm_twin.model.scene import AGENT_MOVES
 
 APART = 0.5  # [s] after which a conflict with the same agent counts as new
 NEAR, NEAR_END = 0.10, 0.20  # [m] gap that is a near miss, and gap at which it has ended
@@ -176,7 +177,6 @@ def _evasion(name: str, conflict: _Conflict, end: float) -> dict[str, Any]:
 
 
 CUT_TIME, CUT_DISTANCE = 1.5, 1.0  # [s], [m] in front of an agent within which passing counts as cutting in
-AGENT_MOVES = 0.1  # [m/s] from which an agent can be cut in on
 SIDEWAYS = 0.05  # [m/s] across the agent's way from which the base is crossing it
 OWN_SHARE = 0.5  # of the way into the strip: more than this by its own motion, less by the agent's turning
 PARTED = 1.2  # [m] gap beyond which another cut-in counts

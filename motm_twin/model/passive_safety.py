@@ -10,9 +10,9 @@ from typing import NamedTuple
 
 from motm_twin.model.geometry import Array
 from motm_twin.model.motion import kernel
+from motm_twin.model.period import PERIOD
 from motm_twin.model.profile import RobotProfile
 
-STEP = 0.05  # [s]
 ROUNDING = 1e-6  # [m]
 
 
@@ -53,15 +53,15 @@ def met_in_stop(state: State, hold_yaw_rate: bool, time: float, movers: Array, s
     while True:
         x_before, y_before, heading_before = x, y, heading
         if passed >= stop.lag:
-            v = math.copysign(max(abs(v) - stop.linear * STEP, 0.0), v)
+            v = math.copysign(max(abs(v) - stop.linear * PERIOD, 0.0), v)
             if not hold_yaw_rate or v == 0.0:
-                w = math.copysign(max(abs(w) - stop.turning * STEP, 0.0), w)
+                w = math.copysign(max(abs(w) - stop.turning * PERIOD, 0.0), w)
         if v == 0.0 and (w == 0.0 or hold_yaw_rate):
             return -1
-        heading += w * STEP
-        x += v * STEP * math.cos(heading)
-        y += v * STEP * math.sin(heading)
-        passed += STEP
+        heading += w * PERIOD
+        x += v * PERIOD * math.cos(heading)
+        y += v * PERIOD * math.sin(heading)
+        passed += PERIOD
         for k in range(movers.shape[0]):
             ahead = time + passed
             px, py = movers[k, 0] + ahead * movers[k, 2], movers[k, 1] + ahead * movers[k, 3]

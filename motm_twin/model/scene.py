@@ -72,6 +72,8 @@ class Bin(msgspec.Struct, frozen=True, kw_only=True):
 
 
 BEHAVIOURS = ("yield", "blind", "orca", "social_force")
+AGENT_REACTION = 1.0  # [s] before an agent, such as a person, brakes
+AGENT_MOVES = 0.1  # [m/s] slower agents stand
 TEMI_ACCELERATION, PERSON_ACCELERATION = 0.5, 1.5  # [m/s^2]
 """A person of 1.3 m/s who starts, stops or turns within the 0.5 s of Helbing and Molnar (1995) needs 2.6 m/s^2 at
 first; those who walk at ease stay below 1.5 m/s^2 (a choice of this project)."""

@@ -17,30 +17,25 @@ from scipy.optimize import linear_sum_assignment
 
 from motm_twin.model.geometry import Array, from_frame
 from motm_twin.model.number import OWN, Number
+from motm_twin.model.period import PERIOD
 from motm_twin.model.plant import Detection
+
+MOST_CANDIDATES = 50  # that are remembered
 
 
 class AssociationSettings(msgspec.Struct, frozen=True, kw_only=True):
     """Limits of the matching; choices of this project."""
 
-    gate: Annotated[float, Number("", OWN, "standard deviations between the place of an object and its detection")] = (
-        4.0
-    )
-    gate_floor: Annotated[float, Number("m", OWN, "or this far")] = 0.01
     pushed: Annotated[
         float, Number("m", OWN, "from where an object was seen, that a thing is taken for it in the same picture")
     ] = 0.15
-    vague: Annotated[
-        float,
-        Number("m", OWN, "sd of a place from which on one detection is too little to believe an object elsewhere"),
-    ] = 0.01
-    first: Annotated[int, Number("", OWN, "detections at one place that are enough then")] = 2
-    confirmed: Annotated[int, Number("", OWN, "detections before something is there at all")] = 3
+    vague: Annotated[float, Number("m", OWN, "sd of a place from which on one detection elsewhere is too little")] = (
+        0.01
+    )
     absent: Annotated[float, Number("s", OWN, "in view and not reported, after which an object is elsewhere")] = 0.15
     astray: Annotated[
         float, Number("m", OWN, "from where an object was seen, at which it may be found without that place in view")
     ] = 0.5
-    strayed: Annotated[int, Number("", OWN, "detections that it takes then: odometry has slipped")] = 6
     disproved: Annotated[
         float, Number("s", OWN, "in view and not reported, after which where an object was seen tells nothing")
     ] = 2.0
@@ -54,8 +49,6 @@ class AssociationSettings(msgspec.Struct, frozen=True, kw_only=True):
             "", OWN, "difference in cost below which another object that is out of view may be the one that is seen"
         ),
     ] = 6.0
-    most: Annotated[int, Number("", OWN, "candidates")] = 50
-    period: Annotated[float, Number("s", OWN, "between pictures when they are empty and have no stamp")] = 0.05
 
 
 class Places(msgspec.Struct, frozen=True, kw_only=True, eq=False):
@@ -65,6 +58,9 @@ class Places(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     positions: Array  # [m], shape (n, 3)
     variances: Array  # [m^2] per axis, shape (n,)
     seen: Array  # it was seen before, shape (n,), bool
+    gate: float  # standard deviations between the place of an object and its detection, at most
+    gate_floor: float  # [m] or this far
+    agreeing: int  # detections at one place that are believed
 
 
 class Sight(Protocol):
@@ -112,7 +108,7 @@ def names_of(
     newest = max((one.stamp for one in found), default=-math.inf)
     if found and newest <= state.stamp:
         return tuple(state.names.get(one.p_base.tobytes(), "") for one in found)
-    if not found and now - state.looked < settings.period - 1e-6:
+    if not found and now - state.looked < PERIOD - 1e-6:
         return ()
     picture = _Picture(found, sight.places(), held, settings)
     match = picture.matched()
@@ -126,7 +122,7 @@ def names_of(
             continue
         candidate.name = ""
         vague = picture.places.variances[i] > settings.vague**2
-        sure = not vague or candidate.count >= settings.first
+        sure = not vague or candidate.count > 1
         if sure and not (not picture.places.seen[i] and picture.ambiguous(k, i, match, sight)):
             names[k] = picture.places.names[i]
     _claim(candidates, picture, names, match, sight, lambda name: _is_absent(state, name, now, age, settings))
@@ -138,10 +134,11 @@ def names_of(
     return tuple(names)
 
 
-def unexplained(state: AssociationState, sight: Sight, settings: AssociationSettings) -> bool:
+def unexplained(state: AssociationState, sight: Sight) -> bool:
     """Something is detected again and again where no object is known, and none is missing."""
+    agreeing = sight.places().agreeing
     return any(
-        one.count > settings.confirmed and not one.name and one.stamp == state.stamp and not sight.in_bin(one.position)
+        one.count > agreeing and not one.name and one.stamp == state.stamp and not sight.in_bin(one.position)
         for one in state.candidates
     )
 
@@ -165,11 +162,11 @@ class _Picture:
         self.largest = np.abs(apart).max(axis=2, initial=0.0)
         square = apart[:, :, 0] ** 2 + apart[:, :, 1] ** 2 + apart[:, :, 2] ** 2
         self.distance = np.sqrt(square)
-        floor = settings.gate_floor / settings.gate
+        floor = places.gate_floor / places.gate
         spread = [[6.0 * math.log(math.sqrt(value) + floor) for value in row] for row in variance.tolist()]
         self.cost = square / (np.sqrt(variance) + floor) ** 2 + np.array(spread).reshape(variance.shape)
         self.free = np.array([name != held for name in places.names], dtype=bool).reshape(-1)
-        inside = self.largest <= settings.gate_floor + settings.gate * np.sqrt(variance)
+        inside = self.largest <= places.gate_floor + places.gate * np.sqrt(variance)
         self.possible = inside & self.free[None, :]
 
     def matched(self) -> dict[int, int]:
@@ -205,15 +202,15 @@ def _assigned(cost: Array, possible: NDArray[np.bool_]) -> dict[int, int]:
 
 def _candidate(state: AssociationState, picture: _Picture, k: int) -> Candidate:
     """The detection here, seen once more or for the first time."""
-    settings, at, stamp = picture.settings, picture.at[k], picture.found[k].stamp
-    reach = settings.gate_floor + settings.gate * math.sqrt(2.0) * float(picture.sd[k])
+    places, at, stamp = picture.places, picture.at[k], picture.found[k].stamp
+    reach = places.gate_floor + places.gate * math.sqrt(2.0) * float(picture.sd[k])
     near = [one for one in state.candidates if one.stamp < stamp and float(np.abs(one.position - at).max()) <= reach]
     if near:
         best = min(near, key=lambda one: math.dist(one.position.tolist(), at.tolist()))
         best.position, best.stamp, best.count = at.copy(), stamp, best.count + 1
         return best
     new = Candidate(at.copy(), stamp)
-    state.candidates = [*state.candidates, new][-settings.most :]
+    state.candidates = [*state.candidates, new][-MOST_CANDIDATES:]
     return new
 
 
@@ -243,14 +240,14 @@ def _claim(
         if k in match:
             continue
         one = candidates[k]
-        if one.count < settings.confirmed:
+        if one.count < places.agreeing:
             continue
         in_bin = sight.in_bin(picture.at[k])
         for i, name in enumerate(places.names):
             if i in taken or not picture.free[i]:
                 continue
             same_bin = in_bin and sight.in_bin(places.positions[i])
-            astray = one.count >= settings.strayed and not in_bin and places.seen[i]
+            astray = one.count >= 2 * places.agreeing and not in_bin and places.seen[i]
             astray = astray and picture.distance[k, i] < settings.astray and not sight.in_view(places.positions[i])
             if absent(name) or same_bin or astray or one.name == name:
                 pairs.append((one.name != name, not same_bin, float(picture.distance[k, i]), k, i, one))
@@ -268,9 +265,8 @@ def _forget(state: AssociationState, picture: _Picture, names: Sequence[str], no
     kept = []
     for one in state.candidates:
         explained = not one.name and any(np.array_equal(one.position, at) for at in own)
-        limit = (
-            settings.keep if one.count >= settings.confirmed and not sight.in_view(one.position) else settings.forget
-        )
+        out_of_view = one.count >= picture.places.agreeing and not sight.in_view(one.position)
+        limit = settings.keep if out_of_view else settings.forget
         if not explained and now - one.stamp <= limit:
             kept.append(one)
     state.candidates = kept

@@ -19,9 +19,9 @@ from motm_twin.model.geometry import Array
 from motm_twin.model.number import OWN, Number
 from motm_twin.model.plant import Scan
 from motm_twin.model.reason import Kind, Reason
-from motm_twin.perception.finding import Finding
+from motm_twin.perception.finding import HALF, Finding
 from motm_twin.perception.scan import BLIND_ANGLE
-from motm_twin.perception.sweeps import seen_edges
+from motm_twin.perception.sweeps import GONE_AFTER, REACH, seen_edges
 
 NEVER = -math.inf  # [s]
 
@@ -29,18 +29,15 @@ NEVER = -math.inf  # [s]
 class SectorSettings(msgspec.Struct, frozen=True, kw_only=True):
     """Limits of the check of single beams."""
 
-    doubt: Annotated[float, Number("s", OWN, "after which furniture that no beam has seen since is gone")] = 3.0
     rest: Annotated[
         float, Number("s", OWN, "times the number of times that the beams were blind, without a miss: trusted again")
     ] = 5.0
-    reach: Annotated[float, Number("m", OWN, "mapped furniture further away may be missed by thin beams")] = 6.0
     bin: Annotated[float, Number("m", OWN, "of outline that is remembered as one place")] = 0.1
     margin: Annotated[
         float, Number("m", OWN, "and `share` of the range: a return so near the map's edge is that edge")
     ] = 0.15
     share: Annotated[float, Number("", OWN, "as `margin`")] = 0.03
     proofs: Annotated[int, Number("", OWN, "beams that prove a sector blind, or that it sees again")] = 3
-    speed: Annotated[float, Number("", OWN, "share that the base keeps while people could come up unseen")] = 0.5
 
 
 @dataclass
@@ -108,17 +105,17 @@ def check_sector(
         return scan, None
     wide = math.degrees(abs(scan.angle_step)) * int(unseen.sum())
     why = Reason(kind=Kind.SCAN_SECTOR, subject="lidar", value=wide, limit=math.degrees(BLIND_ANGLE), unit="deg")
-    finding = Finding(reason=why, base=settings.speed if state.blind.any() else 1.0)
+    finding = Finding(reason=why, base=HALF if state.blind.any() else 1.0)
     ranges = np.where(unseen, np.nan, scan.ranges)
     return msgspec.structs.replace(scan, ranges=ranges, blind=unseen.copy()), finding
 
 
 def _look(state: SectorState, scan: Scan, pose: Array, outline: Outline, settings: SectorSettings) -> None:
     """Compare a sweep with the map, and tell which beams are not trusted."""
-    reach = min(settings.reach, scan.range_max)
+    reach = min(REACH, scan.range_max)
     expected = seen_edges(pose, scan.origin, scan.angle_min, scan.angle_step, len(scan.ranges), outline.segments, reach)
     run = max(settings.proofs, math.ceil(BLIND_ANGLE / abs(scan.angle_step)))
-    limits = (settings.doubt, settings.rest, settings.margin, settings.share, run, settings.proofs)
+    limits = (GONE_AFTER, settings.rest, settings.margin, settings.share, run, settings.proofs)
     state.unseen = _follow(
         (state.doubted, state.proved, state.blind, state.times, state.miss, state.returned),
         (state.gone, state.missed, state.missing),

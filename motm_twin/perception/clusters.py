@@ -14,12 +14,11 @@ import numpy as np
 
 from motm_twin.model.compiler import njit
 from motm_twin.model.geometry import Array
-from motm_twin.model.profile import Footprint, RobotProfile
+from motm_twin.model.profile import Footprint
 
 MERGE_CELLS = 6  # 0.3 m: grazing beams leave gaps like this on one face; where a base fits through, they are parted
 LOST = 0.05  # [m] of a way beside a hull that may be lost
 MARGIN = 0.08  # [m] beyond half the width of the base by which planning grows outlines
-GROWTH = 0.5 * RobotProfile().footprint.width + MARGIN  # [m] g of Frankie
 BETWEEN = 2.0  # cells between two places beside a hull at which it is tried
 MAX_CORNERS = 8
 FLAT = 0.02  # [m] corners that stand out less than this are left out
@@ -226,7 +225,7 @@ def growth_of(footprint: Footprint) -> float:
     return 0.5 * footprint.width + MARGIN
 
 
-def seen_outlines(cells: np.ndarray, resolution: float, origin: Array, g: float = GROWTH) -> list[Array]:
+def seen_outlines(cells: np.ndarray, resolution: float, origin: Array, g: float) -> list[Array]:
     """Convex outlines [m], counter-clockwise, each shape (n, 2), of seen cells (row, col) sorted by row and column.
 
     ``g`` [m]: by how much planning grows them.

@@ -24,35 +24,27 @@ from motm_twin.perception.objects import ObjectTracker
 class DetectionSettings(msgspec.Struct, frozen=True, kw_only=True):
     """Limits of the checks of detections."""
 
-    outside: Annotated[
-        float, Number("rad", OWN, "beyond the cone of view, where nothing can be seen: the hand moves while it looks")
-    ] = math.radians(10.0)
     beyond: Annotated[float, Number("", OWN, "share of the range beyond which nothing can be seen")] = 1.15
     hand_speed: Annotated[float, Number("m/s", OWN, "with which it may have moved since")] = 1.5
-    inside: Annotated[float, Number("rad", OWN, "within the cone by this much, what stands free is seen")] = (
-        math.radians(5.0)
-    )
+    inside: Annotated[
+        float, Number("rad", OWN, "in the cone by this much, it is seen; beyond it by twice as much, nothing is")
+    ] = math.radians(5.0)
     within: Annotated[float, Number("", OWN, "share of the range within which it is")] = 0.92
     nearest: Annotated[float, Number("m", OWN, "from the lens, nearer the fingers may hide it")] = 0.12
     above: Annotated[float, Number("m", OWN, "that the lens has to be above an object to look down on it freely")] = (
         0.05
     )
-    twice: Annotated[float, Number("m", OWN, "between two reports of one object in one frame")] = 0.06
-    at_other: Annotated[float, Number("m", OWN, "from another object's place, at which a report is of that one")] = 0.05
-    own: Annotated[float, Number("m", OWN, "from its own place, at least")] = 0.1
+    twice: Annotated[
+        float, Number("m", OWN, "from another's place, at which a report is of that; from its own, twice as far")
+    ] = 0.05
     contested: Annotated[
-        float, Number("s", OWN, "after another one was reported at its place, in which an object is not elsewhere")
+        float, Number("s", OWN, "after another was reported at its place; twice as long, they were swapped")
     ] = 5.0
-    believed: Annotated[
-        float, Number("s", OWN, "after the first swapped report, somebody has really swapped the objects")
-    ] = 10.0
-    doubtful: Annotated[float, Number("m", OWN, "sd of a place at which nobody wonders where the object is found")] = (
-        0.05
-    )
-    known: Annotated[float, Number("m", OWN, "sd of a place that is known well enough to miss an object there")] = 0.04
+    doubtful: Annotated[
+        float, Number("m", OWN, "sd of a place at which nobody wonders where the object is found, or misses it")
+    ] = 0.05
     recent: Annotated[float, Number("s", OWN, "within which it was seen last")] = 2.0
-    missed: Annotated[float, Number("s", OWN, "in view without a report")] = 0.3
-    late: Annotated[float, Number("s", OWN, "age of the newest detections")] = 0.3
+    late: Annotated[float, Number("s", OWN, "age of the newest detections, and in view without a report")] = 0.3
     told: Annotated[float, Number("s", OWN, "that a wrong report is told")] = 0.5
     association: AssociationSettings = AssociationSettings()
 
@@ -150,7 +142,7 @@ def _named(
     """Names of detections without one; tells of what is detected again and again and is no object."""
     camera = now.time - now.ahead
     names = association.names_of(state.association, found, camera, held, beliefs, settings.association)
-    if found and association.unexplained(state.association, beliefs, settings.association):
+    if found and association.unexplained(state.association, beliefs):
         state.wrong, state.until = _STRANGE, now.time + settings.told
     return names
 
@@ -175,7 +167,7 @@ def findings(
     missing = _missing(state, now, beliefs, held, profile, settings, reported)
     if missing and age <= settings.late:
         long = now.time - state.missing[missing[0]]
-        lost = Reason(kind=Kind.CAMERA_LOST, subject=missing[0], value=long, limit=settings.missed, unit="s")
+        lost = Reason(kind=Kind.CAMERA_LOST, subject=missing[0], value=long, limit=settings.late, unit="s")
         found.append(Finding(reason=lost))
     return found
 
@@ -202,7 +194,7 @@ def _ghost(
     moved = settings.hand_speed * max(0.0, now.time - one.stamp)
     slack = math.atan2(moved, max(distance, 1e-6))
     widest, farthest = (
-        profile.camera.half_cone + settings.outside + slack,
+        profile.camera.half_cone + 2.0 * settings.inside + slack,
         settings.beyond * profile.camera.range + moved,
     )
     if angle <= widest and distance <= farthest:
@@ -238,24 +230,24 @@ def _swapped(
         return None
     here = from_frame(one.odometry, one.p_base)
     away = _apart(here, own[0])
-    if away < settings.own:
+    if away < 2.0 * settings.twice:
         state.swapped.pop(one.name, None)
         return None
     if beliefs.in_bin(here):
         other = "" if beliefs.in_bin(own[0]) else "what was dropped into a bin"
     else:
-        other = beliefs.other_at(one.name, here, settings.at_other)
+        other = beliefs.other_at(one.name, here, settings.twice)
         its = next((each for each in now.detections if each.name == other), None)
-        if its is not None and _apart(from_frame(its.odometry, its.p_base), own[0]) > settings.own:
+        if its is not None and _apart(from_frame(its.odometry, its.p_base), own[0]) > 2.0 * settings.twice:
             return None  # both are elsewhere, and not at each other's place: it is the robot that errs
     if other:
         state.taken[other] = one.stamp
     elif one.stamp - state.taken.get(one.name, -math.inf) < settings.contested:
         other = "another object"
     since = state.swapped.setdefault(one.name, one.stamp)
-    if not other or one.stamp - since > settings.believed:
+    if not other or one.stamp - since > 2.0 * settings.contested:
         return None
-    why = Reason(kind=Kind.CAMERA_SWAP, subject=one.name, other=other, value=away, limit=settings.own, unit="m")
+    why = Reason(kind=Kind.CAMERA_SWAP, subject=one.name, other=other, value=away, limit=2.0 * settings.twice, unit="m")
     return Finding(reason=why)
 
 
@@ -281,11 +273,11 @@ def _missing(
         belief = beliefs.get(name)
         since = state.missing.get(name)
         recent = since is not None or now.time - stamp <= settings.recent
-        if belief is None or name == held or name in reported or not recent or belief[1] > settings.known:
+        if belief is None or name == held or name in reported or not recent or belief[1] > settings.doubtful:
             state.missing.pop(name, None)
             continue
         if in_view(eye, to_frame(now.odometry, belief[0]), profile, settings):
             state.missing.setdefault(name, now.time)
         else:
             state.missing.pop(name, None)
-    return [name for name, since in state.missing.items() if now.time - since > settings.missed]
+    return [name for name, since in state.missing.items() if now.time - since > settings.late]

@@ -4,6 +4,8 @@ import msgspec
 
 from motm_twin.model.reason import Kind, Reason
 
+HALF = 0.5  # share of its speed that the base keeps while what it senses is half good
+
 
 class Finding(msgspec.Struct, frozen=True, kw_only=True):
     """One thing that is not as it should be now, and how much of its speed the robot keeps for it."""

@@ -18,8 +18,8 @@ from motm_twin.model.number import OWN, Number
 from motm_twin.model.plant import Observation, Scan
 from motm_twin.model.profile import BaseLimits
 from motm_twin.model.reason import Kind, Reason
-from motm_twin.perception.finding import Finding
-from motm_twin.perception.sweeps import map_fit
+from motm_twin.perception.finding import HALF, Finding
+from motm_twin.perception.sweeps import REACH, map_fit
 
 
 class LocalisationSettings(msgspec.Struct, frozen=True, kw_only=True):
@@ -37,18 +37,15 @@ class LocalisationSettings(msgspec.Struct, frozen=True, kw_only=True):
     least: Annotated[int, Number("", OWN, "beams that must meet mapped furniture before the scan can decide")] = 10
     better: Annotated[float, Number("", OWN, "of the fit, by which one pose must be better than the other")] = 0.1
     fit_sd: Annotated[float, Number("m", OWN, "error of a beam at which it fits badly")] = 0.1
-    reach: Annotated[float, Number("m", OWN, "of beams that count")] = 8.0
     looks: Annotated[int, Number("", OWN, "sweeps that are looked at before localisation is judged")] = 2
     suspect: Annotated[float, Number("", OWN, "share of what noise may explain from which on the scan is asked")] = 0.6
     enough: Annotated[float, Number("", OWN, "share from which on it may say alone that localisation is wrong")] = 0.8
     patience: Annotated[
-        float, Number("s", OWN, "after which localisation is believed when nothing that is mapped is in sight")
+        float, Number("s", OWN, "until localisation is believed, nothing mapped in sight; a push takes half of it")
     ] = 0.3
-    undecided: Annotated[float, Number("s", OWN, "the same when the scan fits both")] = 1.0
-    jump: Annotated[
-        float, Number("s", OWN, "within which a leap of localisation is a push, and not wheels that slip")
-    ] = 0.15
-    told: Annotated[float, Number("s", OWN, "that a push, or odometry's leap, is told")] = 1.0
+    told: Annotated[
+        float, Number("s", OWN, "that a push, or odometry's leap, is told; and a scan that fits both is waited for")
+    ] = 1.0
     blind_way: Annotated[
         float, Number("m", OWN, "driven by odometry alone after which the robot stands: 1 % of it is more than a gap")
     ] = 10.0
@@ -117,7 +114,7 @@ def vote(
     if state.mode not in ("suspect", "doubt", "off") or not len(segments) or scan.stamp <= state.since:
         return
     believed = compose(compose(state.pose, inverse(now.pose)), scan.pose)
-    reach = min(settings.reach, scan.range_max)
+    reach = min(REACH, scan.range_max)
     fits = [
         map_fit(pose, scan.ranges, scan.angle_min, scan.angle_step, scan.origin, segments, reach, settings.fit_sd)
         for pose in (scan.pose, believed)
@@ -138,7 +135,7 @@ def finding(state: LocalisationState, settings: LocalisationSettings, limit: flo
         return Finding(reason=why, base=0.0 if lost else 1.0)
     if state.mode == "slip":
         away = max(state.slipped, _apart(state.localised, state.pose)[0])
-        return Finding(reason=Reason(kind=Kind.SLIP, subject="wheels", value=away, limit=limit, unit="m"), base=0.5)
+        return Finding(reason=Reason(kind=Kind.SLIP, subject="wheels", value=away, limit=limit, unit="m"), base=HALF)
     return state.notice
 
 
@@ -178,7 +175,10 @@ def _reckon(
     state.pose = compose(state.pose, way)
     left, turned = _apart(now.pose, state.pose)
     step, turn = _apart(compose(inverse(state.localised), now.pose), way)
-    state.leaps = [*(entry for entry in state.leaps if entry[0] > now.time - settings.jump), (now.time, step, turn)]
+    state.leaps = [
+        *(entry for entry in state.leaps if entry[0] > now.time - 0.5 * settings.patience),
+        (now.time, step, turn),
+    ]
     limit = limit_of(base, settings, now)
     away = left > limit or turned > settings.heading + 0.2 * base.yaw_rate * (now.ahead + now.age)
     if state.mode == "doubt":
@@ -213,7 +213,7 @@ def _decide(state: LocalisationState, now: Observation, settings: LocalisationSe
     left, _ = _apart(now.pose, state.pose)
     votes, waited = state.votes, now.time - state.since
     verdict = _verdict(state, settings)
-    over = waited > (settings.undecided if votes else settings.patience)
+    over = waited > (settings.told if votes else settings.patience)
     if not away and waited > settings.patience:
         _change(state, "", now.time)
     elif verdict < 0:

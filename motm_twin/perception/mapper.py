@@ -10,6 +10,7 @@ import numpy as np
 from motm_twin.model.geometry import Array
 from motm_twin.model.known import KnownWorld
 from motm_twin.model.number import OWN, STAA, Number, paper
+from motm_twin.model.period import PERIOD
 from motm_twin.model.plant import Observation, Scan
 from motm_twin.model.profile import RobotProfile
 from motm_twin.model.reason import Reason
@@ -51,11 +52,11 @@ class MapSettings(msgspec.Struct, frozen=True, kw_only=True):
         int, Number("", OWN, "evidence of one hit: a cell seen once is cleared by 3 free scans, 0.15 s at 20 Hz")
     ] = 3
     evidence_most: Annotated[
-        int,
-        Number("", OWN, "at most 6 free scans, 0.3 s at 20 Hz, to clear: a moved obstacle is gone at once for the eye"),
+        int, Number("", OWN, "6 free scans to clear, 0.3 s at 20 Hz: a shorter break is noise")
     ] = 6
-    static_after: Annotated[float, Number("s", paper("V"), "occupied unbroken this long is static")] = 3.0
-    grace: Annotated[float, Number("s", OWN, "a break shorter than this is noise at a cell border")] = 0.3
+    static_after: Annotated[
+        float, Number("s", paper("V"), "occupied unbroken this long is static; else unseen this long, it is gone")
+    ] = 3.0
     hidden: Annotated[
         float,
         Number("s", OWN, "what hides behind a newer hit this long and is not static has come closer, or was noise"),
@@ -63,23 +64,16 @@ class MapSettings(msgspec.Struct, frozen=True, kw_only=True):
     shadow: Annotated[
         float, Number("m", OWN, "depth behind a hit in which that is so: a little more than an agent")
     ] = 0.6
-    forget: Annotated[
-        float, Number("s", OWN, "what was not static and is not seen again goes: the trail of an agent out of sight")
-    ] = 3.0
     proximity_width: Annotated[
         float, Number("m", OWN, "penalty falls to 0 there (prototype: 0.3 over 0.12 m is best at the table)")
     ] = 0.12
     proximity_blur: Annotated[int, Number("cells", OWN, "each way")] = 1
-    body_shrink: Annotated[float, Number("m", OWN, "cells this far inside the robot's own footprint are under it")] = (
-        0.05
-    )
 
 
 def fading_of(p: MapSettings) -> Fading:
     """The rules by which evidence comes and goes, for kernels."""
-    static_ms, grace_ms = round(1000.0 * p.static_after), round(1000.0 * p.grace)
-    hidden_ms, forget_ms = round(1000.0 * p.hidden), round(1000.0 * p.forget)
-    return Fading(p.hit, p.evidence_most, static_ms, grace_ms, hidden_ms, p.shadow, forget_ms)
+    static_ms, grace_ms = round(1000.0 * p.static_after), round(1000.0 * PERIOD * p.evidence_most)
+    return Fading(p.hit, p.evidence_most, static_ms, grace_ms, round(1000.0 * p.hidden), p.shadow, static_ms)
 
 
 def reach_of(robot: RobotProfile) -> float:
@@ -251,7 +245,7 @@ class Mapper(Stateful[MapperState]):
             self._frame,
             self._fading,
         )
-        inner = rectangle - np.array([settings.body_shrink, settings.body_shrink, 0.0])
+        inner = rectangle - np.array([settings.resolution, settings.resolution, 0.0])
         clear_footprint(evidence.level, evidence.outside, hit_now, occupied, scan.pose, inner, self._frame)
         return settle(
             occupied,

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from motm_twin.model.exact import dot
 from motm_twin.model.geometry import Array
 from motm_twin.model.number import OWN, Number
+from motm_twin.model.period import A_PERIOD_AND_A_BIT
 from motm_twin.model.profile import RobotProfile
 from motm_twin.model.state import Stateful
 from motm_twin.perception.cell_times import AROUND, CellTimes, Mask, Numbers, among, numbers_of
@@ -38,47 +39,32 @@ class MoverParameters(msgspec.Struct, frozen=True, kw_only=True):
     gate: Annotated[float, Number("m", OWN, "between where a thing is expected and where it is seen")] = 0.35
     alpha: Annotated[float, Number("", OWN, "gain of the position per map of 50 ms")] = 0.5
     beta: Annotated[float, Number("", OWN, "gain of the velocity: its error halves in 0.2 s")] = 0.08
-    leaves: Annotated[float, Number("m", OWN, "from its place, beyond which a thing may have moved")] = 0.10
-    creeps: Annotated[float, Number("m", OWN, "the same for one that is to be static: it starts counting again")] = 0.05
+    creeps: Annotated[
+        float, Number("m", OWN, "from its place, or of radius: it is not yet static; twice as far, it has moved")
+    ] = 0.05
     strays: Annotated[
         float, Number("s", OWN, "that it must be elsewhere for: a single wrong hit stays in the map for 0.3 s")
     ] = 0.4
     settles: Annotated[
-        float, Number("s", OWN, "over which the middle of what rests is taken: one that creeps at 0.025 m/s leaves it")
+        float, Number("s", OWN, "without motion, after which it stands; its middle is taken over as long")
     ] = 2.0
     young: Annotated[float, Number("s", OWN, "that it must have been there for: what has just appeared flickers")] = 0.2
     gone: Annotated[
         float, Number("", OWN, "share of its place where nothing is seen any more, from which on it has")
     ] = 0.5
-    grows: Annotated[
-        float, Number("m", OWN, "of radius, beyond which more of a thing is seen than before, and its place is another")
-    ] = 0.05
-    stands_after: Annotated[float, Number("s", OWN, "since it moved last after which a thing counts as standing")] = 2.0
     rests: Annotated[
         float, Number("s", OWN, "that something must be static for, until what hangs together with it belongs to it")
     ] = 3.5
     waits: Annotated[
         float, Number("s", OWN, "in the same place after which what has moved is static: one that waits leaves sooner")
     ] = 12.0
-    lost_after: Annotated[float, Number("s", OWN, "out of sight after which a thing is forgotten")] = 0.5
-    trail: Annotated[float, Number("s", OWN, "of its way behind a mover that seen cells may still be on")] = 0.4
-    settled: Annotated[
-        float,
-        Number("", OWN, "share of a thing that is static, from which on all of it is: a cell at its edge may flicker"),
-    ] = 0.9
-    now: Annotated[
-        float,
-        Number("s", OWN, "since it was hit last, up to which a cell says where a thing is: two scans, one may miss it"),
-    ] = 0.06
-    beside: Annotated[
-        float,
-        Number(
-            "", OWN, "share of a thing that is at most two cells from something static, from which on it is its side"
-        ),
-    ] = 0.9
-    fresh: Annotated[
-        float, Number("s", OWN, "since it was hit last, up to which something static shows where its sides are")
+    lost_after: Annotated[
+        float, Number("s", OWN, "out of sight: a thing is forgotten, or no longer shows where its sides are")
     ] = 0.5
+    trail: Annotated[float, Number("s", OWN, "of its way behind a mover that seen cells may still be on")] = 0.4
+    beside: Annotated[
+        float, Number("", OWN, "share of a thing that is static, or beside it, from which on all of it is")
+    ] = 0.9
     remembers: Annotated[
         float, Number("s", OWN, "free of it after which a static cell is no longer one: as long as it takes to be one")
     ] = 3.0
@@ -90,7 +76,6 @@ class MoverParameters(msgspec.Struct, frozen=True, kw_only=True):
             "of driving at full speed up to which a mover is in the way as it is: it may not have moved on by then",
         ),
     ] = 4.0
-    near_more: Annotated[float, Number("m", OWN, "more than that, which a base that stops before it needs")] = 0.45
     parted: Annotated[float, Number("", OWN, "times as far, beyond which it no longer is")] = 1.3
     edge: Annotated[float, Number("m", OWN, "round a mover that seen cells belong to it")] = 0.12
 
@@ -150,7 +135,7 @@ class MoverTracker(Stateful[MoverState]):
     def __init__(self, parameters: MoverParameters | None = None, robot: RobotProfile | None = None) -> None:
         robot, self.parameters = robot or RobotProfile(), parameters or MoverParameters()
         p = self.parameters
-        stops = robot.footprint.outer + p.radius_max + robot.base.stopping_way + p.near_more
+        stops = robot.footprint.outer + p.radius_max + robot.base.stopping_way + p.radius_max
         self.near = max(p.near_time * robot.base.forward_speed, stops)  # [m] from the viewpoint; 2.0 m for Frankie
         self._state = MoverState()
 
@@ -206,7 +191,7 @@ class MoverTracker(Stateful[MoverState]):
     ) -> list[Disc]:
         """The discs of what may be moving, of which the far sides are not seen."""
         p = self.parameters
-        loose = [pair for pair in pairs if _share(static, pair[1].points) < p.settled]
+        loose = [pair for pair in pairs if _share(static, pair[1].points) < p.beside]
         young = [(track, one) for track, one in loose if not track.wide and track.moved is None]
         discs = [(*track.position.tolist(), track.radius) for track, _ in unsettled + young]
         for track, one in loose:
@@ -222,7 +207,7 @@ class MoverTracker(Stateful[MoverState]):
         """
         state, p = self._state, self.parameters
         long = since <= world.stamp - p.rests
-        anchors = long & (world.seen_age <= p.fresh) & ~among(state.came, cells)
+        anchors = long & (world.seen_age <= p.lost_after) & ~among(state.came, cells)
         return long | touching(grid, anchors, ~held, p.join_cells)
 
     def _static(self, world: WorldMap, cells: Numbers, furniture: Mask, since: Array) -> Mask:
@@ -248,12 +233,12 @@ class MoverTracker(Stateful[MoverState]):
         """
         p, place = self.parameters, track.place
         moved = False
-        if place is not None and world.stamp - place.time >= p.young and _away(track, seen, place, p.leaves):
+        if place is not None and world.stamp - place.time >= p.young and _away(track, seen, place, 2.0 * p.creeps):
             own, (x, y) = world.seen_points[seen.points], viewpoint.tolist()
             moved = share_gone(place.points, world.seen_points, own, x, y) > p.gone
         if moved and not track.wide:
             track.moved = world.stamp
-        elsewhere = place is None or moved or track.wide or seen.radius > place.radius + p.grows
+        elsewhere = place is None or moved or track.wide or seen.radius > place.radius + p.creeps
         if place is None or elsewhere or self._has_settled(track, world.stamp):
             place = Place(world.stamp, track.position, seen.radius, world.seen_points[seen.points])
         track.place = place
@@ -282,7 +267,7 @@ class MoverTracker(Stateful[MoverState]):
 
     def _moving(self, track: Track) -> bool:
         now = self._state.time
-        return track.moved is not None and now is not None and now - track.moved <= self.parameters.stands_after
+        return track.moved is not None and now is not None and now - track.moved <= self.parameters.settles
 
     def _unsettled(self, track: Track) -> bool:
         """It has moved, and has not been in the same place for long since."""
@@ -294,9 +279,9 @@ class MoverTracker(Stateful[MoverState]):
     def _release(self, pairs: list[Pair], cells: Numbers, grid: Cells, since: Array, world: WorldMap) -> None:
         """Release a thing seen to move that stands along something static: it is the side of that, the pose was off."""
         state, p, now = self._state, self.parameters, world.stamp
-        anchors = grid[(since <= now - p.rests) & (world.seen_age <= p.fresh)]
+        anchors = grid[(since <= now - p.rests) & (world.seen_age <= p.lost_after)]
         for track, one in pairs:
-            if track.moved is None or now - track.moved <= p.stands_after or track.moved >= now or not len(anchors):
+            if track.moved is None or now - track.moved <= p.settles or track.moved >= now or not len(anchors):
                 continue
             apart = np.abs(grid[one.points][:, None] - anchors[None]).max(axis=2).min(axis=1)
             if np.count_nonzero(apart <= p.join_cells) >= p.beside * len(apart):
@@ -342,7 +327,7 @@ class MoverTracker(Stateful[MoverState]):
     def _clusters(self, world: WorldMap, grid: Cells, young: NDArray[np.int64], viewpoint: Array) -> list[Seen]:
         """Clusters of those of the seen points, by index."""
         p = self.parameters
-        recent = world.seen_age[young] <= p.now
+        recent = world.seen_age[young] <= A_PERIOD_AND_A_BIT
         members, ends, front, front_ends = apart(grid[young], recent, p.join_cells, p.smallest)
         points, members = world.seen_points[young[front]], young[members]
         found, start, front_start = [], 0, 0

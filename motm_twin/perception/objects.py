@@ -36,14 +36,17 @@ class TrackerSettings(msgspec.Struct, frozen=True, kw_only=True):
     localisation_sd: Annotated[
         float, Number("m", OWN, "added to the prior's error: localisation when the object is first seen")
     ] = 0.03
-    agreeing: Annotated[int, Number("", OWN, "outliers in a row at one place that move the belief there")] = 3
+    agreeing: Annotated[
+        int, Number("", OWN, "detections at one place that are believed; twice as many where odometry slipped")
+    ] = 3
     yaw_gain: Annotated[float, Number("", OWN, "of each detection")] = 0.3
     unseen: Annotated[float, Number("", OWN, "sd of the prior within which an object is that was never seen")] = 2.5
     jump: Annotated[
         float, Number("m", OWN, "and [rad] by which localisation leaves odometry at once: somebody pushed the robot")
     ] = 0.1
-    bin_sd: Annotated[float, Number("m", OWN, "how far from the middle of its bin an object may lie")] = 0.05
-    lost_sd: Annotated[float, Number("m", OWN, "how far from the hand an object may be that was lost just now")] = 0.1
+    bin_sd: Annotated[
+        float, Number("m", OWN, "of an object from the middle of its bin; twice of one that the hand has lost")
+    ] = 0.05
 
 
 @dataclass
@@ -116,6 +119,9 @@ class ObjectTracker(Stateful[TrackerState]):
             positions=np.array(positions).reshape(-1, 3),
             variances=np.array(variances),
             seen=np.array([name in tracks for name in self._priors], dtype=bool),
+            gate=settings.gate,
+            gate_floor=settings.gate_floor,
+            agreeing=settings.agreeing,
         )
 
     def seen_places(self) -> Iterator[tuple[str, Array]]:

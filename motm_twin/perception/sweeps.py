@@ -15,47 +15,34 @@ from motm_twin.model.known import KnownWorld
 from motm_twin.model.number import OWN, Number
 from motm_twin.model.plant import Scan
 from motm_twin.model.reason import Kind, Reason
-from motm_twin.perception.finding import Finding
+from motm_twin.perception.finding import HALF, Finding
 from motm_twin.perception.footprints import outline
+
+REACH = 6.0  # [m] mapped furniture further away may be missed by thin beams
+GONE_AFTER = 3.0  # [s] what is mapped, or returned, and no beam has seen since is believed to be gone
 
 
 class SweepSettings(msgspec.Struct, frozen=True, kw_only=True):
     """Limits of the checks of sweeps."""
 
-    repeats: Annotated[
-        int, Number("", OWN, "identical sweeps of a noisy lidar: one may be a scan that was sent twice")
-    ] = 2
-    moved: Annotated[
-        float, Number("m", OWN, "and by `turned`, after which a sweep without noise has to look different")
-    ] = 0.02
-    turned: Annotated[float, Number("rad", OWN, "as `moved`")] = 0.03
-    told_apart: Annotated[
-        float, Number("", OWN, "share of the beams that must look different then, and by this share of the way")
-    ] = 0.2
+    moved: Annotated[float, Number("m, rad", OWN, "after which a sweep without noise has to look different")] = 0.03
+    few: Annotated[float, Number("", OWN, "share of the beams: fewer that return, or look different, are wrong")] = 0.2
     noise: Annotated[
         float, Number("m", OWN, "of scatter from which a lidar counts as a noisy one: it never says the same twice")
     ] = 0.002
     expected: Annotated[
         int, Number("", OWN, "beams with mapped furniture in sight from which the map says that something must return")
     ] = 5
-    returned: Annotated[
-        float, Number("", OWN, "share of those that return, or of what returned before: less is blind")
-    ] = 0.2
     seen: Annotated[
         float, Number("", OWN, "share of all beams that returned before: fewer are too few to miss them")
     ] = 0.02
     wide: Annotated[float, Number("", OWN, "share of all beams that nobody takes away at once")] = 0.25
     things: Annotated[int, Number("", OWN, "nobody takes away so many at once")] = 3
-    taken_away: Annotated[
-        float, Number("s", OWN, "after which a few returns that are gone are believed to be gone")
-    ] = 3.0
-    all_taken_away: Annotated[float, Number("s", OWN, "after which many are")] = 20.0
+    all_taken_away: Annotated[float, Number("s", OWN, "after which many returns that are gone are gone")] = 20.0
     slow_scatter: Annotated[
-        float, Number("m", OWN, "more than the margins of map and monitor were chosen for (3 sd of 1 cm): slower")
+        float, Number("m", OWN, "more than margins bear (3 sd of 1 cm): slower; three times as much: stand")
     ] = 0.04
-    stop_scatter: Annotated[float, Number("m", OWN, "as much as the robot keeps from things: stand")] = 0.12
     triples: Annotated[int, Number("", OWN, "neighbouring returns from which scatter is told")] = 30
-    reach: Annotated[float, Number("m", OWN, "mapped furniture further away may be missed by thin beams")] = 8.0
 
 
 @dataclass
@@ -107,10 +94,8 @@ def _frozen(state: SweepState, scan: Scan, odometry: Array, settings: SweepSetti
     assert state.odometry is not None
     way = math.hypot(*(odometry[:2] - state.odometry[:2]).tolist())
     turn = abs(math.remainder(float(odometry[2] - state.odometry[2]), 2.0 * math.pi))
-    moved = way > settings.moved or turn > settings.turned
-    if not (state.noisy and state.same >= settings.repeats) and not (
-        moved and unmoved(scan, state.odometry, odometry) > settings.told_apart
-    ):
+    moved = way > settings.moved or turn > settings.moved
+    if not (state.noisy and state.same > 1) and not (moved and unmoved(scan, state.odometry, odometry) > settings.few):
         return None
     why = Reason(kind=Kind.SCAN_FROZEN, subject="lidar", value=state.same + 1, limit=1, unit="identical sweeps")
     return Finding(reason=why, base=0.0)
@@ -127,10 +112,10 @@ def _blind(state: SweepState, scan: Scan, pose: Array, segments: Array, settings
     returning = int(np.isfinite(ranges).sum())
     expected = 0
     if returning < settings.wide * len(ranges) and len(segments):
-        reach = min(settings.reach, scan.range_max)
+        reach = min(REACH, scan.range_max)
         sensed = expected_ranges(pose, scan.origin, scan.angle_min, scan.angle_step, len(ranges), segments, reach)
         expected = int(np.isfinite(sensed).sum())
-    if expected >= settings.expected and returning <= settings.returned * expected:
+    if expected >= settings.expected and returning <= settings.few * expected:
         why = Reason(kind=Kind.SCAN_BLIND, subject="lidar", value=returning, limit=expected, unit="beams")
         return Finding(reason=why, base=0.0)
     return _vanished(state, scan, returning, expected, settings)
@@ -145,8 +130,8 @@ def _vanished(state: SweepState, scan: Scan, returning: int, expected: int, sett
             return None
         state.vanished = scan.stamp
     many = before >= settings.wide * len(scan.ranges) or state.things >= settings.things
-    patience = settings.all_taken_away if many else settings.taken_away
-    if returning > settings.returned * before or scan.stamp - state.vanished > patience:
+    patience = settings.all_taken_away if many else GONE_AFTER
+    if returning > settings.few * before or scan.stamp - state.vanished > patience:
         state.vanished, state.returning, state.things = None, returning, _runs(scan.ranges)
         return None
     why = Reason(kind=Kind.SCAN_BLIND, subject="lidar", value=returning, limit=before, unit="beams")
@@ -156,10 +141,10 @@ def _vanished(state: SweepState, scan: Scan, returning: int, expected: int, sett
 def _noisy(state: SweepState, settings: SweepSettings) -> Finding | None:
     if state.scatter <= settings.slow_scatter:
         return None
-    stop = state.scatter > settings.stop_scatter
-    limit = settings.stop_scatter if stop else settings.slow_scatter
+    stop = state.scatter > 3.0 * settings.slow_scatter
+    limit = (3.0 if stop else 1.0) * settings.slow_scatter
     why = Reason(kind=Kind.SCAN_NOISY, subject="lidar", value=state.scatter, limit=limit, unit="m")
-    return Finding(reason=why, base=0.0 if stop else 0.5)
+    return Finding(reason=why, base=0.0 if stop else HALF)
 
 
 @njit(cache=True)

@@ -24,8 +24,6 @@ from motm_twin.planning.reach import ReachModel
 from motm_twin.planning.rejections import Here, Rejection, in_sight, leaves_room, may_move, rejections
 from motm_twin.planning.types import Mode, Target
 
-CLOSEST_STEP = 0.1  # [m] between rings that are searched for the closest free position
-
 # [m], [rad] this near to a pose from which the arm did not get to its target it may fail again
 AVOIDED_PLACE, AVOIDED_HEADING = 0.25, 0.6
 
@@ -199,9 +197,9 @@ def _any_heading(target: Target, survey: Survey) -> Iterator[Candidates]:
     model, wanted = survey.model, survey.room.clearance
     p = model.placement
     previous: Candidates | None = None
-    for radius in np.arange(model.body.inner, model.farthest(target.kind), p.reach_step):
+    for radius in np.arange(model.body.inner, model.farthest(target.kind), p.radius_step):
         pose, place, place_of = spokes(target.position, radius, p.positions, p.headings)
-        reached = model.reach.reached_from(pose, target, slack=p.reach_slack)
+        reached = model.reach.reached_from(pose, target, slack=2.0 * model.parameters.reach.plan_slack)
         keep = reached.copy()
         keep[reached] = clearances(pose[reached], wanted, survey.here.field, survey.here.body) >= wanted
         if not keep.any():
@@ -257,7 +255,8 @@ def closest_places(
 ) -> Iterator[Candidates]:
     """Free places ``within`` [m] of a target, the closest first, that leave room [m] to what may be moving."""
     model, here, wanted = survey.model, survey.here, survey.room.clearance
-    for radius in np.arange(0.0, model.body.reach + model.placement.closest_round, CLOSEST_STEP):
+    farthest = model.body.reach + model.parameters.staa.local_radius
+    for radius in np.arange(0.0, farthest, 2.0 * model.placement.radius_step):
         if radius > within:
             return
         pose, place, place_of = spokes(target.position, radius, model.placement.positions, 4)

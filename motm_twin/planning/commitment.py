@@ -25,7 +25,7 @@ from motm_twin.planning.collision import Body, Field, clearance
 from motm_twin.planning.encounters import WORTH
 from motm_twin.planning.lattice import NO_LATTICE, cannot_turn, half_width, settle_lattice
 from motm_twin.planning.parameters import CommitmentParameters, Room, StaaParameters
-from motm_twin.planning.prediction import at_half_steps, gap_to
+from motm_twin.planning.prediction import HIDES, at_half_steps, gap_to
 from motm_twin.planning.reach import MANIPULATE, Job, in_reach
 from motm_twin.planning.search_memory import CellVisibility, LatticeCosts, Memory, Settings, World
 from motm_twin.planning.types import BasePlan, BaseProblem, Mode, Placement, PlanStatus, Target
@@ -199,7 +199,7 @@ class KeepPlans(Stateful[CommitmentState]):
             held_up
             and abs(problem.twist[0]) < self._parameters.creeps * s.v_f
             and cannot_turn(pose, s, world)
-            and _for_good(problem.world, pose, half_width(world.body) + self._parameters.moves_radius)
+            and _for_good(problem.world, pose, half_width(world.body) + HIDES)
         )
         if self._loaded and not inside:
             return NO_LATTICE
@@ -231,7 +231,7 @@ def _followed(kept: Kept, problem: BaseProblem, since: float, limits: BaseLimits
 
     One that was stopped, slowed or pushed is not on the plan any more, and what is left of that tells nothing.
     """
-    speeds = (p.follows_speed * limits.forward_speed, p.follows_yaw_rate * limits.yaw_rate)
+    speeds = (p.follows_speed * limits.forward_speed, p.follows_speed * limits.yaw_rate)
     most = np.array([p.follows, p.follows, p.follows, *speeds])
     off = [np.interp(since, kept.times, column) for column in kept.states.T]
     off = np.array(off) - (*problem.pose, *problem.twist)

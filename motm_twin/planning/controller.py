@@ -28,8 +28,6 @@ from motm_twin.planning.prediction import NOBODY, arriving, expected
 from motm_twin.planning.reach import Job, ReachModel, first_in_reach, first_node_in_reach, in_reach
 from motm_twin.planning.rtr import path_rtr, turn
 from motm_twin.planning.search_settings import (
-    LAYERS,
-    WIDTH,
     LocalGoal,
     Question,
     far_sighted,
@@ -164,12 +162,13 @@ class StaaController:
         among = Among(world.others, self.body, settings.among)
         if found.local_among[0] + self._after(asked, found, among) < WORTH:
             return found
-        s = far_sighted(settings, float(found.local_to_go[0]) if arrives else math.inf)
+        bound = float(found.local_to_go[0]) if arrives else math.inf
+        s = far_sighted(settings, bound, self._all_parameters.foresight)
         if self._far is None or len(self._far.scratch) <= len(asked.graph.vertex):
-            self._far = search_memory.make_memory(LAYERS * WIDTH, s.notches, 2 * len(asked.graph.vertex))
+            self._far = search_memory.make_memory(s.layers * s.width, s.notches, 2 * len(asked.graph.vertex))
         pose, twist = (np.array(part, dtype=np.float64) for part in (asked.problem.pose, asked.problem.twist))
         staa.start_search(pose, twist, time_left(asked.target), self._far)
-        status = staa.run_search(LAYERS * WIDTH, s, world, cells, self._far)
+        status = staa.run_search(s.layers * s.width, s, world, cells, self._far)
         if int(self._far.count[search_memory.SOLUTION]) < 0:
             return found
         other = self._found(asked, s, world.job, self._far, arrives=status == staa.GOAL, cut=found.cut_by_clock)
@@ -244,7 +243,7 @@ class StaaController:
 
     def _weights(self, problem: BaseProblem) -> Weights:
         """Weights of being among others in this period."""
-        return weights_among(self.parameters, wary=problem.wary)
+        return weights_among(self.parameters, self._all_parameters.foresight, wary=problem.wary)
 
     def among(self, problem: BaseProblem, states: Array, times: Array) -> Array:
         """Cost [s] that is left at each of the states (n, 5) after times [s] (n,) for being among others, (n,)."""

@@ -14,11 +14,10 @@ from numpy.typing import NDArray
 from motm_twin.model.geometry import Array
 from motm_twin.planning.kernels import heap_pop, heap_push, inlined, kernel, length_of
 from motm_twin.planning.rtr import turn
-from motm_twin.planning.visibility import Graph, push_out, segment_free, tangential, visible_vertices
+from motm_twin.planning.visibility import FAR, Graph, push_out, segment_free, tangential, visible_vertices
 
 IntArray = NDArray[np.int32]
 BESIDE = 0.10  # [m] a point this little inside a grown polygon is treated as if it were outside
-FAR = 1e9  # [s] no path
 Cheapest = tuple[float, bool, int, int]  # cost [s], in reverse?, first vertex (-1: straight), and what follows it
 
 

@@ -12,17 +12,16 @@ import numpy as np
 
 from motm_twin.model.geometry import Array
 from motm_twin.model.motion import kernel
+from motm_twin.model.scene import AGENT_REACTION, TEMI_ACCELERATION
 from motm_twin.planning.collision import Body
 from motm_twin.planning.kernels import length_of
 from motm_twin.planning.prediction import Spread, gap_to_point, probability_taken
 from motm_twin.planning.types import Encounter, Passes, Yields
 
 STEP = 0.1  # [s] between two states of a plan
-REACTION, BRAKING = 1.0, 0.5  # [s], [m/s^2] of others: their stopping way (`sim/cut_in.py` counts by the same)
-BESIDE = 0.1  # [m] beside its body that somebody needs, too
+BESIDE = 0.1  # [m] beside its body that somebody needs, too: nearer than that somebody has to give way
 LOOKS = 6  # along a stopping way
 CLOSE = 1.0  # [m] nearer than which an encounter is told
-MEETS = 0.1  # [m] nearer than which somebody has to give way
 WORTH = 0.3  # [s] that a plan pays for being among others, from which on it is worth another search
 AROUND = 0.5  # [m] more than that others are given room
 TRACK = 6  # column of the identity
@@ -42,7 +41,7 @@ def in_the_way(x: float, y: float, c: float, s: float, time: float, mover: Array
     speed = length_of(mover[2], mover[3])
     if speed < 1e-3:
         return 0.0
-    way = speed * REACTION + speed * speed / (2.0 * BRAKING)
+    way = speed * AGENT_REACTION + speed * speed / (2.0 * TEMI_ACCELERATION)
     px, py = mover[0] + time * mover[2], mover[1] + time * mover[3]
     c_x, c_y = x + c * body.centre_x - px, y + s * body.centre_x - py
     if length_of(c_x, c_y) > way + mover[4] + BESIDE + body.outer:
@@ -143,7 +142,7 @@ def encounters(states: Array, movers: Array, body: Body, evaded: tuple[Encounter
         found.append(
             Encounter(
                 track=int(mover[TRACK]),
-                yields=Yields.ROBOT if gives_way else Yields.OTHER if gap < MEETS else Yields.NOBODY,
+                yields=Yields.ROBOT if gives_way else Yields.OTHER if gap < BESIDE else Yields.NOBODY,
                 passes=passes,
                 time=float(time),
                 gap=float(gap),

@@ -1,11 +1,8 @@
-"""Moving out of the way of what is about to meet the base, and learning who makes way for it.
+"""Moving out of the way of what is about to meet the base.
 
 A dynamic obstacle goes on straight at its measured velocity for a few seconds; the room that it is given grows with
 time, as does the error of that prediction. Where the plan of the period comes into this room, or the base stands in it,
 the motion that stays out of it best is driven instead: 25 twists for a second, and 25 others after that.
-
-Those who yield brake in time, and moving out of their way would only cost time. So the horizon is short until somebody
-has come so near at speed that it can no longer brake before the base; then it is long for a while.
 """
 
 import math
@@ -26,8 +23,8 @@ from motm_twin.perception.still_map import StillMap
 from motm_twin.planning.braking import stopping_clearance
 from motm_twin.planning.collision import Body, Field, clearance, field_of
 from motm_twin.planning.encounters import STEP, encounters, near
-from motm_twin.planning.parameters import EvasionParameters
-from motm_twin.planning.prediction import gap_to_point
+from motm_twin.planning.parameters import PlanningParameters
+from motm_twin.planning.prediction import GOES, SPREAD, gap_to_point
 from motm_twin.planning.types import BasePlan, BaseProblem, Encounter, PlanStatus
 
 LOOKS, LOOKED = 3, 15  # steps between two tests of the stop, and the last with one
@@ -67,8 +64,9 @@ class StandsItsGround:
 class MakesWay(Stateful[EvasionState]):
     """Moves out of the way of what would meet the base."""
 
-    def __init__(self, known: KnownWorld, parameters: EvasionParameters | None = None) -> None:
-        self._p = parameters or EvasionParameters()
+    def __init__(self, known: KnownWorld, parameters: PlanningParameters | None = None) -> None:
+        parameters = parameters or PlanningParameters()
+        self._p, self._staa = parameters.evasion, parameters.staa
         self._still = StillMap(known)  # only its distances are read: nothing is remembered
         self._stop = stop_of(known.robot, self._p.room)
         self._state = EvasionState()
@@ -77,7 +75,7 @@ class MakesWay(Stateful[EvasionState]):
         """The plan, or a motion that stays out of the way of what moves, where that is clearly better."""
         p, state = self._p, self._state
         movers = problem.world.tracks
-        movers = movers[np.hypot(movers[:, 2], movers[:, 3]) >= p.moves]
+        movers = movers[np.hypot(movers[:, 2], movers[:, 3]) >= GOES]
         out_of_way, state.out_of_way = state.out_of_way, False
         if not len(movers) + len(problem.yielding) or plan.status in (PlanStatus.BY_HAND, PlanStatus.ESCAPING):
             return plan
@@ -88,14 +86,19 @@ class MakesWay(Stateful[EvasionState]):
         movers = near(movers, here, p.horizon, limits.forward_speed, body)
         if not len(movers):
             return plan
-        around = Around(movers, Room(p.room, p.room_growth), self._stop, body)
+        around = Around(movers, Room(p.room, SPREAD.along), self._stop, body)
         met = meeting(planned, around)
         least = p.engaged if problem.engaged else p.stays_out if out_of_way else p.least
         if met <= least:
             return plan
         states, best = planned.copy(), np.empty_like(planned)
         reach = Reach(
-            limits.linear_acceleration, limits.yaw_acceleration, round(p.first / STEP), p.travel, p.clearance, p.floor
+            limits.linear_acceleration,
+            limits.yaw_acceleration,
+            round(p.first / STEP),
+            p.travel,
+            self._staa.margin,
+            self._staa.margin_floor,
         )
         states[0] = here
         stands = field_of(self._still.of(problem.world))

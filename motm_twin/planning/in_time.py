@@ -17,14 +17,10 @@ from motm_twin.planning.candidates import Judged, Rule, Survey
 from motm_twin.planning.collision import Body
 from motm_twin.planning.global_path import path_to_goal
 from motm_twin.planning.kernels import length_of
-from motm_twin.planning.prediction import SPREAD, Spread, arriving, probability_taken
+from motm_twin.planning.prediction import LONGEST, SPREAD, WAIT_STEP, Spread, arriving, probability_taken
 from motm_twin.planning.types import Target
 
-TAKEN = 0.3  # probability from which on a place counts as taken
-WAIT_STEP, LONGEST = 0.5, 6.0  # [s] of waiting: beyond that nobody knows
-DOUBT = 2.0  # [s] that a place costs which is surely taken, less with the probability: somebody may change his way
-LOYAL = 1.0  # [s] of waiting and doubt that the place chosen before is not charged: what is expected flickers
-SAMPLE, AHEAD = 0.25, 6.0  # [m] between two looks along a way, and [s] of it
+SAMPLE = 0.25  # [m] between two looks along a way
 SIDES = 12  # of a target, to each of which one way is looked along
 
 
@@ -45,9 +41,11 @@ class InTime:
         waiting, doubt = np.zeros(len(viable)), np.zeros(len(viable))
         dwell = target.dwell if target.kind != "drive" else 0.0
         poses, arrival = np.ascontiguousarray(judged.candidates.pose), judged.current
-        fill_waits(poses, arrival, dwell, others, SPREAD, body, waiting, doubt)
-        among = waiting + doubt
-        among -= np.minimum(among, LOYAL * _chosen_before(target, survey, poses))
+        p = survey.model.parameters.foresight
+        fill_waits(poses, arrival, (dwell, p.taken), others, SPREAD, body, waiting, doubt)
+        among = waiting + p.doubt * doubt
+        # What is expected flickers, and somebody may change his way: the place chosen before is charged less.
+        among -= np.minimum(among, 0.5 * p.doubt * _chosen_before(target, survey, poses))
         current = judged.current + among
         onward = survey.model.placement.next_weight * np.where(viable, judged.onward, 0.0)
         _add_delays(current, onward, poses, target, survey, others)
@@ -84,7 +82,7 @@ def delay_along(path: Array, speed: float, others: Array, body: Body) -> float:
     length = np.concatenate(([0.0], np.cumsum(steps)))
     if length[-1] < SAMPLE:
         return 0.0
-    at = np.arange(SAMPLE, min(length[-1], AHEAD * speed), SAMPLE)
+    at = np.arange(SAMPLE, min(length[-1], LONGEST * speed), SAMPLE)
     places = np.column_stack([np.interp(at, length, column) for column in path.T])
     leg = np.minimum(np.searchsorted(length, at), len(steps)) - 1
     way = np.diff(path, axis=0)[leg] / np.maximum(steps[leg], 1e-9)[:, None]
@@ -106,9 +104,14 @@ def _delay(places: Array, way: Array, times: Array, others: Array, spread: Sprea
 
 @kernel
 def fill_waits(
-    poses: Array, arrival: Array, dwell: float, others: Array, spread: Spread, body: Body, waiting: Array, doubt: Array
-) -> None:
-    """Fill in how long each of the poses (m, 3) is taken after the arrival [s], and what is left of doubt [s]."""
+    poses: Array, arrival: Array, asked: tuple[float, float], others: Array, spread: Spread, body: Body,
+    waiting: Array, doubt: Array,
+) -> None:  # fmt: skip
+    """Fill in how long each of the poses (m, 3) is taken after the arrival [s], and the probability that is left.
+
+    ``asked``: the time [s] for which it is needed, and the probability from which on it is taken.
+    """
+    dwell, taken = asked
     for i in range(poses.shape[0]):
         if not math.isfinite(arrival[i]):
             continue
@@ -120,7 +123,7 @@ def fill_waits(
                 for k in range(others.shape[0]):
                     free *= 1.0 - probability_taken(x, y, c, s, begins + 0.5 * part * dwell, others[k], spread, body)
                 most = max(most, 1.0 - free)
-            doubt[i] = DOUBT * most
-            if most < TAKEN or waiting[i] >= LONGEST:
+            doubt[i] = most
+            if most < taken or waiting[i] >= LONGEST:
                 break
             waiting[i] += WAIT_STEP

@@ -23,7 +23,7 @@ from motm_twin.planning.search_memory import CellVisibility, LatticeCosts, Setti
 IntArray = NDArray[np.int32]
 CELL = 0.1  # [m] of the lattice
 ROUND = 0.5  # [m] of the lattice beyond the longer side of the base, each way: 25 x 25 cells for Frankie
-BLUR = 0.02  # [m] that a rounded pose may be nearer than the search keeps; 0 to 0.08 made no difference
+BLUR = 0.02  # [m] that a rounded pose may be nearer than the search keeps
 STEPS = np.array(
     [(1, 0), (2, 1), (1, 1), (1, 2), (0, 1), (-1, 2), (-1, 1), (-2, 1),
      (-1, 0), (-2, -1), (-1, -1), (-1, -2), (0, -1), (1, -2), (1, -1), (2, -1)], np.int32,

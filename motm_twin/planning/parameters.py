@@ -7,11 +7,11 @@ import dataclasses
 from typing import Annotated, NamedTuple
 
 from motm_twin.model.number import OWN, STAA, Number, Slider, paper
+from motm_twin.model.period import PERIOD
 from motm_twin.model.profile import DEG, Footprint, RobotProfile
 
 TERMINATIONS = ("task", "pass", "reach_goal")
 PENALTIES = ("clearance", "grid")
-SHORTEST_NODE = 0.05  # [s] between nodes of the local search: a control period
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -42,9 +42,7 @@ class PlacementParameters:
         Slider("Clearance of a candidate", "Safety", "Free space that the base needs round it at a candidate pose.",
             (0.06, 0.2, 0.01))] = 0.06  # fmt: skip
     radius_step: Annotated[float, Number("m", OWN, "0.02 finds the same candidates in the shipped scenes")] = 0.05
-    reach_step: Annotated[float, Number("m", OWN, "rings searched when no tangential candidate is viable")] = 0.05
     headings: Annotated[int, Number("", OWN, "tried at a place that leaves them free")] = 16
-    reach_slack: Annotated[float, Number("m", OWN, "those poses must be this far inside the arm's reach")] = 0.04
     room: Annotated[
         float, Number("m", OWN, "left to what may be moving where the base waits; both wait for each other without it")
     ] = 0.5
@@ -54,10 +52,7 @@ class PlacementParameters:
         float,
         Number("m", OWN, "by which a free place must be closer to the target to take the place of the one chosen"),
     ] = 0.5
-    closest_round: Annotated[
-        float, Number("m", OWN, "round the base, within which the free place closest to a target is looked for")
-    ] = 3.5
-    beside_round: Annotated[float, Number("m", OWN, "the same of a place to wait beside what moves")] = 2.1
+    beside_round: Annotated[float, Number("m", OWN, "round the base, within which it waits beside what moves")] = 2.1
     avoided_cost: Annotated[
         float, Number("s", OWN, "worth going elsewhere than where the arm did not get to its target: it tried for 6 s")
     ] = 10.0
@@ -71,8 +66,8 @@ class PlacementParameters:
     def __post_init__(self) -> None:
         if not 0.0 < self.radius_min <= self.radius_max:
             raise ValueError(f"ring radii {self.radius_min} .. {self.radius_max} m: need 0 < min <= max")
-        if self.positions < 1 or self.radius_step <= 0.0 or self.reach_step <= 0.0:
-            raise ValueError("placement needs at least one position and positive radius steps")
+        if self.positions < 1 or self.radius_step <= 0.0:
+            raise ValueError("placement needs at least one position and a positive radius step")
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -225,7 +220,7 @@ def fitted(p: StaaParameters, robot: RobotProfile) -> StaaParameters:
     body, limits = robot.footprint, robot.base
     return dataclasses.replace(
         p,
-        node_duration=max(SHORTEST_NODE, min(p.node_duration, 2.0 * body.length / limits.forward_speed)),
+        node_duration=max(PERIOD, min(p.node_duration, 2.0 * body.length / limits.forward_speed)),
         local_radius=max(p.local_radius, limits.stopping_way + 2.0 * body.outer),
     )
 
@@ -250,7 +245,7 @@ class ReachParameters:
     ] = 1.3
     dwell_place: Annotated[float, Number("s", OWN, "the same of a drop: 0.3 s approach and 0.2 s opening")] = 0.5
     plan_slack: Annotated[
-        float, Number("m", OWN, "plans keep this far inside the reach: poses are known to 1 cm; costs 0.5 s per trial")
+        float, Number("m", OWN, "inside the reach in plans, twice off the rings: poses are known to 1 cm")
     ] = 0.02
     plan_speed: Annotated[float, Number("", OWN, "share of relative_speed that plans use")] = 0.95
 
@@ -282,18 +277,14 @@ class CommitmentParameters:
         Number("m, rad", OWN, "from where a plan has the robot: localisation is off by 0.06 m and 0.04 rad at most"),
     ] = 0.15
     follows_speed: Annotated[
-        float, Number("", OWN, "share of the top speed by which it drives otherwise than the plan says; it does to 2 %")
-    ] = 0.1
-    follows_yaw_rate: Annotated[float, Number("", OWN, "the same of the largest yaw rate")] = 0.0573
+        float, Number("", OWN, "share of the largest speed or yaw rate, off the plan; it is 2 % usually")
+    ] = 0.06
     creeps: Annotated[
         float,
         Number(
             "", OWN, "share of the top speed, below which a robot whose plans do not arrive may be in a tight place"
         ),
     ] = 0.3
-    moves_radius: Annotated[
-        float, Number("m", OWN, "beyond the lattice, within which nothing may move: of a person, or a Temi")
-    ] = 0.25
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -308,21 +299,33 @@ class HeedParameters:
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
+class ForesightParameters:
+    """Costs of being among others, and the search that finds the way among them."""
+
+    taken: Annotated[float, Number("", OWN, "probability from which on a place is waited for")] = 0.3
+    doubt: Annotated[
+        float, Number("s", OWN, "cost of a place that is surely taken; half for the one chosen before")
+    ] = 2.0
+    wary: Annotated[float, Number("", OWN, "times as much courtesy among those who do not yield")] = 5.0
+    wary_room: Annotated[float, Number("m", OWN, "that they are given")] = 0.2
+    longer: Annotated[
+        float, Number("", OWN, "times as long a step of the search among others, which looks 6 s ahead")
+    ] = 2.0
+    width: Annotated[int, Number("", OWN, "nodes that it keeps after each step")] = 60
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
 class EvasionParameters:
     """When and how a method moves out of the way of dynamic obstacles (`planning/evasion.py`)."""
 
-    moves: Annotated[float, Number("m/s", OWN, "slower ones are obstacles where they are")] = 0.1
     horizon: Annotated[float, Number("s", OWN, "of prediction")] = 3.0
     room: Annotated[float, Number("m", OWN, "given to a dynamic obstacle now")] = 0.10
-    room_growth: Annotated[float, Number("m/s", OWN, "more for each second of prediction")] = 0.08
     least: Annotated[float, Number("s", OWN, "in its room, weighted by depth, from which the base moves")] = 0.15
     stays_out: Annotated[float, Number("s", OWN, "the same while it is moving out of the way already")] = 0.02
     engaged: Annotated[float, Number("s", OWN, "the same while the arm is at an object: about a touch")] = 0.6
     gain: Annotated[float, Number("s", OWN, "by which an evasion must be better")] = 0.1
     first: Annotated[float, Number("s", OWN, "of the first of its two twists")] = 1.0
     travel: Annotated[float, Number("s/m", OWN, "cost of its way: no farther than it needs")] = 0.03
-    clearance: Annotated[float, Number("m", OWN, "kept from what stands, as the local search does")] = 0.05
-    floor: Annotated[float, Number("m", OWN, "the same of a base that is nearer already")] = 0.01
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -334,6 +337,7 @@ class PlanningParameters:
     reach: ReachParameters = ReachParameters()
     commitment: CommitmentParameters = CommitmentParameters()
     heed: HeedParameters = HeedParameters()
+    foresight: ForesightParameters = ForesightParameters()
     evasion: EvasionParameters = EvasionParameters()
 
 

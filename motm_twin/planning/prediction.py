@@ -13,10 +13,12 @@ import numpy as np
 
 from motm_twin.model.geometry import Array
 from motm_twin.model.motion import kernel
+from motm_twin.model.scene import AGENT_MOVES
 from motm_twin.planning.collision import Body
 from motm_twin.planning.kernels import length_of
 
-GOES = 0.1  # [m/s] slower ones are obstacles where they are
+GOES = AGENT_MOVES  # slower ones are obstacles where they are
+WAIT_STEP, LONGEST = 0.5, 6.0  # [s] between two times of waiting, and the longest: beyond that nobody knows
 STARTS = 0.5  # [m/s] faster ones are on their way: they do not start to walk
 HIDES = 0.25  # [m] radius that anybody has at least: a part of it may be hidden
 FARTHEST = 3.0  # standard deviations beyond which nobody is expected

@@ -10,8 +10,8 @@ from motm_twin.planning.candidates import is_avoided
 from motm_twin.planning.collision import Body, Field
 from motm_twin.planning.cost_to_go import Table
 from motm_twin.planning.encounters import Weights
-from motm_twin.planning.parameters import Room, StaaParameters
-from motm_twin.planning.prediction import SPREAD
+from motm_twin.planning.parameters import ForesightParameters, Room, StaaParameters
+from motm_twin.planning.prediction import LONGEST, SPREAD
 from motm_twin.planning.search_memory import Settings
 from motm_twin.planning.types import BaseProblem, Mode, Placement, Target
 from motm_twin.planning.visibility import Graph
@@ -23,8 +23,7 @@ _SHARED = {each.name for each in dataclasses.fields(StaaParameters)} & set(Setti
 
 
 # A search among others looks farther ahead, in longer steps: longer than `node_duration` by a factor, and coarser.
-LONGER, NOTCHES, CELL, HEADING_BINS, LAYERS, WIDTH = 2.0, 3, 0.2, 16, 10, 60
-WARY, WARY_ROOM = 5.0, 0.2  # times the courtesy, and room [m], among those who do not yield
+NOTCHES = 3
 
 
 class LocalGoal(NamedTuple):
@@ -53,18 +52,21 @@ class Question(NamedTuple):
     next_table: Table | None
 
 
-def weights_among(p: StaaParameters, *, wary: bool) -> Weights:
+def weights_among(p: StaaParameters, foresight: ForesightParameters, *, wary: bool) -> Weights:
     """Weights of a node of the search among others. ``wary``: they are not expected to yield."""
+    courtesy = p.courtesy_weight * p.node_duration
     if wary:
-        return Weights(p.risk_weight, WARY * p.courtesy_weight * p.node_duration, SPREAD._replace(room=WARY_ROOM))
-    return Weights(p.risk_weight, p.courtesy_weight * p.node_duration, SPREAD)
+        return Weights(p.risk_weight, foresight.wary * courtesy, SPREAD._replace(room=foresight.wary_room))
+    return Weights(p.risk_weight, courtesy, SPREAD)
 
 
-def far_sighted(s: Settings, bound: float) -> Settings:
+def far_sighted(s: Settings, bound: float, foresight: ForesightParameters) -> Settings:
     """The numbers of a search that finds the way among others, who are met where they will be."""
+    node = foresight.longer * s.node_duration
     return s._replace(
-        node_duration=LONGER * s.node_duration, free=LONGER * s.free, notches=NOTCHES, cell=CELL,
-        heading_bins=HEADING_BINS, epsilon=1.0, layers=LAYERS, width=WIDTH, bound=bound,
+        node_duration=node, free=foresight.longer * s.free, notches=NOTCHES, cell=foresight.longer**2 * s.cell,
+        heading_bins=(s.heading_bins + 1) // 2, epsilon=1.0, layers=round(LONGEST / node), width=foresight.width,
+        bound=bound,
     )  # fmt: skip
 
 

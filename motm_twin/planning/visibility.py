@@ -17,7 +17,7 @@ from motm_twin.planning.kernels import length_of
 from motm_twin.planning.outlines import SHRINK, Rings, grown_outlines, rings_of
 
 IntArray = NDArray[np.int32]
-FAR = 1e9  # [m]
+FAR = 1e9  # [m], and [s] where there is no path
 TOUCH = 1e-9  # [m^2] cross products smaller than this count as collinear
 
 

@@ -14,10 +14,10 @@ from motm_twin.model.motion import kernel
 from motm_twin.model.profile import BaseLimits
 from motm_twin.planning.collision import Body
 from motm_twin.planning.encounters import Weights, cost_among, in_the_way
-from motm_twin.planning.prediction import probability_taken
+from motm_twin.planning.parameters import StaaParameters
+from motm_twin.planning.prediction import LONGEST, WAIT_STEP, probability_taken
 
-DELAY, LONGEST = 0.5, 6.0  # [s] between two delays, and the longest
-LOOK = 0.3  # [s] between two looks: a node of the search
+LOOK = StaaParameters().node_duration  # [s] between two looks
 AHEAD = 4.0  # [s] of the path after it
 
 
@@ -49,7 +49,7 @@ def best_wait(state: Array, path: Array, limits: BaseLimits, among: Among, begin
     standing = _along(path, length, stands + gone(0.0, top, a, times))
     here = np.array([*(np.interp(stands, length, column) for column in path.T), state[2]])
     best = Wait(0.0, _cost(here, *going, begins + times, 0.0, *among), -1)
-    for delay in np.arange(DELAY, LONGEST + 0.5 * DELAY, DELAY).tolist():
+    for delay in np.arange(WAIT_STEP, LONGEST + 0.5 * WAIT_STEP, WAIT_STEP).tolist():
         again = 0.5 * top / a  # [s] lost by setting off
         cost = delay + again + _cost(here, *standing, begins + times, delay, *among)
         if cost < best.cost:

@@ -241,7 +241,7 @@ def holistic_arm(parts: ArmParts, holistic: HolisticParameters | None = None) ->
     qp = msgspec.structs.replace(
         parts.parameters.qp, damper_gain=h.damper_gain, damper_start=h.damper_start, damper_stop=h.damper_stop
     )
-    parameters = msgspec.structs.replace(parts.parameters, abandon_time=math.inf, qp=qp)
+    parameters = msgspec.structs.replace(parts.parameters, patience=math.inf, qp=qp)
     whole = WholeBody(parts.known.robot, parameters, h)
     ways = ArmWays(inputs=whole.inputs, motion=whole.motion, program=whole.program)
     return Manipulator(parts.known, parameters, AtOnce(), ways=ways)

@@ -18,7 +18,7 @@ from motm_twin.model.arm_kernels import ELBOW_OFFSET, LOWER, SHOULDER, TOOL, UPP
 from motm_twin.model.compiler import njit
 from motm_twin.model.exact import angle_of, turn_between
 from motm_twin.model.geometry import Array, frozen
-from motm_twin.model.joint_limits import Q_MAX, Q_MIN
+from motm_twin.model.joint_limits import Q_MAX, Q_MIN, WRIST_MIN
 from motm_twin.model.kinematics import fk_arm, manipulability
 from motm_twin.model.known import KnownWorld
 from motm_twin.planning.parameters import PlanningParameters
@@ -207,7 +207,7 @@ def _joint_range() -> tuple[Array, Array]:
     """Limits kept by the arm's control: slightly inside the joints', elbow never straight, wrist never folded."""
     qp = ArmParameters().qp
     low, high = Q_MIN + qp.damper_stop, Q_MAX - qp.damper_stop
-    low[5] = max(low[5], qp.wrist_limit)
+    low[5] = max(low[5], WRIST_MIN)
     high[3] = min(high[3], qp.elbow_limit)
     return low, high
 
@@ -276,7 +276,7 @@ class TargetReach:
 
     def __init__(self, known: KnownWorld, parameters: PlanningParameters) -> None:
         arm = ArmParameters()
-        self._reach, self._slack = ReachModel(known.robot, parameters.reach), parameters.placement.reach_slack
+        self._reach, self._slack = ReachModel(known.robot, parameters.reach), 2.0 * parameters.reach.plan_slack
         self._arm = known.robot.arm
         self._mount = np.array([self._arm.mount_x, self._arm.mount_y])
         self._objects = {item.name: item for item in known.objects}

@@ -12,11 +12,10 @@ import numpy as np
 
 from motm_twin.model.geometry import Array
 from motm_twin.model.plant import CutIn
+from motm_twin.model.scene import AGENT_MOVES, AGENT_REACTION
 from motm_twin.sim.agents import AgentState
 from motm_twin.sim.referee_geometry import RobotShapes
 
-REACTION = 1.0  # [s] before an agent, such as a person, brakes
-AGENT_MOVES = 0.1  # [m/s] from which an agent can be cut in on
 DEEPER = 0.02  # [m] into the area at the agent's last chance to stop that takes this chance away
 PARTED = 1.0  # [s] outside the area after which a new entry counts separately
 LOOKS = 5  # substeps between two looks
@@ -43,7 +42,7 @@ class InWay(NamedTuple):
 
 def stopping_way(speed: float, braking: float) -> float:
     """Way [m] of an agent from a speed [m/s] to rest: reaction, and braking [m/s^2]."""
-    return speed * REACTION + speed * speed / (2.0 * braking)
+    return speed * AGENT_REACTION + speed * speed / (2.0 * braking)
 
 
 def cuts_in(ways: dict[str, InWay], agent: str, now: float) -> bool:

@@ -22,12 +22,11 @@ from rich.table import Table
 from scipy.optimize import linear_sum_assignment
 
 from motm_twin.control.tick import Tick
-from motm_twin.measures.agents import AGENT_MOVES
 from motm_twin.measures.interval import Interval, Sample, Sampler
 from motm_twin.methods.registry import FAST, find_method
 from motm_twin.model.geometry import Array, from_frame
 from motm_twin.model.plant import Scan
-from motm_twin.model.scene import Scene
+from motm_twin.model.scene import AGENT_MOVES, Scene
 from motm_twin.perception.mapper import MapSettings
 from motm_twin.perception.scan import CheckedScan
 from motm_twin.perception.tracks import IDENTITY, VX, VY, DynamicTracker

@@ -70,8 +70,8 @@ def test_a_way_that_needs_little_room_is_kept_until_it_is_behind_the_base(clock)
     begin = TRIES.tightest + 1.0
     run(clock, begin, 1.0, lambda time: 4.5 - (time - begin))
     assert clock.recovery(begin + 1.0).tightness == 1.0
-    run(clock, begin + 1.0, TRIES.keeps + 2.0, lambda time: 3.0)
-    assert clock.recovery(begin + TRIES.keeps + 30.0).tightness == 1.0  # stands again
+    run(clock, begin + 1.0, TRIES.tightest + 2.0, lambda time: 3.0)
+    assert clock.recovery(begin + TRIES.tightest + 30.0).tightness == 1.0  # stands again
     assert Progress(ProgressState(), PERIOD).recovery(0.0).tightness == 0.0
 
 

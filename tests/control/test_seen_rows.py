@@ -46,5 +46,5 @@ def test_turning_robot_and_point_together_changes_nothing():
 
 def test_a_moving_obstacle_is_kept_further_away_than_a_static_one():
     p = AvoidanceParameters()
-    assert p.link_d_s > p.static_link_d_s > 0.0
-    assert p.link_d_i > p.static_link_d_i
+    assert p.link_d_s > p.furniture_d_s > 0.0
+    assert p.link_d_i > p.furniture_d_i

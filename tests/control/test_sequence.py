@@ -150,8 +150,8 @@ def test_a_place_with_nothing_held_is_given_up_at_once():
 def test_a_target_that_stays_outside_the_map_is_given_up():
     tasks = sequence()
     tasks.watch(0.0, False, ELSEWHERE, outside=True)
-    assert not tasks.watch(LIMITS.outside_limit - 0.1, False, ELSEWHERE, outside=True)
-    (event,) = tasks.watch(LIMITS.outside_limit + 0.1, False, ELSEWHERE, outside=True)
+    assert not tasks.watch(LIMITS.closest_limit - 0.1, False, ELSEWHERE, outside=True)
+    (event,) = tasks.watch(LIMITS.closest_limit + 0.1, False, ELSEWHERE, outside=True)
     assert "outside the map" in event.text
     assert tasks.active == TASKS[2]
 
@@ -211,7 +211,7 @@ def test_what_no_bin_takes_is_kept_and_nothing_else_is_picked():
 def test_a_bin_outside_the_map_is_not_tried_again():
     tasks = two_bins()
     tasks.watch(0.0, False, ELSEWHERE, outside=True)
-    (event,) = tasks.watch(LIMITS.outside_limit + 0.1, False, ELSEWHERE, outside=True)
+    (event,) = tasks.watch(LIMITS.closest_limit + 0.1, False, ELSEWHERE, outside=True)
     assert event.text.endswith("a goes to bin2 instead")
 
 

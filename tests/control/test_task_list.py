@@ -220,8 +220,8 @@ def test_a_drive_to_a_point_that_stays_blocked_is_given_up():
     edit(tasks, InsertTask(tasks=(CORNER,), index=0))
     elsewhere = KNOWN_START
     tasks.watch(0.0, False, elsewhere, blocked="not free")
-    assert not tasks.watch(LIMITS.drive_limit - 0.1, False, elsewhere, blocked="not free")
-    events = tasks.watch(LIMITS.drive_limit + 0.1, False, elsewhere, blocked="not free")
+    assert not tasks.watch(LIMITS.closest_limit - 0.1, False, elsewhere, blocked="not free")
+    events = tasks.watch(LIMITS.closest_limit + 0.1, False, elsewhere, blocked="not free")
     assert "not free" in events[0].text
     assert tasks.active == TASKS[0]
 

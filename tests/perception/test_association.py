@@ -4,7 +4,14 @@ import numpy as np
 import pytest
 
 from motm_twin.model.plant import Detection
-from motm_twin.perception.association import AssociationSettings, AssociationState, Places, names_of, unexplained
+from motm_twin.perception.association import (
+    MOST_CANDIDATES,
+    AssociationSettings,
+    AssociationState,
+    Places,
+    names_of,
+    unexplained,
+)
 
 SETTINGS = AssociationSettings()
 A, B = np.array([1.0, 0.0, 0.8]), np.array([1.0, 0.3, 0.8])
@@ -22,7 +29,8 @@ class Sight:
         count = len(self.at)
         return Places(
             names=tuple(self.at), positions=np.array(list(self.at.values())).reshape(-1, 3),
-            variances=np.full(count, self.sd**2), seen=np.full(count, self.sd < NEVER),
+            variances=np.full(count, self.sd**2), seen=np.full(count, self.sd < NEVER), gate=4.0,
+            gate_floor=0.01, agreeing=3,
         )  # fmt: skip
 
     def in_view(self, point):
@@ -99,19 +107,19 @@ def test_what_is_detected_again_and_again_is_the_object_that_is_missing():
     moved = A + np.array([0.4, 0.0, 0.0])
     names = [camera.shows(moved, B)[0] for _ in range(8)]
     assert names[:2] == ["", ""] and names[-1] == "a"
-    assert not unexplained(camera.state, camera.sight, SETTINGS)
+    assert not unexplained(camera.state, camera.sight)
 
 
 def test_nothing_is_missing_where_the_camera_does_not_look():
     camera = Camera(Sight(a=A, hidden=(A,)))
     assert camera.shows(A + 0.4, times=20) == ("",)
-    assert unexplained(camera.state, camera.sight, SETTINGS)
+    assert unexplained(camera.state, camera.sight)
 
 
 def test_a_second_one_like_an_object_that_is_where_it_should_be_is_told_of_and_left_out():
     camera = Camera(Sight(a=A))
     assert camera.shows(A, A + 0.3, times=10) == ("a", "")
-    assert unexplained(camera.state, camera.sight, SETTINGS)
+    assert unexplained(camera.state, camera.sight)
 
 
 def test_an_object_that_a_finger_has_pushed_is_known_in_the_next_picture():
@@ -155,4 +163,4 @@ def test_a_picture_may_have_nothing_or_many_things_in_it(count):
     camera = Camera(Sight(a=A))
     places = [A + np.array([0.0, 0.0, 1.0 + k]) for k in range(count)]
     assert camera.shows(*places, times=4) == ("",) * count
-    assert len(camera.state.candidates) <= SETTINGS.most
+    assert len(camera.state.candidates) <= MOST_CANDIDATES

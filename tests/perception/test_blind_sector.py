@@ -11,6 +11,7 @@ from motm_twin.model.plant import Scan
 from motm_twin.model.scene_file import load_scene
 from motm_twin.model.state import state_hash
 from motm_twin.perception.blind_sector import Outline, SectorSettings, SectorState, check_sector
+from motm_twin.perception.finding import HALF
 from motm_twin.perception.scan import CheckedScan, check_scan
 from motm_twin.perception.sweeps import expected_ranges
 
@@ -91,7 +92,7 @@ def test_it_slows_only_for_what_is_proved():
     gone = [sweep(0.01 * k, k, segments=ROOM if k < 10 else BEHIND) for k in range(150)]
     assert speeds(gone) == [1.0] * 150
     blind = speeds(turning(60, blind=True))
-    assert blind[0] == 1.0 and blind[-1] == SETTINGS.speed
+    assert blind[0] == 1.0 and blind[-1] == HALF
 
 
 def test_a_blind_sector_that_misses_nothing_any_more_is_trusted_again_later_each_time():
@@ -118,7 +119,7 @@ def test_while_the_pose_is_in_doubt_blind_beams_stay_blind_and_nothing_is_learne
         check_sector(state, scan, scan.pose, outline, SETTINGS)
     before = copy.deepcopy(state)
     used, found = check_sector(state, sweep(2.0, 60, blind=True), None, outline, SETTINGS)
-    assert np.isnan(used.ranges[AHEAD]).all() and found is not None and found.base == SETTINGS.speed
+    assert np.isnan(used.ranges[AHEAD]).all() and found is not None and found.base == HALF
     assert state_hash(state) == state_hash(before)
 
 

@@ -310,5 +310,5 @@ def test_a_side_of_a_static_box_that_was_seen_to_move_is_static_again_when_it_st
             state.tracks = [Track(middle, np.zeros(2), 0.2, world.stamp, moved=world.stamp, place=here, rest=here)]
         if k == 206:
             assert not world.seen_static[np.isin(cells, held)].any()
-        if k > 203 + (parameters.stands_after + 0.5) / STEP:
+        if k > 203 + (parameters.settles + 0.5) / STEP:
             assert world.seen_static.all()

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from motm_twin.model.known import KnownWorld
 from motm_twin.model.profile import Footprint, RobotProfile
 from motm_twin.perception.base_map import base_map
-from motm_twin.perception.clusters import seen_outlines
+from motm_twin.perception.clusters import growth_of, seen_outlines
 from motm_twin.perception.distance import proximity_cost, seen_distance, squared_cells
 from motm_twin.perception.still_map import StillMap
 from motm_twin.perception.world_map import NO_MOVERS, WorldMap
@@ -53,7 +53,7 @@ def seen(movers: list[tuple[float, float, float, float]]) -> WorldMap:
         occupied=occupied,
         distance=distance,
         proximity=proximity_cost(distance, 0.12, 1),
-        polygons=tuple(seen_outlines(cells, 0.05, origin)),
+        polygons=tuple(seen_outlines(cells, 0.05, origin, growth_of(RobotProfile().footprint))),
         seen_points=BASE.grid.centre_of(cells),
         seen_static=np.zeros(len(cells), dtype=bool),
         movers=np.array([(*mover, RADIUS, 1.0) for mover in movers]) if movers else NO_MOVERS,

@@ -5,6 +5,9 @@ from pathlib import Path
 
 import pytest
 
+from motm_twin.control.parameters import Parameters
+from motm_twin.model.number import numbers_of
+
 ROOT = Path(__file__).resolve().parents[2]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 RESULTS = (ROOT / "docs" / "results.md").read_text(encoding="utf-8")
@@ -79,3 +82,7 @@ def test_the_readme_says_of_the_literal_paper_what_was_measured():
     text = " ".join(README.split())
     (said,) = re.findall(r"`--method paper_literal` is the paper [^.]*, (\S+ s) slower on average than `motm`", text)
     assert said == slower[1:].partition(" +-")[0]
+
+
+def test_the_tree_of_parameters_does_not_grow():
+    assert len(list(numbers_of(Parameters()))) <= 367  # whoever adds one takes one away

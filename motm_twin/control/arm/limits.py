@@ -44,8 +44,7 @@ from motm_twin.model.geometry import Array
 from motm_twin.model.known import KnownWorld
 
 _LINK = 0.16  # [m] cells nearer than this belong to one obstacle
-_NEAR = 1.2  # [m] from gripper or target beyond which cells do not matter
-_REACH = 1.2  # [m] from the mount: no part of the arm is further out
+_REACH = 1.2  # [m] from mount, gripper or target, beyond which nothing matters
 _HALF_CELL = 0.025  # [m] a seen point is the centre of a map cell
 _DEEP = -0.10  # [m/s] no row of furniture asks for a faster retreat than this
 _MOST, _MOST_OWN = 32, 12  # rows of furniture, and of the own base, the nearest first
@@ -291,7 +290,7 @@ def _rows_of_seen(
 ) -> Rows:
     """Rows of the static points, if ``standing``, or of the moving ones."""
     a = avoidance[0]
-    d_s, d_i = (a.static_link_d_s, a.static_link_d_i) if standing else (a.link_d_s, a.link_d_i)
+    d_s, d_i = (a.furniture_d_s, a.furniture_d_i) if standing else (a.link_d_s, a.link_d_i)
     near = np.empty(points.shape)
     count = 0
     for k in range(points.shape[0]):
@@ -402,11 +401,11 @@ def lidar_limits(
 def _near(point: Array, gripper: Array, targets: Array) -> bool:
     """True for a point near enough to matter to the gripper or to a grasp."""
     dx, dy = point[0] - gripper[0], point[1] - gripper[1]
-    if dx * dx + dy * dy < _NEAR * _NEAR:
+    if dx * dx + dy * dy < _REACH * _REACH:
         return True
     for t in range(targets.shape[0]):
         dx, dy = point[0] - targets[t, 0], point[1] - targets[t, 1]
-        if dx * dx + dy * dy < _NEAR * _NEAR:
+        if dx * dx + dy * dy < _REACH * _REACH:
             return True
     return False
 

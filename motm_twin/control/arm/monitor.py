@@ -36,9 +36,11 @@ from motm_twin.model.geometry import Array, frozen, to_frame
 from motm_twin.model.joint_limits import DDQ_MAX, DQ_MAX, Q_MAX, Q_MIN, WRIST_MIN
 from motm_twin.model.known import KnownWorld
 from motm_twin.model.number import OWN, Number
+from motm_twin.model.period import ARM_STEP
 from motm_twin.model.plant import Actuation, Observation
 from motm_twin.model.reason import Kind, Reason
 
+_REACTION = 2.0 * ARM_STEP  # [s] before a motion that nobody told is seen, and braked
 _LOOK = 0.15  # [m] from a body of the arm: no hand is so fast that anything further off matters yet
 _ROUNDS = 4  # of holding back the body that is most above its speed: a wedged arm has several
 _ENOUGH = 1e-3  # [m/s] over the line that is left alone
@@ -60,7 +62,6 @@ class ArmMonitorParameters(msgspec.Struct, frozen=True, kw_only=True):
         float,
         Number("s", OWN, "in which joints get to their limits while the arm takes up the way of a base that brakes"),
     ] = 0.5
-    reaction: Annotated[float, Number("s", OWN, "before a motion that nobody told is seen, and braked")] = 0.02
     lost: Annotated[
         float, Number("rad/s", OWN, "astray from which a joint does not follow: it may stand at once, or go on")
     ] = 0.1
@@ -233,7 +234,7 @@ def _worst(
             room = max(d - line[0], 0.0)
             over = approach - math.sqrt(2.0 * line[1] * room)
             if feared > 0.0:
-                left = max(room - p.reaction * (approach + feared), 0.0)
+                left = max(room - _REACTION * (approach + feared), 0.0)
                 over = max(over, approach + feared - math.sqrt(2.0 * line[1] * left))
             if carried > 0.0:
                 over = max(over, carried - _taken_up(arm.q, row, p.taking) - math.sqrt(2.0 * line[2] * room))

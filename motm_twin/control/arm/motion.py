@@ -132,7 +132,7 @@ def _final_point(state: ManipulatorState, view: View, p: ArmParameters) -> Array
     """
     point = grasp_point(view, p)
     seen = view.seen(p)
-    if not seen or view.goal.position_sd > p.descend_sd:
+    if not seen or view.goal.position_sd > 1.5 * p.close_sd:
         point[2] = view.target[2] + p.hover_height
         if not seen:
             waited = max(0.0, view.time - state.since - p.search_after)
@@ -220,7 +220,7 @@ def _inbound(arm: Arm, way: _Way, lowest: float, parameters: Numbers) -> _Swing:
     """
     n, target, pose, mount = parameters[0], arm.target, arm.pose, arm.mount
     pick, place, distance = way.goal == _PICK, way.goal == _PLACE, way.distance
-    remaining = way.time_to_range if math.isfinite(way.time_to_range) else n.abandon_time
+    remaining = way.time_to_range if math.isfinite(way.time_to_range) else n.patience
     radius, azimuth = polar(target, pose_at(remaining, pose, way.plan_times, way.plan_poses), arm.base_mount)
     gain = n.k_transit if remaining <= 0.0 else min(n.k_transit, n.ease / remaining)
     radius_rate, azimuth_rate = 0.0, 0.0
@@ -237,9 +237,9 @@ def _inbound(arm: Arm, way: _Way, lowest: float, parameters: Numbers) -> _Swing:
     hover = reach_radius(z - mount[2], _largest_tilt(place, parameters), n.stretch)
     if radius > hover:
         radius, radius_rate = hover, 0.0
-    early = max(0.0, remaining - n.extension_lead) * n.extension_speed
+    early = max(0.0, remaining - n.extension_lead) * n.vertical_speed
     if early > 0.0:
-        radius_rate = n.extension_speed if radius - early > n.swing_radius else 0.0
+        radius_rate = n.vertical_speed if radius - early > n.swing_radius else 0.0
         radius = max(radius - early, n.swing_radius)
     now, heading = _hand_polar(arm.p, arm.q, pose, arm.base_mount)
     turned = (n.withdrawal_azimuth - abs(azimuth - heading)) / (n.withdrawal_azimuth - n.extension_azimuth)
@@ -279,7 +279,7 @@ def _turn(rotation: Array, R: Array, parameters: Numbers) -> Array:
 def _planar_share(arm: Arm, time_to_range: float, parameters: Numbers) -> float:
     """1 as long as the arm should swing in one plane, 0 when the hand must be turned to the object."""
     n = parameters[0]
-    soon = min(max((time_to_range - n.turn_by) / n.turn_time, 0.0), 1.0)
+    soon = min(max((time_to_range - n.turn_by) / (n.yaw_time - n.turn_by), 0.0), 1.0)
     beside = abs(wrap_angle(_outward(arm.mount, arm.target) - _outward(arm.mount, arm.p)))
     return max(soon, min(max((beside - n.plane_azimuth) / n.plane_azimuth, 0.0), 1.0))
 
@@ -291,7 +291,7 @@ def _transit_rotation(arm: Arm, way: _Way, planar: float, parameters: Numbers) -
     own, outward = _outward(mount, p), _outward(mount, arm.target)
     near = hypot(p[0] - mount[0], p[1] - mount[1])
     largest = _largest_tilt(way.goal == _PLACE, parameters)
-    tilt = tilt_for(min(way.radius, n.tilt_radius), p[2] - mount[2], n.stretch, largest)
+    tilt = tilt_for(min(way.radius, n.pick_reach), p[2] - mount[2], n.stretch, largest)
     if pick:
         tilt = max(tilt, _look_tilt(arm, outward, parameters))
     tilt = min(tilt, n.stow_tilt + n.tilt_room * max(0.0, near - n.stow_radius))

@@ -6,7 +6,6 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from motm_twin.model.joint_limits import WRIST_MIN
 from motm_twin.model.number import MOTM, OWN, ROBOT, Number, Slider, paper
 from motm_twin.model.profile import DEG
 
@@ -46,17 +45,15 @@ class QpParameters(msgspec.Struct, frozen=True, kw_only=True):
     elbow_limit: Annotated[
         float, Number("rad", OWN, "joint 4: beyond -0.467 the elbow would bend the other way and lock")
     ] = -0.52
-    wrist_limit: Annotated[float, Number("rad", ROBOT, "of joint 6")] = WRIST_MIN
     posture_gain: Annotated[
         float, Number("1/s", OWN, "of joints 1, 3 and 5 to an arm in one plane, through the hand's azimuth")
     ] = 2.0
-    swing_posture_gain: Annotated[
-        float, Number("1/s", OWN, "the same while swinging: the elbow stays over the base")
-    ] = 8.0
+    swing_posture: Annotated[float, Number("", OWN, "times that gain and rate while swinging: elbow over the base")] = (
+        4.0
+    )
     posture_rate: Annotated[
         float, Number("rad/s", OWN, "largest of it, so that the hand stands still on the object")
     ] = 0.5
-    swing_posture_rate: Annotated[float, Number("rad/s", OWN, "the same while swinging")] = 2.0
     free_weight: Annotated[
         float, Number("", OWN, "of the hand's velocity when the arm returns to the stow pose by its joints")
     ] = 0.01
@@ -119,11 +116,7 @@ class AvoidanceParameters(msgspec.Struct, frozen=True, kw_only=True):
             "Distance that elbow, forearm and wrist keep from moving obstacles; the paper limits only the gripper.",
             (0.02, 0.15, 0.01))] = 0.05  # fmt: skip
     link_d_i: Annotated[float, Number("m", OWN, "from which on a link is slowed")] = 0.35
-    static_link_d_s: Annotated[
-        float, Number("m", OWN, "the same from a static one: the arm stays on its side of it")
-    ] = 0.02
-    static_link_d_i: Annotated[float, Number("m", OWN, "the same of a static one")] = 0.12
-    furniture_d_s: Annotated[float, Number("m", OWN, "mapped furniture at its true height, whole arm"),
+    furniture_d_s: Annotated[float, Number("m", OWN, "from furniture at its true height; links from what is static"),
         Slider("Clearance of the arm", "Safety",
             "Distance that the whole arm keeps from mapped furniture, except for the fingers at a grasp.",
             (0.01, 0.04, 0.005))] = 0.02  # fmt: skip
@@ -186,7 +179,6 @@ class ArmParameters(msgspec.Struct, frozen=True, kw_only=True):
         Slider("Stretch out before arrival", "Arm",
             "How early the arm is fully stretched out; the earlier, the more obstacles it meets.",
             (0.0, 1.5, 0.1))] = 0.4  # fmt: skip
-    extension_speed: Annotated[float, Number("m/s", OWN, "at which it is stretched out")] = 0.5
     swing_radius: Annotated[
         float, Number("m", OWN, "from the mount at which the hand swings before it is stretched out")
     ] = 0.25
@@ -200,11 +192,11 @@ class ArmParameters(msgspec.Struct, frozen=True, kw_only=True):
     stretch: Annotated[
         float, Number("m", OWN, "joint 6 from the shoulder, beyond which the tool tilts; 0.719 is a straight elbow")
     ] = 0.69
-    pick_reach: Annotated[float, Number("m", OWN, "from the mount at which a grasp begins (tilt up to pick_tilt)")] = (
-        0.80
-    )
+    pick_reach: Annotated[
+        float, Number("m", OWN, "from the mount at which a grasp begins; sooner it tilts for no more")
+    ] = 0.80
     place_reach: Annotated[float, Number("m", OWN, "the same for a release")] = 0.84
-    reach_slack: Annotated[float, Number("m", OWN, "beyond pick_reach or place_reach before it is broken off")] = 0.05
+    reach_slack: Annotated[float, Number("m", OWN, "beyond either before it is broken off; or of height")] = 0.05
     pick_tilt: Annotated[float, Number("rad", OWN, "largest outwards at a grasp")] = 16.0 * DEG
     place_tilt: Annotated[float, Number("rad", OWN, "the same for a release")] = 25.0 * DEG
     look_tilt: Annotated[
@@ -216,14 +208,14 @@ class ArmParameters(msgspec.Struct, frozen=True, kw_only=True):
     hold_speed: Annotated[
         float, Number("m/s", OWN, "of corrections while it closes: the grasp rule allows 0.03 m/s")
     ] = 0.012
-    close_yaw: Annotated[float, Number("rad", OWN, "between fingers and faces at which it closes")] = 8.0 * DEG
     close_tilt: Annotated[float, Number("rad", OWN, "of the hand at which it closes")] = 20.0 * DEG
     seen_within: Annotated[float, Number("s", OWN, "nothing is grasped that was not seen this recently")] = 0.5
     sure_age: Annotated[float, Number("s", OWN, "nothing is gripped or let go on what the robot said longer ago")] = 0.1
-    close_sd: Annotated[float, Number("m", OWN, "position uncertainty at which the gripper may close")] = 0.008
-    descend_sd: Annotated[float, Number("m", OWN, "and at which it may descend")] = 0.012
+    close_sd: Annotated[
+        float, Number("m", OWN, "of a place at which the gripper closes; at half as much more it descends")
+    ] = 0.008
     search_after: Annotated[
-        float, Number("s", OWN, "without a sight of the object after which the hand rises to see more")
+        float, Number("s", OWN, "without sight of the object: the hand rises; without room: it is left alone")
     ] = 1.0
     search_rise: Annotated[float, Number("m", OWN, "by which it rises")] = 0.25
     search_speed: Annotated[float, Number("m/s", OWN, "with which it rises")] = 0.15
@@ -232,7 +224,6 @@ class ArmParameters(msgspec.Struct, frozen=True, kw_only=True):
     tip_length: Annotated[float, Number("m", ROBOT, "of the fingers beyond the tool centre point")] = 0.009
     tip_thickness: Annotated[float, Number("m", ROBOT, "of a finger behind its pad")] = 0.017
     tip_half_depth: Annotated[float, Number("m", ROBOT, "of a finger, across")] = 0.0105
-    tip_clearance: Annotated[float, Number("m", OWN, "over the supporting surface")] = 0.006
     highest_grasp: Annotated[
         float, Number("m", OWN, "above the centre of the object, when tilted finger tips need it")
     ] = 0.008
@@ -255,12 +246,9 @@ class ArmParameters(msgspec.Struct, frozen=True, kw_only=True):
         float, Number("s", OWN, "on the way to the stow pose after which the arm returns by its joints")
     ] = 3.0
     patience: Annotated[
-        float, Number("s", OWN, "with the target in range and nothing achieved before the arm starts over")
+        float, Number("s", OWN, "in range, nothing achieved: the arm starts over; or before range: it waits")
     ] = 6.0
-    abandon_time: Annotated[
-        float, Number("s", OWN, "time to range beyond which a transit is given up for the stow pose")
-    ] = 6.0
-    vertical_speed: Annotated[float, Number("m/s", OWN, "largest, of the hand up or down")] = 0.5
+    vertical_speed: Annotated[float, Number("m/s", OWN, "largest, of the hand up or down, or stretched out")] = 0.5
     turning_rate: Annotated[float, Number("rad/s", OWN, "largest, of the hand to its orientation")] = 3.0
     ease: Annotated[
         float, Number("", OWN, "a transit of T seconds goes at gain ease / T: it begins briskly and arrives softly")
@@ -273,9 +261,7 @@ class ArmParameters(msgspec.Struct, frozen=True, kw_only=True):
     tilt_room: Annotated[
         float, Number("rad/m", OWN, "of tilt that an arm folded at the stow pose gains when the hand moves out")
     ] = 1.5
-    tilt_radius: Annotated[float, Number("m", OWN, "no tilt for more radius than this before arrival")] = 0.8
-    turn_by: Annotated[float, Number("s", OWN, "before arrival, by which the hand is turned to the object")] = 0.3
-    turn_time: Annotated[float, Number("s", OWN, "for which it turns")] = 0.7
+    turn_by: Annotated[float, Number("s", OWN, "before arrival, by which the hand has turned to the object")] = 0.3
     plane_azimuth: Annotated[
         float, Number("rad", OWN, "from the target, beyond which the arm swings in its own plane")
     ] = 0.5
@@ -289,12 +275,8 @@ class ArmParameters(msgspec.Struct, frozen=True, kw_only=True):
     retract_radius: Annotated[float, Number("m", OWN, "beyond which a retracting hand keeps its height")] = 0.35
     preferred_radius: Annotated[float, Number("m", OWN, "from the mount, at which the arm is most at ease")] = 0.60
     hover_radius: Annotated[float, Number("m", OWN, "from the mount, about where a hand waits for its target")] = 0.75
-    yaw_time: Annotated[float, Number("s", OWN, "before arrival, at which the faces are settled")] = 1.0
+    yaw_time: Annotated[float, Number("s", OWN, "before arrival, at which faces are settled and the hand turns")] = 1.0
     mid_dwell: Annotated[float, Number("s", OWN, "after arrival, when the base is about nearest")] = 0.6
-    level_error: Annotated[float, Number("m", OWN, "of height, at which a transit has arrived")] = 0.05
-    look_again: Annotated[float, Number("s", OWN, "for which there must be no room before an object is left alone")] = (
-        1.0
-    )
     open_room: Annotated[float, Number("m", OWN, "wider than the object, at which the fingers are open enough")] = 0.015
     left_error: Annotated[float, Number("m", OWN, "by which the hand may leave the object while it closes")] = 0.02
     pushed_away: Annotated[float, Number("m", OWN, "by which an object seen away from the fingers ends a closing")] = (
@@ -303,7 +285,6 @@ class ArmParameters(msgspec.Struct, frozen=True, kw_only=True):
     longest_closing: Annotated[float, Number("s", OWN, "beyond the closing time, after which a closing has failed")] = (
         30.0
     )
-    late_after: Annotated[float, Number("s", OWN, "beyond the closing time, after which the fingers are late")] = 0.05
     late_for: Annotated[float, Number("s", OWN, "that late fingers are expected to need still, at least")] = 1.0
     bent: Annotated[
         float, Number("rad", OWN, "of a joint from the stow pose, beyond which the arm is folded another way")

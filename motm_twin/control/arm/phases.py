@@ -9,14 +9,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from motm_twin.control.arm.geometry import hand_yaw, planar_joints, pose_at, tilt_of
+from motm_twin.control.arm.geometry import planar_joints, pose_at, tilt_of
 from motm_twin.control.arm.grasp_room import GraspRoom
 from motm_twin.control.arm.parameters import ArmParameters
 from motm_twin.control.arm.types import ArmInputs, ArmTiming, Phase
 from motm_twin.control.arm.view import ManipulatorState, View
 from motm_twin.model.compiler import njit
 from motm_twin.model.exact import norm
-from motm_twin.model.geometry import Array, to_frame, wrap_angle
+from motm_twin.model.geometry import Array, to_frame
+from motm_twin.model.period import PERIOD
 from motm_twin.model.profile import RobotProfile
 from motm_twin.model.reason import Kind, Reason
 
@@ -148,7 +149,7 @@ def _leave(state: ManipulatorState, view: View, inputs: ArmInputs, rules: PhaseR
         return "", Reason(kind=Kind.STARTS_OVER)
     speed = float(inputs.observation.twist[0])
     duration = rules.timing.transit_duration(_way(view, inputs, rules), speed, view.time_to_range)
-    if duration is None or view.time_to_range > rules.parameters.abandon_time:
+    if duration is None or view.time_to_range > rules.parameters.patience:
         return NOTHING
     if not state.holding and view.width < view.goal.side + rules.parameters.open_room:
         return "", Reason(kind=Kind.GRIPPER_NOT_OPEN, subject="gripper")
@@ -197,7 +198,7 @@ def _in_base(pose: Array, point: Array) -> Array:
 def _arrive(state: ManipulatorState, view: View, inputs: ArmInputs, rules: PhaseRules) -> Outcome:
     p = rules.parameters
     out = view.radius - rules.reach(view.goal.kind)
-    if not wanted(state, view) or (out > 0.0 and view.time_to_range > p.abandon_time):
+    if not wanted(state, view) or (out > 0.0 and view.time_to_range > p.patience):
         _rest(state, view.time)
         return NOTHING
     if view.goal.kind == "pick":
@@ -209,7 +210,7 @@ def _arrive(state: ManipulatorState, view: View, inputs: ArmInputs, rules: Phase
     if view.goal.kind == "place":
         state.anchor = view.target.copy()
         enter(state, Phase.RELEASE, view.time)
-    elif view.p[2] < view.target[2] + p.hover_height + p.level_error:
+    elif view.p[2] < view.target[2] + p.hover_height + p.reach_slack:
         enter(state, Phase.FINAL, view.time)
     return NOTHING
 
@@ -219,12 +220,12 @@ def _crowded(state: ManipulatorState, view: View, p: ArmParameters) -> Outcome:
 
     Where furniture is it only believes, and waits as long as its patience lasts.
     """
-    if not view.seen(p) or view.goal.position_sd > p.descend_sd or view.time_to_range > 0.0:
+    if not view.seen(p) or view.goal.position_sd > 1.5 * p.close_sd or view.time_to_range > 0.0:
         state.no_room_since = math.inf
         return NOTHING
     since = view.time if state.no_room_since is None else min(state.no_room_since, view.time)
     state.no_room_since = since
-    if view.time - since < p.look_again:
+    if view.time - since < p.search_after:
         return "", state.tight
     reason = state.tight
     _rest(state, view.time)
@@ -274,9 +275,8 @@ def _approach(state: ManipulatorState, view: View, rules: PhaseRules) -> Outcome
         return "", Reason(kind=Kind.IMPRECISE, subject=view.goal.name, value=sd, limit=1e3 * p.close_sd, unit="mm")
     point = grasp_point(view, p)
     error = norm(view.p - point)
-    yaw_error = abs(wrap_angle(hand_yaw(view.R) - (state.yaw or 0.0)))
     still = norm(view.velocity) <= p.close_speed
-    if error <= p.close_error and still and yaw_error <= p.close_yaw and tilt_of(view.R) <= p.close_tilt:
+    if error <= p.close_error and still and tilt_of(view.R) <= p.close_tilt:
         state.anchor = point
         state.gripper = "close"
         state.side = view.goal.side
@@ -288,7 +288,7 @@ def grasp_point(view: View, p: ArmParameters) -> Array:
     """Grasp point of the tool centre point: the cube's centre, or as much higher as the finger tips need."""
     x, y, z = view.R[2].tolist()
     low = p.tip_half_depth * abs(x) + (0.5 * view.width + p.tip_thickness) * abs(y) + p.tip_length * abs(z)
-    rise = low + p.tip_clearance - 0.5 * view.goal.side
+    rise = low + p.avoidance.fingers_d_s - 0.5 * view.goal.side
     return view.target + np.array([0.0, 0.0, min(max(rise, 0.0), p.highest_grasp)])
 
 
@@ -327,13 +327,13 @@ def _miss(state: ManipulatorState, view: View, rules: PhaseRules, kind: Kind) ->
 def _lateness(state: ManipulatorState, view: View, rules: PhaseRules) -> float:
     """Time [s] by which this closing has taken longer than the gripper should: the next one is expected to, too."""
     over = view.time - state.since - rules.profile.gripper.closing_time
-    return over if over > rules.parameters.late_after else 0.0
+    return over if over > PERIOD else 0.0
 
 
 def _left_to_close(state: ManipulatorState, elapsed: float, closing_time: float, p: ArmParameters) -> float:
     """Time [s] that a closing is expected to need still. How late the fingers will be, nobody knows."""
     left = closing_time + state.late - elapsed
-    return max(0.0, left) if left >= -p.late_after else max(p.late_for, -left)
+    return max(0.0, left) if left >= -PERIOD else max(p.late_for, -left)
 
 
 def _lift(state: ManipulatorState, view: View, rules: PhaseRules) -> Outcome:

@@ -37,7 +37,7 @@ from motm_twin.control.arm.view import Arm, ManipulatorState, View
 from motm_twin.model.arm_kernels import factored_gradient
 from motm_twin.model.compiler import njit
 from motm_twin.model.geometry import Array
-from motm_twin.model.joint_limits import DDQ_MAX, DQ_MAX, Q_MAX, Q_MIN
+from motm_twin.model.joint_limits import DDQ_MAX, DQ_MAX, Q_MAX, Q_MIN, WRIST_MIN
 from motm_twin.model.known import KnownWorld
 from motm_twin.model.profile import RobotProfile
 
@@ -99,7 +99,7 @@ class ArmProgram:
         }
         self._lag = known.robot.arm.velocity_lag
         self._weights = {swinging: weights(p.qp, swinging=swinging) for swinging in (False, True)}
-        joints = joint_limits(p.qp.elbow_limit, p.qp.wrist_limit)
+        joints = joint_limits(p.qp.elbow_limit)
         self._constants = _Constants(numbers(p.qp), numbers(known.robot.base), joints)
         self._balls = arm_balls()
 
@@ -191,19 +191,16 @@ _LIMITS = np.vstack([Q_MIN, Q_MAX, DQ_MAX, DDQ_MAX])
 def joint_bounds(q: Array, previous: Array, dt: float, parameters: QpParameters) -> tuple[Array, Array]:
     """Bounds of the arm rates: speed, acceleration round the previous command, damper before position limits."""
     p, lower, upper = parameters, np.empty(7), np.empty(7)
-    limits = joint_limits(p.elbow_limit, p.wrist_limit)
+    limits = joint_limits(p.elbow_limit)
     _joint_bounds(q, previous, dt, limits, p.damper_gain, p.damper_start, p.damper_stop, lower, upper)
     return lower, upper
 
 
 @functools.cache
-def joint_limits(elbow_limit: float, wrist_limit: float) -> Array:
-    """Least and largest joint angles, speeds and accelerations, shape (4, 7).
-
-    ``elbow_limit`` is the largest angle of joint 4, ``wrist_limit`` the least of joint 6 [rad].
-    """
+def joint_limits(elbow_limit: float) -> Array:
+    """Least and largest joint angles, speeds and accelerations, shape (4, 7); joint 4 as far as its limit [rad]."""
     limits = _LIMITS.copy()
-    limits[0, 5] = max(limits[0, 5], wrist_limit)
+    limits[0, 5] = max(limits[0, 5], WRIST_MIN)
     limits[1, 3] = min(limits[1, 3], elbow_limit)
     return limits
 
@@ -278,10 +275,11 @@ def _program(
     """
     dexterity, beta, dt, swinging = now
     n = constants.qp[0]
-    gain, fastest = (n.swing_posture_gain, n.swing_posture_rate) if swinging else (n.posture_gain, n.posture_rate)
+    more = n.swing_posture if swinging else 1.0
     c, lower, upper = np.zeros(SIZE), np.empty(SIZE), np.empty(SIZE)
     gradient = factored_gradient(arm.jacobian, arm.factor, dexterity)
-    error = posture_error(arm.q, polar(arm.p, arm.pose, arm.base_mount)[1], gain, fastest)
+    azimuth = polar(arm.p, arm.pose, arm.base_mount)[1]
+    error = posture_error(arm.q, azimuth, more * n.posture_gain, more * n.posture_rate)
     for k in range(2):
         c[k] = -n.base_weight * arm.wanted[k]
     for k in range(7):
