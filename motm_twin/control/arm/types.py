@@ -35,6 +35,7 @@ class ArmObstacles(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
     points: Array  # [m], shape (m, 2)
     static: NDArray[np.bool_]  # in the same place for 3 s, at rest for 12 s if it was seen to move, shape (m,)
+    hidden: int = 0  # so many at the end are not seen: far sides
 
     @classmethod
     def of(cls, world: WorldMap, T_odom_world: Array) -> "ArmObstacles":
@@ -42,7 +43,7 @@ class ArmObstacles(msgspec.Struct, frozen=True, kw_only=True, eq=False):
         static = np.zeros(len(world.seen_points) + len(world.hidden), dtype=bool)
         static[: len(world.seen_points)] = world.seen_static
         points = np.concatenate((world.seen_points, world.hidden))
-        return cls(points=from_frame(T_odom_world, points), static=static)
+        return cls(points=from_frame(T_odom_world, points), static=static, hidden=len(world.hidden))
 
 
 class ArmInputs(msgspec.Struct, frozen=True, kw_only=True, eq=False):
