@@ -120,9 +120,7 @@ class ArmOverlap:
             if _sinks(arm, balls, discs, self._slow(after), np.zeros(7)) <= _SINKS:
                 return WayOut(after, stop, withdraws=False, stuck=False)
         if np.abs(twist).max() > 0.0 or np.abs(arm.measured).max() > _ROLLS:
-            held = _within(self._held(arm), arm, dt)
-            deeper = _sinks(arm, balls, discs, arm.measured, held) > _sinks(arm, balls, discs, arm.measured, stop)
-            return WayOut(brake, stop if deeper else held, withdraws=False, stuck=False)
+            return WayOut(brake, _within(self._held(arm), arm, dt), withdraws=False, stuck=False)
         if withdraws:
             for wanted in (self._to_stow(arm), self._straight_out(arm, discs)):
                 if np.abs(wanted).max() > 0.0 and _sinks(arm, balls, discs, np.zeros(2), wanted) <= _SINKS:
