@@ -1,4 +1,4 @@
-"""What was seen where the arm is, kept until beams have passed through its place.
+"""Memory of bodies in which the arm is, kept until beams have passed through their place.
 
 The map forgets a cell that is not hit again: the lidar that sees only a corner of a body beside known furniture hits
 it now and then. That is no reason to believe that the body is gone.
@@ -43,7 +43,7 @@ class Remembered:
 
 
 def remember(before: Remembered | None, points: Array, stamp: float) -> Remembered:
-    """What is remembered with more points (m, 2); those that are nearer than half a cell to a known one add nothing."""
+    """Memory with more points (m, 2); those that are nearer than half a cell to a known one add nothing."""
     if before is None:
         before = Remembered(np.zeros((0, 2)), np.zeros(0, np.int64), stamp)
     new = points[_unknown(before.points, np.ascontiguousarray(points))]
@@ -52,7 +52,7 @@ def remember(before: Remembered | None, points: Array, stamp: float) -> Remember
 
 
 def looked_at_again(before: Remembered, scan: Scan | None, T_odom_world: Array) -> Remembered:
-    """What is left of it after a scan: points through which the beams of several in a row passed are gone."""
+    """Memory after a scan: points through which the beams of several in a row passed are gone."""
     if scan is None or scan.stamp == before.stamp:
         return before
     at = to_frame(scan.pose, to_frame(T_odom_world, before.points)) - scan.origin

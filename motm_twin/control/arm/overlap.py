@@ -63,7 +63,7 @@ class ArmOverlap:
         self._balls = arm_balls()
 
     def kept(self, inside: Remembered, inputs: ArmInputs) -> Remembered | None:
-        """What is still remembered: beams have not passed through it, and the arm reaches it; None: nothing."""
+        """Memory that is left: beams have not passed through it, and the arm reaches it; None: nothing."""
         left = looked_at_again(inside, inputs.observation.scan, inputs.T_odom_world)
         arm, pose = self._profile.arm, inputs.observation.odometry
         near = np.hypot(*(left.points - from_frame(pose, np.array([arm.mount_x, arm.mount_y]))).T) < _KEPT
@@ -91,7 +91,7 @@ class ArmOverlap:
         return Overlap(BODIES[deepest], depth) if depth > (0.0 if lasts else self._parameters.overlap_depth) else None
 
     def met(self, arm: Arm, inputs: ArmInputs, held_side: float, inside: Remembered | None) -> Remembered:
-        """What is remembered, with all that is seen of the bodies in which the arm is now."""
+        """Memory with all that is seen of the bodies in which the arm is now."""
         now = inputs.obstacles
         balls = placed(self._balls, inputs.observation.gripper_width, held_side)
         touched = _touched(arm.T, balls, now.points, arm.mount, arm.pose[2])
