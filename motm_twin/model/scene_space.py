@@ -14,7 +14,7 @@ from shapely.geometry import LineString, box
 from shapely.geometry import Point as ShapelyPoint
 from shapely.ops import unary_union
 
-from motm_twin.model.arm_kernels import HAND, SHOULDER, TCP, fk_arm
+from motm_twin.model.arm_kernels import ELBOW_OFFSET, HAND, LOWER, SHOULDER, TCP, TOOL, UPPER, WRIST, fk_arm
 from motm_twin.model.geometry import from_frame
 from motm_twin.model.joint_limits import READY
 from motm_twin.model.scene import Agent, DriveTo, Point, Scene, Solid
@@ -22,7 +22,9 @@ from motm_twin.model.scene_shapes import base_outline, bin_solid, outline
 from motm_twin.model.scene_yaml import Node
 
 TOUCH = 1e-3  # [m]
-ARM_REACH = 0.855  # [m] of the Panda from its shoulder; Paper, Sec. IV
+STRAIGHT = math.hypot(UPPER, ELBOW_OFFSET) + math.hypot(LOWER, ELBOW_OFFSET)  # [m] joint 6 from the shoulder, at most
+PICK_TILT, PLACE_TILT = math.radians(16.0), math.radians(25.0)  # of the tool from straight down, at most
+HOVER = 0.06  # [m] above an object, where the hand waits for it
 LINK_RADIUS = 0.05  # [m] of the arm's thinnest part: what is nearer to its middle line is inside it
 _ARM_LINE = [2, 4, 5, 7, HAND, TCP]  # frames along the arm above its foot, which stands on the base
 
@@ -116,10 +118,20 @@ def _waypoint(node: Node, point: Point) -> Node:
     return node.at("around")
 
 
-def reach(scene: Scene, z: float) -> float:
-    """Reach [m] of the gripper from the arm's axis at a height z [m]; 0 when out of reach."""
-    dz = z - (scene.robot.arm.mount_z + SHOULDER)
-    return math.sqrt(ARM_REACH**2 - dz**2) if abs(dz) < ARM_REACH else 0.0
+def reach(scene: Scene, z: float, tilt: float) -> float:
+    """Reach [m] of the gripper from the arm's axis at a height z [m], tilted outwards by no more; 0: out of reach."""
+    farthest = 0.0
+    for share in (0.0, 0.5, 1.0):
+        c, s = math.cos(share * tilt), math.sin(share * tilt)
+        rise = z - scene.robot.arm.mount_z + TOOL * c - WRIST * s - SHOULDER
+        if abs(rise) < STRAIGHT:
+            farthest = max(farthest, TOOL * s + WRIST * c + math.sqrt(STRAIGHT**2 - rise**2))
+    return farthest
+
+
+def highest(scene: Scene, tilt: float) -> float:
+    """Height [m] up to which the gripper reaches at all."""
+    return scene.robot.arm.mount_z + SHOULDER + STRAIGHT - TOOL * math.cos(tilt) + WRIST * math.sin(tilt)
 
 
 def free_space(scene: Scene) -> Any:
@@ -136,30 +148,38 @@ def free_space(scene: Scene) -> Any:
 def check_reach(scene: Scene, root: Node, object_node: Callable[[Node, str], Node]) -> None:
     """Objects, bins and places to drive to can be reached from the start."""
     free = free_space(scene)
-    arm = scene.robot.arm
-    targets = (
-        []
-        if not scene.robot.has_arm
-        else [("object", i.name, i.position, object_node(root, i.name)) for i in scene.objects]
-    )
     if scene.robot.has_arm:
-        targets += [("bin", i.name, (*i.centre, i.rim_z), root.at("bins", i.name)) for i in scene.bins]
-    for kind, name, (x, y, z), node in targets:
-        radius = reach(scene, z)
-        low, high = arm.mount_z + SHOULDER - ARM_REACH, arm.mount_z + SHOULDER + ARM_REACH
-        if radius == 0.0:
-            raise node.error(
-                f"the {kind} '{name}' is unreachable: {z:.2f} m high, the arm reaches from {max(low, 0):.2f} "
-                f"to {high:.2f} m"
+        for i in scene.objects:
+            node, top = object_node(root, i.name), highest(scene, PICK_TILT) - HOVER
+            _check_target(
+                scene, free, ("object", i.name, i.position), (reach(scene, i.position[2], PICK_TILT), top), node
             )
-        if ShapelyPoint(x, y).distance(free) > radius + math.hypot(arm.mount_x, arm.mount_y):
-            raise node.error(
-                f"the {kind} '{name}' is unreachable: no free base position within {radius:.2f} m of the arm; "
-                "move it towards an edge or make room"
-            )
+        for i in scene.bins:
+            node, far = root.at("bins", i.name), reach(scene, i.rim_z, PLACE_TILT) + 0.5 * i.side
+            _check_target(scene, free, ("bin", i.name, (*i.centre, i.rim_z)), (far, highest(scene, PLACE_TILT)), node)
     for index, task in enumerate(scene.tasks):
         if isinstance(task, DriveTo):
             _check_goal(scene, task, free, root.at("tasks", index, "drive_to"))
+
+
+def _check_target(
+    scene: Scene, free: Any, target: tuple[str, str, tuple[float, ...]], limits: tuple[float, float], node: Node
+) -> None:
+    """A target (kind, name, position) is not too high, and near enough to some place of the base.
+
+    ``limits`` [m]: reach from the arm's axis, greatest height.
+    """
+    (kind, name, (x, y, z)), (radius, top), arm = target, limits, scene.robot.arm
+    if z > top or radius == 0.0:
+        raise node.error(
+            f"the {kind} '{name}' is unreachable: {z:.2f} m high, the arm reaches up to {top:.2f} m with the gripper "
+            "pointing down"
+        )
+    if ShapelyPoint(x, y).distance(free) > radius + math.hypot(arm.mount_x, arm.mount_y):
+        raise node.error(
+            f"the {kind} '{name}' is unreachable: no free base position within {radius:.2f} m of the arm; "
+            "move it towards an edge or make room"
+        )
 
 
 def _check_goal(scene: Scene, task: DriveTo, free: Any, node: Node) -> None:

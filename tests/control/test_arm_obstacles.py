@@ -16,12 +16,14 @@ WORLD = WorldMap(
 
 
 def test_without_prediction_the_arm_keeps_from_what_is_seen():
-    found = ArmObstacles.of(WORLD, np.zeros(3))
-    assert found.points.tolist() == [list(PERSON), list(POST)]
-    assert found.static.tolist() == [False, True]
+    points, static = ArmObstacles.of(WORLD, np.zeros(3)).kept_from()
+    assert points.tolist() == [list(PERSON), list(POST)]
+    assert static.tolist() == [False, True]
 
 
 def test_with_prediction_it_also_keeps_from_where_a_moving_one_will_be():
     found = ArmObstacles.of(WORLD, np.zeros(3), 0.5)
-    assert found.points == pytest.approx(np.array([PERSON, POST, (1.1, 0.2)]))
-    assert found.static.tolist() == [False, True, False]
+    points, static = found.kept_from()
+    assert points == pytest.approx(np.array([PERSON, POST, (1.1, 0.2)]))
+    assert static.tolist() == [False, True, False]
+    assert found.points.tolist() == [list(PERSON), list(POST)]  # nothing is there now: the arm is in nothing

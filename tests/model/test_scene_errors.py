@@ -285,3 +285,15 @@ def test_a_wrong_path_says_what_to_do(name, says):
 def test_a_seed_out_of_range_is_refused(seed):
     with pytest.raises(SceneError, match="the seed must be a whole number from 0"):
         load_scene("exp1", "random", seed)
+
+
+@pytest.mark.parametrize(("height", "good"), [(0.9, True), (1.1, True), (1.2, False), (1.4, False)])
+def test_a_cube_is_refused_that_the_hand_cannot_get_over(tmp_path, height, good):
+    """Reach was a sphere round the shoulder: a cube 1.2 m high passed, and no hand that points down gets there."""
+    text = GOOD.replace("table, at: [1.6, 0.0]", "pillar, at: [-2, 0]").replace("[0, 2]}", f"[0, {height - 0.02:g}]}}")
+    (tmp_path / "high.yaml").write_text(text)
+    if good:
+        load_scene(str(tmp_path / "high.yaml"))
+    else:
+        with pytest.raises(SceneError, match=f"{height:.2f} m high, the arm reaches up to 1.1"):
+            load_scene(str(tmp_path / "high.yaml"))

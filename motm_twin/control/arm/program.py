@@ -134,13 +134,13 @@ class ArmProgram:
         return rates, self._constants._replace(joints=joints)
 
     def _around(self, view: View, state: ManipulatorState, inputs: ArmInputs, relaxing: Array) -> Around:
-        obstacles = inputs.obstacles
+        points, static = inputs.obstacles.kept_from()
         phase, blind = state.phase, inputs.observation.ahead > 0.0
         d_s, d_i = self._distances[phase in AT_SUPPORT, phase in _SWINGING, blind]
         return Around(
-            points=obstacles.points,
-            static=obstacles.static,
-            gripper=lidar_limits(view.p, obstacles.points, obstacles.static, relaxing, self._avoidance),
+            points=points,
+            static=static,
+            gripper=lidar_limits(view.p, points, static, relaxing, self._avoidance),
             balls=placed(self._balls, view.width, state.side if state.holding else 0.0),
             d_s=d_s,
             d_i=d_i,

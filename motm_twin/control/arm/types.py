@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from motm_twin.model.geometry import Array, from_frame, frozen
 from motm_twin.model.plant import Actuation, Observation
 from motm_twin.model.reason import Kind, Reason
-from motm_twin.perception.world_map import WorldMap
+from motm_twin.perception.world_map import NO_POINTS, WorldMap
 
 _RIM = 0.1  # [m] beyond the radius of a track, within which a point belongs to it
 NO_NEIGHBOURS = frozen(np.zeros((0, 6)))
@@ -36,24 +36,36 @@ class ArmObstacles(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
     points: Array  # [m], shape (m, 2)
     static: NDArray[np.bool_]  # in the same place for 3 s, at rest for 12 s if it was seen to move, shape (m,)
+    hidden: int = 0  # so many at the end are not seen: far sides
+    expected: Array = NO_POINTS  # where those that move will be, shape (k, 2): to be kept from, but nothing is there
 
     @classmethod
     def of(cls, world: WorldMap, T_odom_world: Array, ahead: float = 0.0) -> "ArmObstacles":
-        """Points that are seen, and far sides of obstacles that may be moving; those of tracks also ``ahead`` [s]."""
-        seen = np.concatenate((world.seen_points, world.hidden))
-        later = _expected(seen, world.tracks, ahead) if ahead > 0.0 else seen[:0]
-        static = np.zeros(len(seen) + len(later), dtype=bool)
+        """Points that are seen, and far sides of obstacles that may be moving; ``ahead`` [s]: of what is expected."""
+        static = np.zeros(len(world.seen_points) + len(world.hidden), dtype=bool)
         static[: len(world.seen_points)] = world.seen_static
-        return cls(points=from_frame(T_odom_world, np.concatenate((seen, later))), static=static)
+        points = np.concatenate((world.seen_points, world.hidden))
+        later = _expected(points, world.tracks, ahead) if ahead > 0.0 else NO_POINTS
+        return cls(
+            points=from_frame(T_odom_world, points), static=static, hidden=len(world.hidden),
+            expected=from_frame(T_odom_world, later) if len(later) else NO_POINTS,
+        )  # fmt: skip
+
+    def kept_from(self) -> tuple[Array, NDArray[np.bool_]]:
+        """Points (m, 2) that the arm keeps from, and which of them are static (m,)."""
+        if not len(self.expected):
+            return self.points, self.static
+        moving = np.zeros(len(self.expected), dtype=bool)
+        return np.concatenate((self.points, self.expected)), np.concatenate((self.static, moving))
 
 
 def _expected(points: Array, tracks: Array, ahead: float) -> Array:
     """Places of the points (n, 2) that belong to tracks (k, 8), after a time [s], shape (m, 2)."""
-    later = []
+    later = [NO_POINTS]
     for x, y, vx, vy, radius in tracks[:, :5]:
         own = np.hypot(points[:, 0] - x, points[:, 1] - y) <= radius + _RIM
         later.append(points[own] + ahead * np.array([vx, vy]))
-    return np.concatenate(later) if later else points[:0]
+    return np.concatenate(later)
 
 
 class ArmInputs(msgspec.Struct, frozen=True, kw_only=True, eq=False):
