@@ -292,7 +292,7 @@ def _foresight() -> None:
     warm_up_evasion()
     known = known_world(load_scene("exp2"))
     now = _observation(known.robot.lidar, 0.0)
-    comes = frozen(np.array([[0.7, 0.0, -1.0, 0.0, 0.25, 0.03, 1.0]]))
+    comes = frozen(np.array([[0.7, 0.0, -1.0, 0.0, 0.25, 0.03, 1.0, 1.0]]))
     world = msgspec.structs.replace(Mapper(known).update(now), tracks=comes)
     acting = Actuation(twist=frozen(np.array([0.5, 0.0])), joint_velocity=frozen(np.zeros(7)), gripper="open")
     monitor = Monitor(known.robot, MonitorParameters(passive_safety=True))

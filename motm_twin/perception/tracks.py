@@ -56,9 +56,11 @@ class TrackParameters(msgspec.Struct, frozen=True, kw_only=True):
     moves: Annotated[float, Number("m/s", OWN, "from which a track moves")] = 0.10
     leaves: Annotated[float, Number("m", OWN, "from its place, beyond which it does")] = 0.15
     sure: Annotated[float, Number("", OWN, "standard deviations of the speed beyond which it does, too")] = 2.5
-    rests: Annotated[float, Number("s", OWN, "slower than that after which it is furniture, and no track")] = 12.0
+    rests: Annotated[
+        float,
+        Number("s", OWN, "slower than that after which it is furniture, and no track; its pace is forgotten as slowly"),
+    ] = 12.0
     keeps: Annotated[float, Number("s", OWN, "in sight, for which it must keep a speed that counts as its pace")] = 0.5
-    slackens: Annotated[float, Number("m/s^2", OWN, "by which the pace of a slower one is forgotten")] = 0.05
 
 
 @dataclass
@@ -135,7 +137,7 @@ class DynamicTracker(Stateful[TrackState]):
         state.stamp = scan.stamp
         for track in state.tracks:
             _predict(track.state, track.covariance, dt, p.acceleration**2 * 0.1)
-            track.pace = max(0.0, track.pace - p.slackens * dt)
+            track.pace -= track.pace * dt / p.rests  # a slower one may be as fast again
         points = self._unexplained(scan, world)
         circles = np.array([(*track.state[:2].tolist(), track.radius) for track in state.tracks]).reshape(-1, 3)
         owner = owners(points.at, circles, p.rim)

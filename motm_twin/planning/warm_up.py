@@ -76,7 +76,8 @@ def warm_up_foresight() -> BasePlan:
     staa = replace(parameters.staa, risk_weight=10.0, courtesy_weight=0.4)
     parameters = replace(parameters, staa=staa)
     problem = _problem()
-    crossing = frozen(np.array([[0.8, 0.5, 0.0, -0.5, 0.25, 0.03, 1.0], [2.0, 0.9, 0.0, -0.3, 0.25, 0.03, 2.0]]))
+    rows = [[0.8, 0.5, 0.0, -0.5, 0.25, 0.03, 1.0, 0.5], [2.0, 0.9, 0.0, -0.3, 0.25, 0.03, 2.0, 0.3]]
+    crossing = frozen(np.array(rows))
     problem = msgspec.structs.replace(problem, world=msgspec.structs.replace(problem.world, tracks=crossing))
     cannot_brake(problem.pose, crossing, 1.0, body_of(robot.footprint))
     in_time = InTime(EveryRing(), robot.base.velocity_lag)
