@@ -17,7 +17,10 @@ from motm_twin.model.state import Stateful
 from motm_twin.perception.cell_times import AROUND, CellTimes, Mask, Numbers, among, numbers_of
 from motm_twin.perception.clusters import cells_of, touching
 from motm_twin.perception.discs import Disc, apart, at_ends, behind, front_of, share_gone
+from motm_twin.perception.mapper import MapSettings
 from motm_twin.perception.world_map import NO_AGES, NO_MOVERS, NO_POINTS, WorldMap
+
+_ASTRAY = MapSettings().explained_per_range  # [rad] by which the heading is off at most
 
 
 class MoverParameters(msgspec.Struct, frozen=True, kw_only=True):
@@ -229,11 +232,12 @@ class MoverTracker(Stateful[MoverState]):
         """Decide if a thing has left its place: its middle is elsewhere, and most of it is no longer seen where it was.
 
         What comes into sight bit by bit, or goes out of it, shifts its middle too: to the side by half of what appears,
-        and in depth by as much, since a thing is taken to be as deep as it is wide. But nothing of it is gone.
+        and in depth by as much, since a thing is taken to be as deep as it is wide. But nothing of it is gone. A wrong
+        heading shifts all of it, the farther away the more.
         """
         p, place = self.parameters, track.place
-        moved = False
-        if place is not None and world.stamp - place.time >= p.young and _away(track, seen, place, 2.0 * p.creeps):
+        moved, limit = False, 2.0 * p.creeps + _ASTRAY * math.dist(viewpoint, track.position)
+        if place is not None and world.stamp - place.time >= p.young and _away(track, seen, place, limit):
             own, (x, y) = world.seen_points[seen.points], viewpoint.tolist()
             moved = share_gone(place.points, world.seen_points, own, x, y) > p.gone
         if moved and not track.wide:

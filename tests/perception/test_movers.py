@@ -6,6 +6,7 @@ import msgspec
 import numpy as np
 import pytest
 import shapely
+import shapely.affinity
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -106,6 +107,23 @@ def test_two_discs_side_by_side_are_no_mover() -> None:
     assert len(world.movers) == 0 and not world.seen_static.all()
 
 
+@pytest.mark.parametrize(("place", "turn"), [((3.2, 1.0), 45.0), ((2.8, 0.0), 45.0), ((2.5, -2.0), 20.0)])
+@pytest.mark.parametrize("drift", [(0.013, -0.03), (-0.02, 0.025)])
+def test_a_heading_that_drifts_moves_no_box(
+    place: tuple[float, float], turn: float, drift: tuple[float, float]
+) -> None:
+    """Somebody who was seen to move counts as one who may leave for 12 s: the hand does not reach past him."""
+    x, y = place
+    box = shapely.affinity.rotate(shapely.box(x - 0.25, y - 0.25, x + 0.25, y + 0.25), turn)
+    mapper, tracker, rng = Mapper(FLOOR), MoverTracker(), np.random.default_rng(2)
+    for k in range(60):
+        time = k * STEP
+        heading = float(np.interp(time, [1.0, 2.3], drift))
+        seen, told = _seen(time, np.zeros(3), [box], rng), np.array([0.0, 0.0, heading])
+        seen = msgspec.structs.replace(seen, pose=told, scan=msgspec.structs.replace(seen.scan, pose=told))
+        assert len(tracker.sort(mapper.update(seen), told).movers) == 0
+
+
 def test_a_restored_tracker_goes_on_as_the_one_it_was_copied_from() -> None:
     tracker = MoverTracker()
     _follow(np.array([2.0, -1.0]), np.array([0.0, 0.4]), 0.6, drive=0.0, seed=3, tracker=tracker)
@@ -116,13 +134,11 @@ def test_a_restored_tracker_goes_on_as_the_one_it_was_copied_from() -> None:
     assert state_hash(copy.snapshot()) != state_hash(tracker.snapshot())
 
 
-ONCE_WRONG = (53, 63, 76, 77, 84, 94, 125)  # seen to move too briefly; or its rest began anew: too late
+ONCE_WRONG = (1, 53, 63, 76, 77, 84, 94, 125)  # seen to move too briefly; or its rest began anew: too late
 EARLY = pytest.mark.xfail(reason="known fault: it brakes slowly, and its rest begins 0.05 to 0.15 s too early")
 
 
-@pytest.mark.parametrize(
-    "seed", [*range(200, 206), *ONCE_WRONG, *(pytest.param(seed, marks=EARLY) for seed in (1, 103))]
-)
+@pytest.mark.parametrize("seed", [*range(200, 206), *ONCE_WRONG, *(pytest.param(seed, marks=EARLY) for seed in (103,))])
 def test_what_has_come_to_rest_is_static_14_seconds_after_it_stopped_but_not_12_after_it_came(seed: int) -> None:
     """The map alone counts from when its cells were hit first, while it was still coming.
 
