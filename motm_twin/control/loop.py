@@ -28,7 +28,7 @@ from motm_twin.model.motion import command_pose
 from motm_twin.model.period import ARM_STEPS, PERIOD
 from motm_twin.model.plant import Observation, Plant, Truth
 from motm_twin.model.profile import RobotProfile
-from motm_twin.model.reason import Kind, Reason
+from motm_twin.model.reason import Reason
 from motm_twin.model.state import HasState, Stateful
 from motm_twin.perception.mapper import Mapper
 from motm_twin.perception.movers import MoverTracker
@@ -240,8 +240,6 @@ class ControlLoop(Stateful[LoopState]):
 
     def _why(self, plan: BasePlan, step: ArmStep, observation: Observation) -> Reason | None:
         """Why the base stands, or is not driven by its plan; None when it is."""
-        if step.why is not None and step.why.kind == Kind.ARM_STUCK:
-            return step.why
         return (
             plan.why
             if plan.status in (PlanStatus.BY_HAND, PlanStatus.ESCAPING)

@@ -109,7 +109,6 @@ class Kind(StrEnum):
     GAVE_WAY = "gave_way"
     ARM_STANDS = "arm_stands"
     ARM_WITHDRAWS = "arm_withdraws"
-    ARM_STUCK = "arm_stuck"
     ARM_STOPPED = "arm_stopped"
     ARM_COMMANDED = "arm_commanded"
     HELD_OFF = "held_off"
@@ -262,10 +261,6 @@ _SENTENCES = {
     Kind.GAVE_WAY: "moved off at {value:.2f} m/s ({subject}): too near for the joints to brake in time",
     Kind.ARM_STANDS: "the lidar sees something {value:.2f} m inside the {subject}: the arm stands still",
     Kind.ARM_WITHDRAWS: "the lidar sees something {value:.2f} m inside the {subject}: the arm draws back slowly",
-    Kind.ARM_STUCK: (
-        "the lidar sees something {value:.2f} m inside the {subject}, and no motion of base or arm is known to make "
-        "that less: both stand still"
-    ),
     Kind.ARM_STOPPED: "the arm was stopped: {other}",
     Kind.ARM_COMMANDED: "the arm is {other}",
     Kind.HELD_OFF: "the {subject} keeps off a {other}, {value:.2f} m away",

@@ -186,7 +186,7 @@ def test_events_tell_of_edits_runs_and_stops_and_their_numbers_have_no_gaps(serv
     done(client, AddObstacle(name="crate", x=0.5, y=-0.8), SetParameter(name="xi", value=0.7), Step(count=3))
     until(lambda: kinds(session, server, before + 1).count("edit") >= 2, "no events of edits")
     edit = events(session, server, before + 1).events[0]
-    assert (edit.text, edit.other, edit.index) == ("add_obstacle crate", "crate", 1)
+    assert (edit.text, edit.other, edit.index) == ("add obstacle crate", "crate", 1)
     done(client, Branch(index=2))
     until(lambda: "branch" in kinds(session, server, before), "no event of the branch")
     done(client, Load(scene="exp1"))

@@ -42,7 +42,7 @@ def test_a_program_with_zenoh_alone_reads_commands_and_hears(server):
     said = run("plain_zenoh.py", server.endpoint)
     assert "exp1 trial1 is playing" in said
     assert "was refused: 'nobody'" in said or "nobody" in said
-    assert "edit: add_obstacle example_box" in said
+    assert "edit: add obstacle example_box" in said
     assert said.endswith("done\n")
 
 

@@ -27,7 +27,6 @@ from motm_twin.model.period import PERIOD
 from motm_twin.model.plant import Actuation
 from motm_twin.model.reason import Kind, Reason
 from motm_twin.model.state import Stateful
-from motm_twin.perception.remembered import Remembered
 
 _BOUND_NAMES = ("base speed", "base yaw rate", *(f"joint {k}" for k in range(1, 8)))
 _REST, _NO_SLACK = frozen(np.zeros(7)), frozen(np.zeros(6))
@@ -123,12 +122,10 @@ class Manipulator(Stateful[ManipulatorState]):
             bad = _not_finite(inputs)
             if view is None or bad:
                 return self.damped_stop(inputs, None, f"{bad} is not finite")
-        if self._state.inside is not None:
-            view, inputs = self._recall(view, inputs, self._state.inside)
         held_side = self._state.side if self._state.holding else 0.0
         overlap = self._overlap.find(view.arm, inputs, held_side, lasts=self._state.inside_since is not None)
         if overlap is not None:
-            return self._stand_clear(view, inputs, overlap, held_side)
+            return self._stand_clear(view, inputs, overlap)
         self._state.inside_since = None
         outcome, why = advance(self._state, view, inputs, self._rules)
         motion = self._ways.motion(self._state, view, inputs, self.parameters, self._numbers)
@@ -207,30 +204,21 @@ class Manipulator(Stateful[ManipulatorState]):
         c[ARM] = -p.qp.free_gain * error
         return msgspec.structs.replace(program, P=free, c=c)
 
-    def _recall(self, view: View, inputs: ArmInputs, inside: Remembered) -> tuple[View, ArmInputs]:
-        """View and inputs with what was seen where the arm was, and has not been seen to be gone."""
-        left = self._state.inside = self._overlap.kept(inside, inputs)
-        if left is None:
-            return view, inputs
-        inputs = self._overlap.recalled(left, inputs)
-        return self.look(inputs), inputs
-
-    def _stand_clear(self, view: View, inputs: ArmInputs, overlap: Overlap, held_side: float) -> ArmStep:
-        """Something stands where the arm is: it stands, and makes its way out when that lasts."""
+    def _stand_clear(self, view: View, inputs: ArmInputs, overlap: Overlap) -> ArmStep:
+        """Something stands where the arm is: it stands, and goes back to its stow pose when that lasts."""
         state = self._state
         if state.inside_since is None:
             state.inside_since = view.time
-        inside = state.inside = self._overlap.met(view.arm, inputs, held_side, state.inside)
-        lasts = view.time - state.inside_since > self.parameters.overlap_stands
-        outcome = start_over(state, view, self.parameters) if lasts else ""
-        way = self._overlap.way_out(view.arm, inputs, state.twist, held_side, inside, withdraws=lasts)
-        state.twist, state.rates, state.stop_rates = way.twist, way.rates, None
-        kind = Kind.ARM_STUCK if way.stuck else Kind.ARM_WITHDRAWS if way.withdraws else Kind.ARM_STANDS
+        withdraws = view.time - state.inside_since > self.parameters.overlap_stands
+        outcome = start_over(state, view, self.parameters) if withdraws else ""
+        state.twist, state.rates = self._overlap.way_out(view.arm, inputs, state.twist, withdraws=withdraws)
+        state.stop_rates = None
+        kind = Kind.ARM_WITHDRAWS if withdraws else Kind.ARM_STANDS
         decided = Decision(
             twist=frozen(state.twist),
             rates=frozen(state.rates),
             outcome=outcome,
-            program=ProgramStatus.WITHDRAWING if way.withdraws else ProgramStatus.STANDING,
+            program=ProgramStatus.WITHDRAWING if withdraws else ProgramStatus.STANDING,
             why=Reason(kind=kind, subject=overlap.body, value=overlap.depth, unit="m"),
         )
         return self.report(view, inputs, decided)

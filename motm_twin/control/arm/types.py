@@ -36,7 +36,6 @@ class ArmObstacles(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
     points: Array  # [m], shape (m, 2)
     static: NDArray[np.bool_]  # in the same place for 3 s, at rest for 12 s if it was seen to move, shape (m,)
-    hidden: int = 0  # so many at the end are not seen: far sides
     expected: Array = NO_POINTS  # where those that move will be, shape (k, 2): to be kept from, but nothing is there
 
     @classmethod
@@ -47,7 +46,7 @@ class ArmObstacles(msgspec.Struct, frozen=True, kw_only=True, eq=False):
         points = np.concatenate((world.seen_points, world.hidden))
         later = _expected(points, world.tracks, ahead) if ahead > 0.0 else NO_POINTS
         return cls(
-            points=from_frame(T_odom_world, points), static=static, hidden=len(world.hidden),
+            points=from_frame(T_odom_world, points), static=static,
             expected=from_frame(T_odom_world, later) if len(later) else NO_POINTS,
         )  # fmt: skip
 

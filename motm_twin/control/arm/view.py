@@ -16,7 +16,6 @@ from motm_twin.model.exact import hypot, times
 from motm_twin.model.geometry import Array
 from motm_twin.model.reason import Reason
 from motm_twin.model.state import LATER
-from motm_twin.perception.remembered import Remembered
 
 _NOTHING, _PICK, _PLACE = 0, 1, 2
 _GOALS = {"pick": _PICK, "place": _PLACE}
@@ -49,7 +48,6 @@ class ManipulatorState:
     tight_tries: int = field(default=0, metadata=LATER)  # times that came to nothing with such faces
     no_room_since: float | None = field(default=None, metadata=LATER)  # [s] no faces can be taken; inf: not seen yet
     inside_since: float | None = field(default=None, metadata=LATER)  # [s] since when something stands where the arm is
-    inside: Remembered | None = field(default=None, metadata=LATER)  # what was seen there, until it is seen to be gone
     late: float = field(default=0.0, metadata=LATER)  # [s] by which the fingers took longer than they should, lately
 
 
