@@ -303,8 +303,9 @@ class Twin:
         self, known: KnownWorld, planning: PlanningParameters, graphs: GraphCache | None = None
     ) -> BasePlanner:
         parts = PlannerParts(
-            known=known, parameters=planning, clock=self._search_clock(), graphs=graphs, rehearse=self._rehearse
-        )
+            known=known, parameters=planning, movers=self._tuned().movers, clock=self._search_clock(), graphs=graphs,
+            rehearse=self._rehearse,
+        )  # fmt: skip
         return self.method.planner(parts)
 
     def _arm_side(self, known: KnownWorld, arm: ArmParameters) -> Manipulator:

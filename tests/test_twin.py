@@ -12,12 +12,20 @@ from motm_twin.model.edits import AddObstacle, Announce, InjectFault, MoveBody, 
 from motm_twin.model.scene_file import check_all, list_scenes, load_scene
 from motm_twin.record.replay import rerun
 from motm_twin.sessions.session import decode_session, encode_session
+from motm_twin.studies.faults import Watch
 from motm_twin.trial import run_scene
 from motm_twin.twin import Twin
 
 
-def test_the_first_published_trial_is_completed_without_contact():
-    result = run_scene(load_scene("exp1", "trial1", 0))
+def test_the_first_published_trial_is_completed_without_contact_and_raises_no_false_alarm(monkeypatch):
+    made, watch = [], Watch("none")
+    monkeypatch.setattr("motm_twin.trial.Twin", lambda *given, **more: made.append(Twin(*given, **more)) or made[-1])
+
+    def look(tick):
+        watch.look(tick, {finding.kind for finding in made[0].loop.self_check.findings})
+
+    result = run_scene(load_scene("exp1", "trial1", 0), on_tick=look)
+    assert watch.false == {}
     assert result["success"], result["reason"]
     assert result["picks_done"] == result["places_done"] == 6
     assert result["contacts"] == []

@@ -6,7 +6,7 @@ import re
 import msgspec
 import numpy as np
 import pytest
-from twin_steps import BIN, CUBE, SCENE, SHORT, advance, advance_until, caused, in_phase, says
+from twin_steps import BIN, CUBE, SCENE, SHORT, advance, advance_until, caused, in_phase, says, short
 
 from motm_twin.model.edits import (
     AddObstacle,
@@ -58,9 +58,9 @@ def test_scans_that_are_no_use_are_as_if_there_were_none(good_until):
 
 def test_a_pushed_robot_goes_on_with_its_job():
     for phase, limit in (("stow", 800), ("final", 800), ("release", 100)):  # over the bin it only has to move its hand
-        twin = Twin(SHORT)
-        advance(twin, 40)
-        advance_until(twin, in_phase(phase))
+        twin, _ = short(phase)
+        if phase == "stow":
+            advance(twin, 40)
         twin.post(PushRobot(dx=-0.15, dy=-0.26))
         tick = advance_until(twin, lambda tick: tick.truth.places == 1, limit)
         assert not caused(tick), phase
@@ -90,16 +90,14 @@ def test_a_cube_taken_out_of_the_gripper_is_noticed_found_and_picked_again():
 
 @pytest.mark.parametrize("phase", ["transit", "final", "closing"])
 def test_a_cube_moved_while_the_robot_reaches_for_it_is_followed(phase):
-    twin = Twin(SHORT)
-    advance_until(twin, in_phase(phase))
+    twin, _ = short(phase)
     twin.post(MoveObject(name=CUBE, x=3.3, y=1.55))
     tick = advance_until(twin, lambda tick: tick.truth.places == 1, 900)
     assert not caused(tick)
 
 
 def test_a_cube_that_is_gone_is_looked_for_and_given_up_with_a_sentence():
-    twin = Twin(SHORT)
-    advance_until(twin, in_phase("final"))
+    twin, _ = short("final")
     twin.post(MoveObject(name=CUBE, x=0.0, y=-2.5))
     advance_until(twin, says(f"waiting to see {CUBE}"))
     advance_until(twin, says(f"waiting for the arm at {CUBE}: the hand is on its way"))
@@ -157,8 +155,7 @@ def test_a_box_dropped_right_before_the_robot_brakes_it_with_a_reason():
 
 
 def test_an_obstacle_beside_the_cube_that_holds_the_gripper_back_is_named():
-    twin = Twin(SHORT)
-    tick = advance_until(twin, in_phase("transit"))
+    twin, tick = short("transit")
     cube = next(body for body in tick.truth.objects if body.name == CUBE)
     twin.post(AddObstacle(name="post", shape="cylinder", x=cube.position[0], y=cube.position[1] - 0.12,
                           size=(0.1, 0.1, 1.5)))  # fmt: skip

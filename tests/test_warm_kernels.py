@@ -21,29 +21,29 @@ def called():  # kernels with the types that Python has called them with
             found |= {(each.py_func.__qualname__, str(types)) for types in (*stats.cache_hits, *stats.cache_misses)}
     return found
 
-method, runs = find_method(sys.argv[1]), json.loads(sys.argv[2])
-scenes = [load_scene(scene) for scene, _ in runs]
-for part in warm_up.parts_of(method.parameters, agents=any(scene.agents for scene in scenes)):
-    warm_up.PARTS[part].compile()
-warm = called()
-for scene, (_, periods) in zip(scenes, runs):
-    twin = Twin(scene, method=method)
-    for _ in range(periods):
-        twin.advance()
-print(json.dumps(sorted(name for name, _ in called() - warm)))
+method, runs, new = find_method(sys.argv[1]), json.loads(sys.argv[2]), set()
+for agents, group in runs.items():
+    for part in warm_up.parts_of(method.parameters, agents=agents == "agents"):
+        warm_up.PARTS[part].compile()
+    warm = called()
+    for scene, periods in group.items():
+        twin = Twin(load_scene(scene), method=method)
+        for _ in range(periods):
+            twin.advance()
+    new |= called() - warm
+print(json.dumps(sorted(name for name, _ in new)))
 """
 
 
 @pytest.mark.parametrize(
     ("method", "runs"),
     [
-        ("fast", (("exp1", 350),)),  # without the kernels of agents
-        ("fast", (("exp1", 350), ("exp2", 250))),
-        ("foresight", (("exp1", 100), ("exp2", 600))),
+        ("fast", {"nobody": {"exp1": 350}, "agents": {"exp2": 250}}),  # at first without the kernels of agents
+        ("foresight", {"agents": {"exp1": 100, "exp2": 600}}),
     ],
 )
 def test_a_run_calls_no_kernel_that_the_first_start_has_not_compiled(
-    method: str, runs: tuple[tuple[str, int], ...]
+    method: str, runs: dict[str, dict[str, int]]
 ) -> None:
     command = [sys.executable, "-c", CODE, method, json.dumps(runs)]
     done = subprocess.run(command, capture_output=True, text=True, timeout=300, check=True)

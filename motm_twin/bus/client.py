@@ -31,6 +31,7 @@ from motm_twin.bus.messages import (
     MetricsMessage,
     RobotStateMessage,
     ScanMessage,
+    SceneInfo,
     StatusMessage,
     TickMessage,
 )
@@ -125,7 +126,11 @@ class TwinClient:
 
     def scene(self) -> Scene | None:
         """The resolved scene that runs; None before the first."""
-        return self._newest(self.keys.scene, _decode_scene)
+        return self._loaded()[0]
+
+    def of_scene(self, tick: TickMessage) -> bool:
+        """True unless a tick is of a run before `scene` was loaded, as the newest is while that loads."""
+        return tick.run >= self._loaded()[1]
 
     def grid(self) -> Grid | None:
         """The newest grid; None before the first."""
@@ -312,6 +317,9 @@ class TwinClient:
         self.status()
         return self._clock_offset is not None
 
+    def _loaded(self) -> tuple[Scene | None, int]:
+        return self._newest(self.keys.scene, _decode_scene) or (None, -1)
+
     def _followed(self, key: str, kind: Any, version: str) -> Any:
         if key not in self._slots:
             self.follow(key)
@@ -359,8 +367,10 @@ def _tell(listeners: list, *payloads: bytes) -> None:
             traceback.print_exc()  # one callback fails: the others and this client go on
 
 
-def _decode_scene(payload: bytes, _attachment: bytes | None, _at: float) -> Scene:
-    return msgspec.json.decode(payload, type=Scene)
+def _decode_scene(payload: bytes, attachment: bytes | None, _at: float) -> tuple[Scene, int]:
+    """The scene and its first run, -1 when nobody says it, as in a recording."""
+    info = None if attachment is None else msgspec.json.decode(attachment, type=SceneInfo)
+    return msgspec.json.decode(payload, type=Scene), -1 if info is None else info.run
 
 
 def _decode_grid(payload: bytes, attachment: bytes | None, _at: float) -> Grid:

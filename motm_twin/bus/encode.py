@@ -41,7 +41,7 @@ from motm_twin.model.plant import BodyTruth, Contact, CutIn, Detection, Observat
 from motm_twin.model.profile import RobotProfile
 from motm_twin.model.reason import Reason
 from motm_twin.model.scene import PlanarPose
-from motm_twin.perception.tracks import IDENTITY, PACE, RADIUS, SD, VX, VY
+from motm_twin.perception.tracks import IDENTITY, RADIUS, SD, VX, VY
 from motm_twin.perception.world_map import WorldMap
 from motm_twin.planning.prediction import ellipses
 from motm_twin.planning.types import Encounter
@@ -110,7 +110,7 @@ def _track(track: Array) -> TrackMessage:
         radius=round(float(track[RADIUS]), _DRAWN),
         position_sd=round(float(track[SD]), _DRAWN),
         expected=numbers(ellipses(track, _EXPECTED)),
-        pace=round(float(track[PACE]), _DRAWN),
+        pace=round(math.hypot(track[VX], track[VY]), _DRAWN),
     )
 
 
@@ -323,6 +323,7 @@ class Sample(msgspec.Struct, frozen=True, kw_only=True):
     gripper_moving: bool
     ahead: float = 0.0  # [s] prediction horizon: from the observation to the time when the command acts
     age: float = 0.0  # [s] of the newest state of the robot
+    behind: float = 0.0  # [s] by which pose, odometry, twist and joints are older than the time
     scan: ScanSample | None = None
     detections: list[DetectionSample] | None = None
 

@@ -94,8 +94,8 @@ class Sink(Protocol):
         """A new period; ``last``: no other follows for now."""
         ...
 
-    def scene(self, scene: Scene) -> None:
-        """Another scene was loaded."""
+    def scene(self, scene: Scene, run: int) -> None:
+        """Another scene was loaded, whose first run will be ``run``."""
         ...
 
     def status(self) -> None:

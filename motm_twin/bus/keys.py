@@ -19,7 +19,7 @@ class Keys:
         root = f"{PREFIX}/{twin}"
         self.tick = f"{root}/tick"  # JSON, every period
         self.grid = f"{root}/grid"  # raw bytes with an attachment, on change
-        self.scene = f"{root}/scene"  # JSON, on change; answers queries
+        self.scene = f"{root}/scene"  # JSON with an attachment, on change; answers queries
         self.status = f"{root}/status"  # JSON, on change and twice a second; answers queries
         self.robot = f"{root}/robot"  # JSON at 50 Hz: base, joints, gripper, frames
         self.scan = f"{root}/scan"  # JSON, every new sweep of the lidar

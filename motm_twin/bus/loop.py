@@ -349,7 +349,7 @@ class TwinLoop:
     def _build(self, scene: Scene, play: bool, text: str) -> None:
         self._set_state("loading", f"loading {scene.name} {scene.variant}".rstrip())
         self._live.clear(scene)
-        self._sink.scene(scene)
+        self._sink.scene(scene, self._live.run + 1)
         self._set_state("loading", "preparing the control loop (the first start compiles it, a minute or more)")
         self._live.build(scene, self._source.method())
         self._tour = None if self._reference_tour is None else self._reference_tour(scene)

@@ -20,6 +20,7 @@ EVENT_VERSION = "motm.event/1"
 EVENTS_VERSION = "motm.events/1"
 METRICS_VERSION = "motm.metrics/1"
 SCENE_VERSION = "motm.scene/1"
+SCENE_INFO_VERSION = "motm.scene_info/1"
 
 Vector = list[float]
 Vectors = list[list[float]]
@@ -104,7 +105,7 @@ class TrackMessage(msgspec.Struct, frozen=True, kw_only=True):
     radius: float  # [m]
     position_sd: float  # [m] how sure
     expected: Vectors  # after 1, 2, 3 s: [s], x, y, half axes along and across its way [m], direction; (n, 6)
-    pace: float = 0.0  # [m/s] that it has kept for half a second
+    pace: float = 0.0  # [m/s] its speed, for older readers
 
 
 class EncounterMessage(msgspec.Struct, frozen=True, kw_only=True):
@@ -344,6 +345,13 @@ class GridInfo(msgspec.Struct, frozen=True, kw_only=True):
     width: int  # cells
     height: int  # cells
     stamp: float  # [s] simulated
+
+
+class SceneInfo(msgspec.Struct, frozen=True, kw_only=True):
+    """Attachment of a scene: ticks of earlier runs are of another one."""
+
+    version: str = SCENE_INFO_VERSION
+    run: int  # that begins with it, as in the ticks
 
 
 class SessionInfo(msgspec.Struct, frozen=True, kw_only=True):

@@ -21,7 +21,7 @@ import zenoh
 from motm_twin.bus.encode import ObservationEncoder, RobotEncoder, grid_bytes, grid_info
 from motm_twin.bus.events import EventLog, EventWatch
 from motm_twin.bus.keys import Keys
-from motm_twin.bus.messages import METRICS_VERSION, MetricsMessage, StatusMessage, TickMessage
+from motm_twin.bus.messages import METRICS_VERSION, MetricsMessage, SceneInfo, StatusMessage, TickMessage
 from motm_twin.bus.queries import Idle, LatestValues
 from motm_twin.control.tick import Tick
 from motm_twin.model.period import PERIOD
@@ -253,9 +253,9 @@ class Publisher:
         """Hand over a period."""
         self._state.post(partial(self._send_tick, message, tick, last, self._took()))
 
-    def scene(self, scene: Scene) -> None:
-        """Hand over the resolved scene."""
-        self._state.post(partial(self._send_scene, scene))
+    def scene(self, scene: Scene, run: int) -> None:
+        """Hand over the resolved scene and its first run."""
+        self._state.post(partial(self._send_scene, scene, run))
 
     def status(self) -> None:
         """Hand over the current state of the server, from any thread; never an older one after a newer."""
@@ -292,9 +292,9 @@ class Publisher:
             self._metrics.note(message, took)
             self._watch.tick(message)
 
-    def _send_scene(self, scene: Scene) -> None:
+    def _send_scene(self, scene: Scene, run: int) -> None:
         self._profile = scene.robot
-        self._values.put(self._keys.scene, self._encode(scene))
+        self._values.put(self._keys.scene, self._encode(scene), self._encode(SceneInfo(run=run)))
         self._watch.scene(" ".join(part for part in (scene.name, scene.variant) if part) + f", seed {scene.seed}")
 
     def _send_status(self, status: StatusMessage) -> None:

@@ -23,6 +23,7 @@ from motm_twin.bus.messages import (
     METRICS_VERSION,
     ROBOT_VERSION,
     SCAN_VERSION,
+    SCENE_INFO_VERSION,
     SCENE_VERSION,
     SESSION_INFO_VERSION,
     STATUS_VERSION,
@@ -33,6 +34,7 @@ from motm_twin.bus.messages import (
     NumberedEvent,
     RobotStateMessage,
     ScanMessage,
+    SceneInfo,
     SessionInfo,
     StatusMessage,
     TickMessage,
@@ -68,6 +70,7 @@ MESSAGES: dict[str, tuple[str, type[msgspec.Struct]]] = {
     "metrics": (METRICS_VERSION, MetricsMessage),
     "status": (STATUS_VERSION, StatusMessage),
     "scene": (SCENE_VERSION, Scene),
+    "scene_info": (SCENE_INFO_VERSION, SceneInfo),  # of the attachment
     "session": (SESSION_VERSION, Session),
     "session_info": (SESSION_INFO_VERSION, SessionInfo),  # of the attachment
     "command": (COMMAND_VERSION, Envelope),  # payload of every command

@@ -136,17 +136,7 @@ class ControlLoop(Stateful[LoopState]):
             placement = self.planner.place(problem)
         with stages.measure("plan"):
             plan = self.by_hand.plan(problem) or self.planner.drive(problem, placement, budget or self.settings.budget)
-        waits = placement.mode == Mode.CLOSEST and plan.status == PlanStatus.IDLE
-        blocked = "" if not waits else "no way to it" if Rejection.NO_PATH in placement.rejected else "not free"
-        in_reach = plan.time_to_range == 0.0
-        outside = (waits or placement.chosen < 0) and self._outside(problem.target)
-        busy, why = self.manipulator.busy, self._state.waiting
-        events = list(
-            self.sequence.watch(
-                observation.time, in_reach, observation.pose, blocked=blocked, outside=outside, busy=busy, why=why
-            )
-        )
-        events += self._watch_progress(observation, placement, plan, busy=busy)
+        events = self._watch_task(observation, problem.target, placement, plan)
         steps, samples, reports, arm_events, reason = self._arm_steps(observation, reported, world, plan, stages)
         events += arm_events + self.self_check.events(observation.time)
         truth = self._truth()
@@ -214,6 +204,20 @@ class ControlLoop(Stateful[LoopState]):
             recovery=self._progress.recovery(observation.time),
             stuck_at=np.array([pose for of, pose in self._state.stuck_at if of == self.sequence.index]).reshape(-1, 3),
         )
+
+    def _watch_task(
+        self, observation: Observation, target: Target | None, placement: Placement, plan: BasePlan
+    ) -> list[Event]:
+        """Events of the active task: out of reach, taken, outside, or a base that gets nowhere."""
+        waits = placement.mode == Mode.CLOSEST and plan.status == PlanStatus.IDLE
+        blocked = "" if not waits else "no way to it" if Rejection.NO_PATH in placement.rejected else "not free"
+        outside = (waits or placement.chosen < 0) and self._outside(target)
+        busy, in_reach = self.manipulator.busy, plan.time_to_range == 0.0
+        events = self.sequence.watch(
+            observation.time, in_reach, observation.pose,
+            blocked=blocked, outside=outside, busy=busy, why=self._state.waiting,
+        )  # fmt: skip
+        return [*events, *self._watch_progress(observation, placement, plan, busy=busy)]
 
     def _watch_progress(
         self, observation: Observation, placement: Placement, plan: BasePlan, *, busy: bool

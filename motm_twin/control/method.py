@@ -14,6 +14,7 @@ from motm_twin.control.arm.parameters import ArmParameters
 from motm_twin.model.edits import ParameterValue, TaskEdit
 from motm_twin.model.geometry import Array
 from motm_twin.model.known import KnownWorld
+from motm_twin.perception.movers import MoverParameters
 from motm_twin.perception.still_map import StillMap
 from motm_twin.planning.candidates import Rule, smallest_ring
 from motm_twin.planning.commitment import Anew, Commitment
@@ -60,6 +61,7 @@ class PlannerParts:
 
     known: KnownWorld  # the robot, and the world as it knows it in advance
     parameters: PlanningParameters
+    movers: MoverParameters = field(default_factory=MoverParameters)
     clock: Callable[[], float] | None = None  # [s]; only where real time bounds a search
     graphs: GraphCache | None = None  # of the previous planner, when parameters change during a run
     rehearse: Rehearse | None = None  # for methods that plan the whole task in advance; set by the Twin
@@ -76,7 +78,7 @@ class ArmParts:
 
 def map_ahead(parts: PlannerParts) -> StillMap | None:
     """The map without dynamic obstacles, for a controller that predicts them; None: it does not."""
-    return StillMap(parts.known) if parts.parameters.staa.prediction > 0.0 else None
+    return StillMap(parts.known, parts.movers) if parts.parameters.staa.prediction > 0.0 else None
 
 
 class Materials(NamedTuple):
@@ -138,7 +140,7 @@ class BaseChoices:
     `Method.parameters`.
     """
 
-    view: Callable[[KnownWorld], View | None] = lambda known: None  # the map used for planning: as perceived
+    view: Callable[[PlannerParts], View | None] = lambda parts: None  # the map used for planning: as perceived
     candidates: Callable[[Materials], Rule] = paper_candidates
     placement: Callable[[Materials, Rule], PlacementStrategy] = next_target_placement
     commitment: Callable[[Materials], Commitment] = search_anew  # what is kept of earlier plans
@@ -147,7 +149,7 @@ class BaseChoices:
 
     def __call__(self, parts: PlannerParts) -> BasePlanner:
         """The planner."""
-        materials = Materials(parts, parts.graphs or GraphCache(), map_ahead(parts), self.view(parts.known))
+        materials = Materials(parts, parts.graphs or GraphCache(), map_ahead(parts), self.view(parts))
         return BasePlanner(
             parts.known.robot,
             parts.parameters,

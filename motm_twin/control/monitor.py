@@ -17,8 +17,9 @@ from motm_twin.control.self_check import FULL_TRUST, Trust
 from motm_twin.model.compiler import njit
 from motm_twin.model.geometry import Array
 from motm_twin.model.joint_limits import DQ_MAX
+from motm_twin.model.motion import lag_share
 from motm_twin.model.number import OWN, Number, Slider
-from motm_twin.model.passive_safety import met_in_stop, stop_of
+from motm_twin.model.passive_safety import NO_ARM, braked, met_in_stop, overhang, stop_of
 from motm_twin.model.plant import Actuation, Observation, Scan
 from motm_twin.model.profile import RobotProfile
 from motm_twin.model.reason import Kind, Reason
@@ -29,6 +30,8 @@ from motm_twin.perception.world_map import WorldMap
 _MARGIN_OF_REACH = 0.1  # [m] beyond the stopping way and the footprint: nothing further off can be met
 _SAME_BODY = 0.15  # [m] between the points of neighbouring beams that show the same body
 _ROUNDING = 1e-6  # [m] more than sums of lengths are wrong by
+_STANDS = 0.01  # [m/s] below which a base that holds its turn goes no further
+_NOISE = 0.004  # [m/s], [rad/s] of a twist: no command answers it
 _SENSORS = Reason(kind=Kind.NOT_FINITE, subject="sensors are")
 _NO_SCAN = Scan(
     stamp=0.0, ranges=np.empty(0), angle_min=0.0, angle_step=0.0, origin=np.zeros(2), range_min=0.0, range_max=0.0,
@@ -98,8 +101,9 @@ class MonitorParameters(msgspec.Struct, frozen=True, kw_only=True):
             paper=False),
     ] = False  # fmt: skip
     passive_margin: Annotated[
-        float, Number("m", OWN, "kept from what moves until the base stands; its place is measured to some 3 cm")
-    ] = 0.05
+        float,
+        Number("m", OWN, "kept from what moves until the base stands, and more later, as they may turn"),
+    ] = 0.08
 
 
 class Verdict(msgspec.Struct, frozen=True, kw_only=True, eq=False):
@@ -116,9 +120,10 @@ class Verdict(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
 @dataclass
 class MonitorState:
-    """The last twist that was let through."""
+    """The last twist that was let through, and how the base would have stopped from there before what moves."""
 
     twist: Array = field(default_factory=lambda: np.zeros(2))
+    holds: bool = False  # the turn, until it went no further
 
 
 class Monitor(Stateful[MonitorState]):
@@ -132,7 +137,7 @@ class Monitor(Stateful[MonitorState]):
         self._corner = float(np.hypot(self._rectangle[0] + abs(body.offset_x), self._rectangle[1]))  # [m] the furthest
         p = self.parameters
         self._body = _Body(self._rectangle, self._corner, p.stop_margin, p.minimum_points)
-        self._stop = stop_of(profile, p.passive_margin)
+        self._stop, self._mount = stop_of(profile, p.passive_margin), (profile.arm.mount_x, profile.arm.mount_y)
         self._state = MonitorState()
 
     @property
@@ -162,7 +167,8 @@ class Monitor(Stateful[MonitorState]):
         asked = _Asked(
             actuation.twist, actuation.joint_velocity, self._state.twist, dt, share, self._arm_share(now.age)
         )
-        beams = _Beams(scan.ranges, scan.angle_min, scan.angle_step, scan.origin, scan.pose, now.ahead > 0.0)
+        moved = max(now.ahead, now.age) > 0.0
+        beams = _Beams(scan.ranges, scan.angle_min, scan.angle_step, scan.origin, scan.pose, moved)
         healthy, turning, holding = _examine(
             _Reported(now.pose, now.odometry, now.twist, now.q, now.dq),
             asked,
@@ -192,24 +198,42 @@ class Monitor(Stateful[MonitorState]):
         self, twist: Array, world: WorldMap, observation: Observation, dt: float
     ) -> tuple[Array, Reason | None]:
         """The twist, slowed for floor that was not seen and for what moves."""
-        met = self._before_movers(twist, world, observation)
+        met = self._before_movers(twist, world, observation, dt)
         if met is not None:
-            return self._within_limits(np.zeros(2), dt), met
+            return met
         return (twist, None) if world.floor is None else self._on_seen_floor(twist, world.floor, observation.pose, dt)
 
-    def _before_movers(self, twist: Array, world: WorldMap, observation: Observation) -> Reason | None:
-        """That the base would not stand, nor move away, when something that moves gets to it; None: it would."""
+    def _before_movers(
+        self, twist: Array, world: WorldMap, observation: Observation, dt: float
+    ) -> tuple[Array, Reason] | None:
+        """The twist of a stop, where the base would not stand, nor move away, when something that moves gets to it.
+
+        None: it would, braking its turn or holding it. Of these two stops that one begins which is free still; if none
+        is, because somebody has turned, that which was: the other one may lead anywhere.
+        """
         if not self.parameters.passive_safety or not len(world.tracks) or not twist.any():
+            self._state.holds = False
             return None
         x, y, heading = observation.pose.tolist()
-        state = x, y, heading, float(twist[0]), float(twist[1])
+        state = x, y, heading, float(observation.twist[0]), float(observation.twist[1])
         since, tracks = observation.time - world.stamp, np.ascontiguousarray(world.tracks)
-        met = met_in_stop(state, False, since, tracks, self._stop)
-        if met < 0 or met_in_stop(state, True, since, tracks, self._stop) < 0:
+        arm = overhang(observation.q, self._mount, self._stop) if self.profile.has_arm else NO_ARM
+
+        def met_by(told: Array, hold: bool) -> int:
+            return met_in_stop(state, (float(told[0]), float(told[1])), hold, since, tracks, arm, self._stop)
+
+        met = met_by(twist, False)
+        if met < 0 or met_by(twist, True) < 0:
+            self._state.holds = met >= 0
             return None
         there_x, there_y, vx, vy, radius = tracks[met, :5].tolist()
         away = math.hypot(there_x - x, there_y - y) - radius
-        return Reason(kind=Kind.MEETS_MOVER, subject="lidar", value=away, limit=math.hypot(vx, vy), unit="m")
+        why = Reason(kind=Kind.MEETS_MOVER, subject="lidar", value=away, limit=math.hypot(vx, vy), unit="m")
+        stop, held = self._stopping(observation.twist, dt, hold=False), self._stopping(observation.twist, dt, hold=True)
+        brakes_free = met_by(stop, False) < 0
+        if brakes_free or met_by(held, True) < 0:
+            self._state.holds = not brakes_free
+        return (held if self._state.holds else stop), why
 
     def _on_seen_floor(self, twist: Array, floor: Floor, pose: Array, dt: float) -> tuple[Array, Reason | None]:
         """The twist, slowed so that the base stops within the floor that it has seen, lately unless it creeps."""
@@ -273,6 +297,16 @@ class Monitor(Stateful[MonitorState]):
         limited = np.empty(2)
         _limit(twist, self._state.twist, dt, self._base, limited)
         return limited
+
+    def _stopping(self, twist: Array, dt: float, *, hold: bool) -> Array:
+        """The next command of a passively safe stop from a twist (2,); ``hold``: the turn goes on until it stands."""
+        v, w = np.where(np.abs(twist) > _NOISE, twist, 0.0).tolist()
+        (v_told, w_told), base = self._state.twist.tolist(), self.profile.base
+        share = lag_share(base.velocity_lag, dt)
+        back = base.reverse_speed if v > 0.0 else math.inf
+        v_next = braked(v_told, v, base.linear_acceleration * dt, back, share)
+        w_next = w_told if hold and abs(v) > _STANDS else braked(w_told, w, base.yaw_acceleration * dt, math.inf, share)
+        return self._within_limits(np.array([v_next, w_next]), dt)
 
     def _brake(self, dt: float) -> Array:
         return self._within_limits(np.zeros(2), dt)
@@ -386,7 +420,7 @@ def points_in_stop(
 
     A point outside the margin [m] may not come inside it, one inside the margin no nearer. What is in the footprint
     already may not get deeper into it: then all points count. The stop: constant twist for the lag, then deceleration
-    at a [m/s^2] and b [rad/s^2]; with `hold_yaw_rate` the turn goes on until the base has come to rest. `rectangle`:
+    at a [m/s^2] and b [rad/s^2]; with `hold_yaw_rate` the turn brakes only once the base goes no further. `rectangle`:
     half length, half width, offset of the footprint [m].
     """
     dt = 0.05
@@ -407,7 +441,7 @@ def points_in_stop(
             v = math.copysign(max(abs(v) - a * dt, 0.0), v)
             if not hold_yaw_rate or v == 0.0:
                 w = math.copysign(max(abs(w) - b * dt, 0.0), w)
-        if v == 0.0 and (w == 0.0 or hold_yaw_rate):
+        if v == 0.0 and w == 0.0:
             return worst
         heading += w * dt
         x += v * dt * math.cos(heading)

@@ -9,8 +9,9 @@ import numpy as np
 
 from motm_twin.model.geometry import Array
 from motm_twin.model.joint_limits import Q_MAX, Q_MIN
+from motm_twin.model.motion import lag_share
 from motm_twin.model.number import OWN, Number
-from motm_twin.model.period import A_PERIOD_AND_A_BIT
+from motm_twin.model.period import A_PERIOD_AND_A_BIT, PERIOD
 from motm_twin.model.plant import Actuation, Observation
 from motm_twin.model.profile import BaseLimits, RobotProfile
 from motm_twin.model.reason import Kind, Reason
@@ -26,12 +27,13 @@ class MotionSettings(msgspec.Struct, frozen=True, kw_only=True):
     stands: Annotated[float, Number("", OWN, "share of what was asked: a joint that does less stands")] = 0.15
     base_stands: Annotated[
         float, Number("", OWN, "the same of a base, which takes a second to come to rest, and may be slower than told")
-    ] = 0.45
+    ] = 0.55
     stuck_after: Annotated[float, Number("s", OWN, "that wheels, a joint or fingers stand, or follow again")] = 0.25
     late: Annotated[
         float, Number("s", OWN, "of lag more than the profile says: at full speed its way is more than the margins")
     ] = 0.1
-    memory: Annotated[float, Number("s", OWN, "over which the lag is reckoned")] = 0.6
+    memory: Annotated[float, Number("s", OWN, "over which it is reckoned by which share a base is slower")] = 1.5
+    lately: Annotated[float, Number("s", OWN, "over which its lag is: one that has just begun shows at once")] = 0.25
     smooth: Annotated[
         float, Number("s", OWN, "over which a twist is smoothed, and changes, before that is told from its noise")
     ] = 0.1
@@ -65,6 +67,8 @@ class MotionState:
     smooth: Array = field(default_factory=lambda: np.zeros((2, 2)))  # expected and measured twist
     free: Array = field(default_factory=lambda: np.zeros(2))  # [s] since either axis was at a limit
     sums: Array = field(default_factory=lambda: np.zeros((5, 2)))  # of `_lag`, for both axes
+    newest: Array = field(default_factory=lambda: np.zeros((3, 2)))  # the last three of them, lately
+    late: float = 0.0  # [s] that one axis has been late
     lag: Array = field(default_factory=lambda: np.zeros(2))  # [s] more than the profile says, as far as it can be told
     base: str = ""  # "" | base_stuck | base_late
     still: Array = field(default_factory=lambda: np.zeros(JOINTS))  # [s] that each joint has stood although told
@@ -81,7 +85,7 @@ def skip(state: MotionState) -> None:
     state.expected = state.told.copy()
     state.smooth = np.array([state.told, state.told])
     state.standing = state.moving = 0.0
-    state.sums = np.zeros((5, 2))
+    state.sums, state.newest, state.late = np.zeros((5, 2)), np.zeros((3, 2)), 0.0
     state.still, state.astray = np.zeros(JOINTS), np.zeros(JOINTS)
     state.recent.clear()
 
@@ -97,7 +101,7 @@ def told(state: MotionState, actuation: Actuation, now: Observation) -> None:
 
 def check_base(state: MotionState, now: Observation, dt: float, base: BaseLimits, settings: MotionSettings) -> None:
     """Compare the measured twist with what a base of this profile would do."""
-    share = 1.0 if base.velocity_lag <= 0.0 else 1.0 - math.exp(-dt / base.velocity_lag)
+    share = lag_share(base.velocity_lag, dt)
     most = np.array([base.linear_acceleration, base.yaw_acceleration])
     change = np.clip(share * (state.told - state.expected), -most * dt, most * dt)
     state.expected = state.expected + change
@@ -111,12 +115,12 @@ def check_base(state: MotionState, now: Observation, dt: float, base: BaseLimits
     state.moving = state.moving + dt if bool(follows.any()) and not bool(stands.any()) else 0.0
     state.resting = 0.0 if bool(asked.any()) else state.resting + dt
     known = _lag(state, now.twist, dt, (largest, most), settings)
-    late = known & (state.lag > settings.late)
+    state.late = state.late + dt if bool((known & (state.lag > settings.late)).any()) else 0.0
     if state.standing > settings.stuck_after:
         state.base = "base_stuck"
     elif state.base == "base_stuck":
         state.base = "" if state.moving > settings.stuck_after or state.resting > settings.forgotten else state.base
-    elif bool(late.any()):
+    elif state.late > PERIOD:
         state.base = "base_late"
     elif state.base == "base_late" and (
         (bool(known.any()) and bool((state.lag[known] < 0.5 * settings.late).all()))
@@ -125,17 +129,19 @@ def check_base(state: MotionState, now: Observation, dt: float, base: BaseLimits
         state.base = ""
     if state.base == "base_stuck":
         state.expected = np.where(stands, state.expected, now.twist)
-        state.smooth, state.sums = np.array([now.twist, now.twist]), np.zeros((5, 2))
+        state.smooth = np.array([now.twist, now.twist])
+        state.sums, state.newest = np.zeros((5, 2)), np.zeros((3, 2))
 
 
 def _lag(
     state: MotionState, measured: Array, dt: float, limits: tuple[Array, Array], settings: MotionSettings
 ) -> Array:
-    """Reckon the lag of both axes; for which of them the last second tells it, shape (2,).
+    """Reckon the lag of both axes; for which of them its last motion tells it, shape (2,).
 
     A base that is slower than told by a share, and later by a lag, is short of what is expected by that share of it and
-    by lag times its own acceleration: least squares of both, all smoothed alike, old ones forgotten. At its ``limits``
-    of speed and acceleration a base that is faster than told falls short, too: that tells nothing.
+    by lag times its own acceleration, all smoothed alike: the share by least squares of both, the lag by what is left
+    of the newest. At its ``limits`` of speed and acceleration a base that is faster than told falls short, too: that
+    tells nothing.
     """
     smooth = 1.0 - math.exp(-dt / settings.smooth)
     before = state.smooth
@@ -148,10 +154,13 @@ def _lag(
     free = state.free > settings.stuck_after
     now = np.array([speed * speed, speed * change, change * change, short * speed, short * change])
     state.sums = np.where(free, math.exp(-dt / settings.memory) * state.sums + dt * now, state.sums)
+    state.newest = math.exp(-dt / settings.lately) * state.newest + np.where(free, dt * now[[1, 2, 4]], 0.0)
     vv, va, aa, sv, sa = state.sums
-    square = vv * aa - va * va
-    known = (aa > settings.smooth * (settings.changes * most) ** 2) & (square > settings.apart * vv * aa)
-    state.lag = np.where(known, (sa * vv - sv * va) / np.where(known, square, 1.0), state.lag)
+    square, enough = vv * aa - va * va, settings.smooth * (settings.changes * most) ** 2
+    known = (aa > enough) & (square > settings.apart * vv * aa) & (state.newest[1] > enough)
+    share = (sv * aa - sa * va) / np.where(known, square, 1.0)
+    va, aa, sa = state.newest
+    state.lag = np.where(known, (sa - share * va) / np.where(known, aa, 1.0), state.lag)
     return known
 
 

@@ -5,7 +5,6 @@ lag. A command that has expired brings base and arm to rest; robot and twin reck
 The model is the one that the robot's profile gives: first-order lag, limits of speed and acceleration, exact arcs.
 """
 
-import math
 from collections import deque
 from collections.abc import Iterable
 
@@ -15,7 +14,7 @@ import numpy as np
 from motm_twin.model.compiler import njit
 from motm_twin.model.geometry import Array
 from motm_twin.model.joint_limits import DDQ_MAX, DQ_MAX, Q_MAX, Q_MIN, braking_time
-from motm_twin.model.motion import drive
+from motm_twin.model.motion import drive, lag_share
 from motm_twin.model.period import ARM_STEP
 from motm_twin.model.plant import Actuation
 from motm_twin.model.profile import RobotProfile
@@ -74,7 +73,7 @@ class Predictor:
             pose = drive(pose, 0.5 * (v + new_v), 0.5 * (w + new_w), dt)
             odometry = drive(odometry, 0.5 * (v + new_v), 0.5 * (w + new_w), dt)
             v, w = new_v, new_w
-            q, dq = _arm(q, dq, acting.joint_velocity, _share(lag, dt), dt, Q_MIN, Q_MAX, DQ_MAX, DDQ_MAX)
+            q, dq = _arm(q, dq, acting.joint_velocity, lag_share(lag, dt), dt, Q_MIN, Q_MAX, DQ_MAX, DDQ_MAX)
             moving = moving or acting.gripper != gripper
             stamp += dt
         return Motion(
@@ -94,13 +93,9 @@ class Predictor:
 
     def _base(self, v: float, w: float, wanted: Array, dt: float) -> tuple[float, float]:
         limits = self._profile.base
-        share = _share(limits.velocity_lag, dt)
+        share = lag_share(limits.velocity_lag, dt)
         dv, dw = limits.linear_acceleration * dt, limits.yaw_acceleration * dt
         return v + min(dv, max(-dv, share * (wanted[0] - v))), w + min(dw, max(-dw, share * (wanted[1] - w)))
-
-
-def _share(lag: float, dt: float) -> float:
-    return 1.0 if lag <= 0.0 else 1.0 - math.exp(-dt / lag)
 
 
 @njit(cache=True)

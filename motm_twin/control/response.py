@@ -14,9 +14,10 @@ import msgspec
 import numpy as np
 
 from motm_twin.control.motion_check import JOINTS
-from motm_twin.control.predictor import Motion, Predictor
+from motm_twin.control.predictor import FARTHEST, Motion, Predictor
 from motm_twin.model.geometry import Array
 from motm_twin.model.joint_limits import DDQ_MAX, DQ_MAX
+from motm_twin.model.motion import lag_share
 from motm_twin.model.number import OWN, Number
 from motm_twin.model.period import A_PERIOD_AND_A_BIT, ARM_STEP
 from motm_twin.model.plant import Actuation, Observation
@@ -99,25 +100,28 @@ class Response(Stateful[ResponseState]):
         return self._state.lag
 
     def observed(self, now: Observation) -> Observation:
-        """The observation at the time at which a command that is given now acts; the same one without a delay."""
+        """The observation at the time at which a command that is given now acts; the same one without delay or age.
+
+        A report that is late is moved on by the commands given since, or an arm would repeat them all.
+        """
         self._watch(now)
-        delay = self._state.delay
-        if delay == 0.0 or now.ahead > 0.0:
+        delay = self._state.delay if now.ahead == 0.0 else 0.0
+        if delay == 0.0 and now.behind == 0.0:
             return now
         commands = [(given + delay, actuation) for given, actuation in self._state.commands]
         motion = Motion(
-            stamp=now.time, pose=now.pose, odometry=now.odometry, twist=now.twist, q=now.q, dq=now.dq,
+            stamp=now.time - now.behind, pose=now.pose, odometry=now.odometry, twist=now.twist, q=now.q, dq=now.dq,
             gripper_moving=now.gripper_moving,
         )  # fmt: skip
         later = Predictor(self._lagging(), math.inf, commands).predict(motion, now.time + delay)
         return msgspec.structs.replace(
-            now, time=later.stamp, pose=later.pose, odometry=later.odometry, twist=later.twist, q=later.q, dq=later.dq,
-            gripper_moving=later.gripper_moving, ahead=delay,
+            now, time=now.time + delay, pose=later.pose, odometry=later.odometry, twist=later.twist, q=later.q,
+            dq=later.dq, gripper_moving=later.gripper_moving, ahead=now.ahead + delay, behind=0.0,
         )  # fmt: skip
 
     def told(self, actuation: Actuation, reported: Observation) -> None:
         """Remember a command, given when this was reported."""
-        state, keep = self._state, 2.0 * self._settings.longest
+        state, keep = self._state, self._settings.longest + FARTHEST
         now = reported.time
         state.commands = [*(one for one in state.commands if now - one[0] <= keep), (now, actuation)]
 
@@ -141,7 +145,7 @@ class Response(Stateful[ResponseState]):
     def _joints(self, now: Observation, dt: float) -> None:
         state, settings = self._state, self._settings
         wanted = np.clip(state.commands[-1][1].joint_velocity, -DQ_MAX, DQ_MAX)
-        share = _share(self._profile.arm.velocity_lag, dt)
+        share = lag_share(self._profile.arm.velocity_lag, dt)
         newest = state.rates[0] + np.clip(share * (wanted - state.rates[0]), -DDQ_MAX * dt, DDQ_MAX * dt)
         state.rates = np.vstack([newest[None], state.rates[:-1]])
         off = now.dq[None] - state.rates
@@ -161,7 +165,7 @@ class Response(Stateful[ResponseState]):
         acting = next((one.twist for at, one in reversed(state.commands) if at <= given), np.zeros(2))
         largest = np.array([base.forward_speed, base.yaw_rate])
         most = dt * np.array([base.linear_acceleration, base.yaw_acceleration])
-        shares = np.array([_share(base.velocity_lag + lag, dt) for lag in LAGS])[:, None]
+        shares = np.array([lag_share(base.velocity_lag + lag, dt) for lag in LAGS])[:, None]
         wanted = state.scale * acting
         state.twists = state.twists + np.clip(shares * (wanted[None] - state.twists), -most, most)
         same = np.abs(acting - state.acting) < settings.unchanged * largest
@@ -189,10 +193,6 @@ class Response(Stateful[ResponseState]):
         here, there = float(off[believed]), float(off[best])
         better = here > settings.better * there and here - there > least
         return best if better and there < settings.explained * float(square[best]) else None
-
-
-def _share(lag: float, dt: float) -> float:
-    return 1.0 if lag <= 0.0 else 1.0 - math.exp(-dt / lag)
 
 
 def _finite(now: Observation) -> bool:

@@ -30,7 +30,9 @@ class Expert:
         check_fits(chosen, whole_body=env.whole_body)
         numbers = tuned(chosen.parameters)
         self._env, self._known = env, env.twin.loop.known
-        self._planner = chosen.planner(PlannerParts(known=self._known, parameters=numbers.planning))
+        self._planner = chosen.planner(
+            PlannerParts(known=self._known, parameters=numbers.planning, movers=numbers.movers)
+        )
         self._arm = chosen.arm(ArmParts(known=self._known, parameters=numbers.arm))
 
     def action(self) -> NDArray[np.float32]:

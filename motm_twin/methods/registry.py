@@ -1,25 +1,26 @@
 """Methods by name: the paper's and its ablations, `fast`, rivals, and a user's own from a file."""
 
 import importlib.util
+import math
 import sys
 from pathlib import Path
 
 import msgspec
 import numpy as np
 
-from motm_twin.control.method import BaseChoices, Materials, Method, make_way
+from motm_twin.control.method import BaseChoices, Materials, Method, PlannerParts, make_way
 from motm_twin.control.tuning import PRESETS
 from motm_twin.model.edits import ParameterValue
 from motm_twin.model.geometry import frozen
-from motm_twin.model.known import KnownWorld
 from motm_twin.model.names import MethodError, hint
 from motm_twin.model.state import HasState
-from motm_twin.perception.movers import MoverParameters, standing
+from motm_twin.perception.movers import standing
 from motm_twin.perception.still_map import StandingMap, StillMap
+from motm_twin.perception.tracks import VX, VY
 from motm_twin.planning.commitment import KeepPlans
 from motm_twin.planning.every_ring import EveryRing
-from motm_twin.planning.heed import Heed
 from motm_twin.planning.in_time import InTime
+from motm_twin.planning.prediction import GOES
 from motm_twin.planning.types import BaseProblem
 from motm_twin.rivals.holistic import HOLISTIC
 from motm_twin.rivals.motm2022 import MOTM2022
@@ -90,34 +91,33 @@ ABLATIONS = (
 class IgnoreFarMovers:
     """The map without distant dynamic obstacles, which will have moved when the robot arrives."""
 
-    def __init__(self, known: KnownWorld, heed: Heed | None = None) -> None:
-        """``heed``: those who are tracked and go on are met where they will be, and are not in the map."""
-        self._movers, self._heed = MoverParameters(), heed
-        self.standing = StandingMap(known)
-        self.still = StillMap(known, self._movers)  # without the near ones, too
+    def __init__(self, parts: PlannerParts, quick: float = math.inf) -> None:
+        """``quick`` [m/s]: who is faster goes on and is met where he will be; who is slower, and in the map, yields."""
+        self._movers, self._quick = parts.movers, quick
+        self.standing = StandingMap(parts.known)
+        self.still = StillMap(parts.known, self._movers)  # without the near ones, too
 
     def of(self, problem: BaseProblem) -> BaseProblem:
         """The problem in that map; unchanged without such obstacles."""
         world = problem.world
         gone = world.movers[world.movers[:, 5] == 0.0][:, :5]
-        if self._heed is None:
+        if self._quick == math.inf:
             without = self.standing.without(world, standing(world, gone, self._movers))
             return problem if without is world else msgspec.structs.replace(problem, world=without)
-        others = self._heed.of(problem)
-        gone = np.concatenate((gone, others.go_on[:, :5]))
-        without = self.standing.without(world, standing(world, gone, self._movers))
-        without = msgspec.structs.replace(without, tracks=frozen(others.go_on))
-        return msgspec.structs.replace(problem, world=without, yielding=others.yields, wary=others.wary)
+        speed = np.hypot(world.tracks[:, VX], world.tracks[:, VY])
+        go_on, yields = world.tracks[speed >= self._quick], world.tracks[(speed >= GOES) & (speed < self._quick)]
+        without = self.standing.without(world, standing(world, np.concatenate((gone, go_on[:, :5])), self._movers))
+        without = msgspec.structs.replace(without, tracks=frozen(go_on))
+        return msgspec.structs.replace(problem, world=without, yielding=yields)
 
     def memory(self) -> dict[str, HasState]:
-        """Both maps, and who has yielded."""
-        maps: dict[str, HasState] = {"standing": self.standing, "still": self.still}
-        return maps if self._heed is None else {**maps, "heed": self._heed}
+        """Both maps."""
+        return {"standing": self.standing, "still": self.still}
 
 
-def expect_tracks(known: KnownWorld) -> IgnoreFarMovers:
+def expect_tracks(parts: PlannerParts) -> IgnoreFarMovers:
     """The map without dynamic obstacles that are far away, or that will go on."""
-    return IgnoreFarMovers(known, Heed(known))
+    return IgnoreFarMovers(parts, parts.parameters.foresight.quick)
 
 
 def all_rings(materials: Materials) -> EveryRing:
@@ -158,13 +158,12 @@ FORESIGHT = Method(
     summary="Like fast, but it predicts others, passes behind those who do not yield, and is passively safe.",
     source="own",
     chosen=(
-        "Those who are slow are trusted to yield, as in `fast`, until somebody has not. Others go on straight, in "
+        "Those who are slow are expected to yield, as in `fast`. Others go on straight, in "
         "ellipses that grow. Candidates, ways to them and nodes of the search "
         "cost what the probability of a meeting says at the time when the base is there; a place that is free soon "
-        "is waited for. The others' time that a plan takes is a cost, five times as much among those who have not "
-        "yielded. Where the search meets somebody, one in layers looks 6 s ahead; last comes the motion that stays "
-        "clear best. The base stands before anything that goes on as it does is there, or moves away from it; the arm "
-        "keeps from where that will be in half a second."
+        "is waited for. The others' time that a plan takes is a cost. Where the search meets somebody, one in layers "
+        "looks 6 s ahead; last comes the motion that stays clear best. The base stands before anything that goes on as "
+        "it does is there, or moves away from it; the arm keeps from where that will be in half a second."
     ),
     parameters={
         **FAST.parameters,

@@ -48,6 +48,11 @@ def step(
     return x + way * math.cos(ahead), y + way * math.sin(ahead), heading + 0.5 * (w + w_end) * dt
 
 
+def lag_share(lag: float, dt: float) -> float:
+    """Share of the gap to its command that a speed with a first-order lag [s] closes within dt [s]."""
+    return 1.0 if lag <= 0.0 else 1.0 - math.exp(-dt / lag)
+
+
 def drive(pose: Array, v: float, w: float, dt: float) -> Array:
     """Pose after driving the arc of constant forward speed v [m/s] and yaw rate w [rad/s] for dt [s]."""
     x, y, heading = pose.tolist()

@@ -2,18 +2,28 @@
 
 The rule is that of Bouraine, Fraichard and Salhi (Autonomous Robots 32, 2012): a state is safe when braking from it
 leads to rest before a collision. Every dynamic obstacle goes on straight at the velocity that the lidar has measured,
-for as long as the base needs to stop: no prediction is needed beyond that.
+for as long as the base needs to stop: no prediction is needed beyond that. The margin grows with time, for who turns.
+The arm counts where it reaches over the footprint, as it is held now. A stop is reckoned with the whole lag of the
+base, and driven with a last command that points slightly backwards (`braked`): the base stands sooner than reckoned.
 """
 
 import math
 from typing import NamedTuple
 
+import numpy as np
+
+from motm_twin.model.arm_kernels import fk_arm
+from motm_twin.model.body_geometry import CAPSULE_RADII, capsule_segments
+from motm_twin.model.compiler import njit
 from motm_twin.model.geometry import Array
-from motm_twin.model.motion import kernel
+from motm_twin.model.motion import kernel, lag_share, step
 from motm_twin.model.period import PERIOD
 from motm_twin.model.profile import RobotProfile
 
 ROUNDING = 1e-6  # [m]
+VEERS = 0.2  # [m/s^2] with which others may speed up or turn while the base stops
+NO_ARM = np.empty((0, 3))
+STANDS = 1e-3  # [m/s], [rad/s] below which a base stands
 
 
 State = tuple[float, float, float, float, float]  # x, y [m], heading [rad], v [m/s], w [rad/s]
@@ -24,7 +34,7 @@ class Stop(NamedTuple):
 
     linear: float  # deceleration [m/s^2]
     turning: float  # [rad/s^2]
-    lag: float  # [s] of constant twist before
+    share: float  # of the gap to its command that the base closes in a period: a first-order lag
     half_length: float  # of the footprint [m]
     half_width: float
     offset: float  # of its centre [m]
@@ -34,50 +44,112 @@ class Stop(NamedTuple):
 def stop_of(robot: RobotProfile, margin: float) -> Stop:
     """The stop of a robot, ``margin`` [m] away from what moves."""
     base, body = robot.base, robot.footprint
+    share = lag_share(base.velocity_lag, PERIOD)
     return Stop(
-        base.linear_acceleration, base.yaw_acceleration, base.velocity_lag, 0.5 * body.length, 0.5 * body.width,
+        base.linear_acceleration, base.yaw_acceleration, share, 0.5 * body.length, 0.5 * body.width,
         body.offset_x, margin,
     )  # fmt: skip
 
 
+def braked(told: float, speed: float, most: float, back: float, share: float) -> float:
+    """Next command of a stop, after ``told``; command and speed change by at most ``most`` at a time.
+
+    A base that closes a ``share`` of the gap to its command at a time creeps on for long after a command of zero. So
+    the command goes beyond zero, by at most ``back``: as far as it can still come back when the base stands.
+    """
+    if most <= 0.0:
+        return told
+    beyond, above, below = 0.0, 0.0, 0.0  # a speed below which so many steps beyond zero are enough
+    while True:
+        above = below + min(most, share * (below + (beyond + 1.0) * most) / (1.0 - share)) if share < 1.0 else math.inf
+        if above >= abs(speed) or beyond * most >= back:
+            break
+        beyond, below = beyond + 1.0, above
+    beyond += (abs(speed) - below) / (above - below)
+    beyond = min(beyond * most, abs(speed) * (1.0 - share) / share, back)
+    return told + min(most, max(-most, math.copysign(beyond, -speed) - told))
+
+
+@njit(cache=True)
+def overhang(q: Array, mount: tuple[float, float], stop: Stop) -> Array:
+    """Discs x, y, radius [m] in the base frame of what of the arm is beyond the footprint, seen from above; (k, 3).
+
+    ``q`` [rad], shape (7,); ``mount``: x, y [m] of the arm. Three discs stand for each capsule.
+    """
+    segments, found, count = capsule_segments(fk_arm(q)), np.empty((3 * CAPSULE_RADII.shape[0], 3)), 0
+    for i in range(segments.shape[0]):
+        radius = CAPSULE_RADII[i]
+        for part in (0.0, 0.5, 1.0):
+            x = mount[0] + (1.0 - part) * segments[i, 0, 0] + part * segments[i, 1, 0]
+            y = mount[1] + (1.0 - part) * segments[i, 0, 1] + part * segments[i, 1, 1]
+            if abs(x - stop.offset) + radius > stop.half_length or abs(y) + radius > stop.half_width:
+                found[count, 0], found[count, 1], found[count, 2] = x, y, radius
+                count += 1
+    return found[:count]
+
+
 @kernel
-def met_in_stop(state: State, hold_yaw_rate: bool, time: float, movers: Array, stop: Stop) -> int:
+def met_in_stop(
+    state: State, told: tuple[float, float], hold_yaw_rate: bool, time: float, movers: Array, arm: Array, stop: Stop
+) -> int:
     """Index of the first of the movers that a base which stops from a state moves towards within the margin; -1: none.
 
-    ``movers``: x, y [m], velocity [m/s], radius [m], shape (k, 5 or more), ``time`` [s] before this state. With
-    ``hold_yaw_rate`` the turn goes on until the base has come to rest. What comes nearer to a base that stands, or that
-    moves away from it, is not met.
+    ``told``: twist [m/s, rad/s] commanded for one more period; then the command falls as fast as it may, and the base
+    follows it with its lag. ``movers``: x, y [m], velocity [m/s], radius [m], shape (k, 5 or more), ``time`` [s] before
+    this state; ``arm``: its `overhang`. With ``hold_yaw_rate`` the turn brakes only once the base goes no further.
+    What comes nearer to a base that stands, or that moves away from it, is not met.
     """
     x, y, heading, v, w = state
-    passed = 0.0
+    v_told, w_told = told
+    passed, farthest = 0.0, _farthest(arm, stop)
     while True:
         x_before, y_before, heading_before = x, y, heading
-        if passed >= stop.lag:
-            v = math.copysign(max(abs(v) - stop.linear * PERIOD, 0.0), v)
-            if not hold_yaw_rate or v == 0.0:
-                w = math.copysign(max(abs(w) - stop.turning * PERIOD, 0.0), w)
-        if v == 0.0 and (w == 0.0 or hold_yaw_rate):
-            return -1
-        heading += w * PERIOD
-        x += v * PERIOD * math.cos(heading)
-        y += v * PERIOD * math.sin(heading)
+        v_now = _followed(v, v_told, stop.linear * PERIOD, stop.share)
+        w_now = _followed(w, w_told, stop.turning * PERIOD, stop.share)
+        x, y, heading = step(x, y, heading, v, w, v_now, w_now, PERIOD)
+        v, w = v_now, w_now
         passed += PERIOD
         for k in range(movers.shape[0]):
-            ahead = time + passed
-            px, py = movers[k, 0] + ahead * movers[k, 2], movers[k, 1] + ahead * movers[k, 3]
-            gap = _gap(px, py, x, y, heading, stop)
-            if gap - movers[k, 4] < stop.margin:
-                if gap < _gap(px, py, x_before, y_before, heading_before, stop) - ROUNDING:
+            for ahead in (time + passed - PERIOD, time + passed):  # a side that turns may near only one of the two
+                px, py = movers[k, 0] + ahead * movers[k, 2], movers[k, 1] + ahead * movers[k, 3]
+                room = movers[k, 4] + stop.margin + 0.5 * VEERS * ahead * ahead
+                if math.hypot(px - x, py - y) > farthest + room:
+                    continue
+                gap = _gap(px, py, x, y, heading, arm, stop)
+                if gap < room and gap < _gap(px, py, x_before, y_before, heading_before, arm, stop) - ROUNDING:
                     return k
+        if max(abs(v), abs(w)) < STANDS and v_told == 0.0 == w_told:
+            return -1
+        v_told = math.copysign(max(abs(v_told) - stop.linear * PERIOD, 0.0), v_told)
+        if not hold_yaw_rate or v_told == 0.0:
+            w_told = math.copysign(max(abs(w_told) - stop.turning * PERIOD, 0.0), w_told)
 
 
 @kernel
-def _gap(px: float, py: float, x: float, y: float, heading: float, stop: Stop) -> float:
-    """Distance [m] from a point to the footprint at a pose; negative inside, by the nearest side."""
+def _followed(speed: float, told: float, most: float, share: float) -> float:
+    """Speed that closes a share of the gap to what is told, and changes by at most ``most``."""
+    return speed + min(most, max(-most, share * (told - speed)))
+
+
+@kernel
+def _farthest(arm: Array, stop: Stop) -> float:
+    """Distance [m] from the base's origin to the farthest point of footprint and arm."""
+    most = math.hypot(stop.half_length + abs(stop.offset), stop.half_width)
+    for i in range(arm.shape[0]):
+        most = max(most, math.hypot(arm[i, 0], arm[i, 1]) + arm[i, 2])
+    return most
+
+
+@kernel
+def _gap(px: float, py: float, x: float, y: float, heading: float, arm: Array, stop: Stop) -> float:
+    """Distance [m] from a point to footprint and arm at a pose; negative inside the footprint, by the nearest side."""
     c, s = math.cos(heading), math.sin(heading)
     dx, dy = px - x, py - y
-    along = abs(c * dx + s * dy - stop.offset) - stop.half_length
-    across = abs(c * dy - s * dx) - stop.half_width
+    ahead, left = c * dx + s * dy, c * dy - s * dx
+    along, across = abs(ahead - stop.offset) - stop.half_length, abs(left) - stop.half_width
     if along <= 0.0 and across <= 0.0:
         return max(along, across)
-    return math.sqrt(max(along, 0.0) ** 2 + max(across, 0.0) ** 2)
+    gap = math.sqrt(max(along, 0.0) ** 2 + max(across, 0.0) ** 2)
+    for i in range(arm.shape[0]):
+        gap = min(gap, math.hypot(ahead - arm[i, 0], left - arm[i, 1]) - arm[i, 2])
+    return gap

@@ -52,6 +52,7 @@ class Observation(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     detections: tuple[Detection, ...]
     ahead: float = 0.0  # [s] how far ``time`` is in the future: when a command that is given now acts
     age: float = 0.0  # [s] of what the robot reported last, now
+    behind: float = 0.0  # [s] by which pose, odometry, twist and joints are older than ``time``
 
 
 class Actuation(msgspec.Struct, frozen=True, kw_only=True, eq=False):

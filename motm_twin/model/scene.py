@@ -203,7 +203,7 @@ class Mismatch(msgspec.Struct, frozen=True, kw_only=True):
     table_height: float = 0.0  # [m] by which furniture with objects on it is higher than the map says
 
 
-GRASP_RULES = ("strict", "swept")  # see `sim.grasp`
+GRASP_RULES = ("swept", "strict")  # see `sim.grasp`
 DETECTIONS = ("anonymous", "named")
 
 

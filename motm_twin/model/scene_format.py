@@ -323,6 +323,7 @@ class Content(Part, frozen=True, kw_only=True):
     noise: NoiseFile | Literal["earlier"] | None = None  # earlier: as before actuation, latency and drift had errors
     mismatch: MismatchFile | None = None
     detections: Literal["anonymous", "named"] | None = None  # named: markers on the objects
+    grasp_rule: Literal["swept", "strict"] | None = None  # which grasps the kinematic plant holds
     faults: FaultsFile | None = None
     seed: Seed | None = None
     bounds: tuple[Coordinate, Coordinate, Coordinate, Coordinate] | None = None  # x_min, y_min, x_max, y_max

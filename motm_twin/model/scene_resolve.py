@@ -12,6 +12,7 @@ from motm_twin.model.profile import DEG, RobotProfile
 from motm_twin.model.scene import (
     DETECTIONS,
     EARLIER_NOISE,
+    GRASP_RULES,
     PERSON_ACCELERATION,
     TEMI_ACCELERATION,
     USUAL_NOISE,
@@ -93,6 +94,7 @@ class Resolver:
             noise=_noise(file.noise),
             mismatch=Mismatch(**_plain_units(file.mismatch)) if file.mismatch else Mismatch(),
             detections=file.detections or DETECTIONS[0],
+            grasp_rule=file.grasp_rule or GRASP_RULES[0],
             faults=_faults(file.faults),
             bounds=(0.0, 0.0, 0.0, 0.0),
             time_limit=file.time_limit or 300.0,

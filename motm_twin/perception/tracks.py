@@ -24,7 +24,7 @@ from motm_twin.perception.base_map import BaseMap, base_map
 from motm_twin.perception.scan import CheckedScan
 from motm_twin.perception.world_map import NO_TRACKS, WorldMap
 
-X, Y, VX, VY, RADIUS, SD, IDENTITY, PACE = range(8)  # columns of `WorldMap.tracks`
+X, Y, VX, VY, RADIUS, SD, IDENTITY = range(7)  # columns of `WorldMap.tracks`
 
 
 BEAMS_LOST = 3  # between two points of one segment: a few say nothing
@@ -56,11 +56,7 @@ class TrackParameters(msgspec.Struct, frozen=True, kw_only=True):
     moves: Annotated[float, Number("m/s", OWN, "from which a track moves")] = 0.10
     leaves: Annotated[float, Number("m", OWN, "from its place, beyond which it does")] = 0.15
     sure: Annotated[float, Number("", OWN, "standard deviations of the speed beyond which it does, too")] = 2.5
-    rests: Annotated[
-        float,
-        Number("s", OWN, "slower than that after which it is furniture, and no track; its pace is forgotten as slowly"),
-    ] = 12.0
-    keeps: Annotated[float, Number("s", OWN, "in sight, for which it must keep a speed that counts as its pace")] = 0.5
+    rests: Annotated[float, Number("s", OWN, "slower than that after which it is furniture, and no track")] = 12.0
 
 
 @dataclass
@@ -70,14 +66,13 @@ class Track:
     identity: int
     state: Array  # x, y [m], velocity [m/s], shape (4,)
     covariance: Array  # shape (4, 4)
-    radius: float  # [m]
+    radius: float  # [m] of the circle that is fitted
     place: Array  # where it was when it rested last [m], shape (2,)
     seen: float  # [s]
+    covers: float = 0.0  # [m] from its middle to the farthest of the points that were last seen of it
     hits: int = 1
     moving: bool = False
     moved: float = -math.inf  # [s] last time that it was as fast as something that moves
-    pace: float = 0.0  # [m/s] that it has kept for a while
-    speeds: list[tuple[float, float]] = field(default_factory=list)  # stamp [s] and speed [m/s] of its last scans
 
 
 @dataclass
@@ -125,7 +120,7 @@ class DynamicTracker(Stateful[TrackState]):
             variance = c[0, 0] + c[1, 1] + 2.0 * ahead * (c[0, 2] + c[1, 3]) + ahead * ahead * (c[2, 2] + c[3, 3])
             sd = math.sqrt(max(0.5 * float(variance), 0.0))
             place = (x + ahead * vx, y + ahead * vy)
-            rows.append((*place, vx, vy, track.radius, sd, float(track.identity), track.pace))
+            rows.append((*place, vx, vy, max(track.radius, track.covers), sd, float(track.identity)))
         return rows
 
     def _take(self, scan: CheckedScan, world: WorldMap) -> None:
@@ -137,15 +132,17 @@ class DynamicTracker(Stateful[TrackState]):
         state.stamp = scan.stamp
         for track in state.tracks:
             _predict(track.state, track.covariance, dt, p.acceleration**2 * 0.1)
-            track.pace -= track.pace * dt / p.rests  # a slower one may be as fast again
         points = self._unexplained(scan, world)
         circles = np.array([(*track.state[:2].tolist(), track.radius) for track in state.tracks]).reshape(-1, 3)
         owner = owners(points.at, circles, p.rim)
         alone = np.ones(len(state.tracks), dtype=bool)  # no other track is seen in the same segment
+        partly = np.zeros(len(state.tracks), dtype=bool)  # something nearer hides one side of it
         for start, end in segments(points, p.gap):
             self._share(points.at[start:end], owner[start:end], alone, scan)
+            if goes_on_hidden(points.beam[start:end], points.reach[start:end], scan.ranges, p.gap):
+                partly[owner[start:end][owner[start:end] >= 0]] = True
         for k, track in enumerate(state.tracks):
-            self._correct(track, points.at[owner == k], scan, alone=bool(alone[k]))
+            self._correct(track, points.at[owner == k], scan, alone=bool(alone[k]), partly=bool(partly[k]))
         state.tracks = [track for track in state.tracks if self._lives(track, scan)]
         self._merge()
         self._begin(points, owner < 0, scan)
@@ -191,16 +188,23 @@ class DynamicTracker(Stateful[TrackState]):
                 kept.append(track)
         self._state.tracks = kept
 
-    def _correct(self, track: Track, own: Array, scan: CheckedScan, *, alone: bool) -> None:
-        """Correct a track with its points (n, 2); ``alone``: its segment shows nothing else."""
+    def _correct(self, track: Track, own: Array, scan: CheckedScan, *, alone: bool, partly: bool) -> None:
+        """Correct a track with its points (n, 2).
+
+        ``alone``: its segment shows nothing else; ``partly``: nor all of it.
+        """
         p = self.parameters
         if len(own) < p.points:
             return
-        if alone:
-            wanted = min(max(seen_width(own, scan.origin), p.radius_min), p.radius_max)
-            track.radius += (0.5 if wanted > track.radius else p.shares) * (wanted - track.radius)
         middle = fitted_circle(own, track.state[:2], track.radius)
+        if alone:
+            least = track.radius if partly else p.radius_min
+            wanted = min(max(seen_width(own, scan.origin), least), p.radius_max)
+            track.radius += (0.5 if wanted > track.radius else p.shares) * (wanted - track.radius)
+            before, middle = middle, fitted_circle(own, track.state[:2], track.radius)
+            track.state[:2] += middle - before  # more of it is seen: that is no motion
         _update(track.state, track.covariance, middle, p.noise**2)
+        track.covers = float(np.hypot(own[:, 0] - track.state[0], own[:, 1] - track.state[1]).max()) - p.noise
         track.seen = scan.stamp
         track.hits += 1
         self._judge(track, scan.stamp)
@@ -209,7 +213,6 @@ class DynamicTracker(Stateful[TrackState]):
         """Say if it moves: it is fast enough, and has left its place or is surely fast; or it was just now."""
         p = self.parameters
         speed = math.hypot(track.state[2], track.state[3])
-        self._keep_pace(track, speed, now)
         sure = speed > p.sure * math.sqrt(max(track.covariance[2, 2], track.covariance[3, 3]))
         away = math.hypot(track.state[0] - track.place[0], track.state[1] - track.place[1]) > p.leaves
         if speed >= p.moves and (away or sure):
@@ -218,15 +221,6 @@ class DynamicTracker(Stateful[TrackState]):
             if track.moving or track.hits <= p.hits:
                 track.place = track.state[:2].copy()
             track.moving = False
-
-    def _keep_pace(self, track: Track, speed: float, now: float) -> None:
-        """Raise the pace to the least speed of the last while: a jump of what is seen of it is no pace."""
-        since = now - self.parameters.keeps + 1e-6
-        track.speeds.append((now, speed))
-        while len(track.speeds) > 1 and track.speeds[1][0] <= since:
-            track.speeds.pop(0)
-        if track.speeds[0][0] <= since:
-            track.pace = max(track.pace, min(speed for _, speed in track.speeds))
 
     def _lives(self, track: Track, scan: CheckedScan) -> bool:
         """It was seen lately, or something nearer hides it."""
@@ -348,6 +342,17 @@ def seen_width(points: Array, sensor: Array) -> float:
         across = (points[i, 1] - sensor[1]) * x - (points[i, 0] - sensor[0]) * y
         least, most = min(least, across), max(most, across)
     return 0.5 * (most - least)
+
+
+@njit(cache=True)
+def goes_on_hidden(beam: NDArray[np.int64], reach: Array, ranges: Array, gap: float) -> bool:
+    """Something nearer by ``gap`` [m] ends a segment, in the order of the beams, on one of its sides."""
+    for end, step in ((0, -1), (beam.shape[0] - 1, 1)):
+        for k in range(1, BEAMS_LOST + 1):
+            other = beam[end] + k * step
+            if 0 <= other < ranges.shape[0] and ranges[other] < reach[end] - gap:
+                return True
+    return False
 
 
 def _cells(points: Array, world: WorldMap) -> NDArray[np.int64]:

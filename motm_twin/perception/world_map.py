@@ -9,7 +9,7 @@ from motm_twin.perception.floor import Floor
 
 NO_MOVERS = np.zeros((0, 6))
 NO_MOVERS.setflags(write=False)
-NO_TRACKS = np.zeros((0, 8))
+NO_TRACKS = np.zeros((0, 7))
 NO_TRACKS.setflags(write=False)
 NO_AGES = np.zeros(0)
 NO_AGES.setflags(write=False)
@@ -34,6 +34,6 @@ class WorldMap(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     seen_static: NDArray[np.bool_]  # occupied for 3 s, at rest for 12 s if it was seen to move, shape (m,)
     seen_age: Array = NO_AGES  # [s] since each of them was hit last, shape (m,); for `MoverTracker`, not beyond it
     movers: Array = NO_MOVERS  # where they are followed: x, y [m], velocity [m/s], radius [m], near (0, 1), (k, 6)
-    tracks: Array = NO_TRACKS  # of those: columns of `perception/tracks.py`, (k, 8)
+    tracks: Array = NO_TRACKS  # of those: columns of `perception/tracks.py`, (k, 7)
     floor: Floor | None = None  # what is known of the floor round the robot; None: all of it is free
     hidden: Array = NO_POINTS  # far sides of what may be moving, which the lidar does not see [m], shape (n, 2)

@@ -7,7 +7,7 @@ import msgspec
 import mujoco
 import numpy as np
 
-from motm_twin.model.arm_kernels import HAND_LENGTH
+from motm_twin.model.arm_kernels import ARM_FRAMES, HAND, HAND_LENGTH, TCP
 from motm_twin.model.geometry import Array
 from motm_twin.model.physics import Physics
 from motm_twin.model.profile import Gripper as GripperSpec
@@ -80,11 +80,13 @@ def rule_holds(cell: Cell, rule: str = STRICT) -> bool:
     velocity = np.array([cell.along, cell.across, 0.0])
     tcp = np.array([-cell.ahead, -cell.offset, 0.5 * SIDE + cell.height])
     gripper.command(state, "close", 0.0, tcp, _DOWN, [item])
+    frames = np.zeros((len(ARM_FRAMES), 4, 4))
+    frames[:, :3, :3] = _DOWN
     for k in range(1, round((cell.closing_time + STOPS) / _DT) + 1):
         moving = velocity if k * _DT <= cell.closing_time + 1e-9 else np.zeros(3)
         tcp = tcp + moving * _DT
-        hand = tcp + np.array([0.0, 0.0, HAND_LENGTH])
-        gripper.step(state, k * _DT, tcp, _DOWN, hand, moving, [item], NOTHING)
+        frames[TCP, :3, 3], frames[HAND, :3, 3] = tcp, tcp + np.array([0.0, 0.0, HAND_LENGTH])
+        gripper.step(state, k * _DT, frames, moving, [item], NOTHING)
     return state.held == "cube" and state.outcome == "held"
 
 

@@ -18,7 +18,7 @@ from motm_twin.planning.braking import best_braking
 from motm_twin.planning.collision import Field, body_of, clearances
 from motm_twin.planning.commitment import Anew, Commitment, time_left
 from motm_twin.planning.cost_to_go import Table
-from motm_twin.planning.encounters import WORTH, Weights, costs_along
+from motm_twin.planning.encounters import WORTH, costs_along
 from motm_twin.planning.escape import Escape, depth_of, find_escape, find_room, find_turn, overlapping_cells
 from motm_twin.planning.evasion import Evasion, StandsItsGround
 from motm_twin.planning.global_path import GraphCache, leaves_disc, path_to_goal, rates_of, shortest_path
@@ -123,7 +123,7 @@ class StaaController:
         problem, goal, field = asked.problem, asked.goal, asked.field
         settings = search_settings(
             self.parameters, self.limits, self.body, asked, next_weight=self._next_weight, bound=bound,
-            among=self._weights(problem),
+            among=weights_among(self.parameters),
         )  # fmt: skip
         still, proximity, moving = self.ahead(problem)
         job = self.job(problem, asked.target)
@@ -236,21 +236,17 @@ class StaaController:
         return field, field._replace(value=np.array(proximity, dtype=np.float32)) if grid else field, moving
 
     def others(self, problem: BaseProblem) -> Array:
-        """Tracks (k, 8) that the search meets where they are expected; none where it is told nothing of them."""
+        """Tracks (k, 7) that the search meets where they are expected; none where it is told nothing of them."""
         if self.parameters.risk_weight == 0.0:
-            return np.zeros((0, 8))  # not a read-only one: kernels are compiled once
+            return np.zeros((0, 7))  # not a read-only one: kernels are compiled once
         return arriving(problem.world.tracks, self.limits.velocity_lag)
-
-    def _weights(self, problem: BaseProblem) -> Weights:
-        """Weights of being among others in this period."""
-        return weights_among(self.parameters, self._all_parameters.foresight, wary=problem.wary)
 
     def among(self, problem: BaseProblem, states: Array, times: Array) -> Array:
         """Cost [s] that is left at each of the states (n, 5) after times [s] (n,) for being among others, (n,)."""
         others = self.others(problem)
         if not len(others):
             return frozen(np.zeros(len(states)))
-        costs = costs_along(states, times, others, self.body, self._weights(problem))
+        costs = costs_along(states, times, others, self.body, weights_among(self.parameters))
         return frozen(costs.sum() - np.cumsum(costs))
 
     def room(self, problem: BaseProblem) -> Room:

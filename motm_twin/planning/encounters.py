@@ -60,7 +60,7 @@ def in_the_way(x: float, y: float, c: float, s: float, time: float, mover: Array
 def cost_among(
     x: float, y: float, c: float, s: float, time: float, others: Array, body: Body, weights: Weights
 ) -> float:
-    """Cost [s] of the footprint at a pose after a time [s] among tracks (k, 8)."""
+    """Cost [s] of the footprint at a pose after a time [s] among tracks (k, 7)."""
     cost = 0.0
     for k in range(others.shape[0]):
         cost += weights.risk * probability_taken(x, y, c, s, time, others[k], weights.spread, body)
@@ -124,7 +124,7 @@ def _met(states: Array, mover: Array, body: Body) -> tuple[float, float, float, 
 
 
 def encounters(states: Array, movers: Array, body: Body, evaded: tuple[Encounter, ...] = ()) -> tuple[Encounter, ...]:
-    """Encounters of states (n, 3 or more) every `STEP` with tracks (k, 8), the soonest first.
+    """Encounters of states (n, 3 or more) every `STEP` with tracks (k, 7), the soonest first.
 
     ``evaded``: encounters of the plan in whose stead these states are driven; the robot yields to those that are
     farther from it now.

@@ -15,7 +15,7 @@ import numpy as np
 from motm_twin.model.geometry import Array, frozen
 from motm_twin.model.known import KnownWorld
 from motm_twin.model.motion import kernel, step
-from motm_twin.model.passive_safety import Stop, met_in_stop, stop_of
+from motm_twin.model.passive_safety import NO_ARM, Stop, met_in_stop, stop_of
 from motm_twin.model.profile import BaseLimits
 from motm_twin.model.reason import Kind, Reason
 from motm_twin.model.state import Stateful
@@ -110,7 +110,7 @@ class MakesWay(Stateful[EvasionState]):
 
 
 def _told(plan: BasePlan, states: Array, movers: Array, body: Body, evaded: tuple[Encounter, ...] = ()) -> BasePlan:
-    """The plan with its encounters with movers (k, 8) on states (n, 5) every `STEP`."""
+    """The plan with its encounters with movers (k, 7) on states (n, 5) every `STEP`."""
     found = encounters(states, movers, body, evaded)
     return msgspec.structs.replace(plan, encounters=found, courtesy=sum(other.courtesy for other in found))
 
@@ -152,10 +152,11 @@ def evading(problem: BaseProblem, plan: BasePlan, states: Array, movers: Array) 
 class Around(NamedTuple):
     """Surroundings that motions are judged by."""
 
-    movers: Array  # tracks, (k, 8)
+    movers: Array  # tracks, (k, 7)
     room: Room
     stop: Stop
     body: Body
+    arm: Array = NO_ARM  # it is not looked at
 
 
 class Reach(NamedTuple):
@@ -199,7 +200,8 @@ def unsafe(i: int, state: Array, around: Around) -> float:
     if i % LOOKS != 0 or i > LOOKED:
         return 0.0
     here = (state[0], state[1], state[2], state[3], state[4])
-    return UNSAFE if met_in_stop(here, False, i * STEP, around.movers, around.stop) >= 0 else 0.0
+    met = met_in_stop(here, (state[3], state[4]), False, i * STEP, around.movers, around.arm, around.stop)
+    return UNSAFE if met >= 0 else 0.0
 
 
 @kernel

@@ -74,7 +74,7 @@ def _add_delays(current: Array, onward: Array, poses: Array, target: Target, sur
 
 
 def delay_along(path: Array, speed: float, others: Array, body: Body) -> float:
-    """Time [s] that a path (n, 2) loses to others (k, 8) who are on it when the base gets there at a speed [m/s].
+    """Time [s] that a path (n, 2) loses to others (k, 7) who are on it when the base gets there at a speed [m/s].
 
     Each costs the time that it needs to clear the way, times the largest probability of a meeting.
     """

@@ -288,26 +288,16 @@ class CommitmentParameters:
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class HeedParameters:
-    """Numbers that tell who is expected to yield to the robot (`planning/heed.py`)."""
-
-    quick: Annotated[float, Number("m/s", OWN, "faster ones need more than a metre to stop: nobody relies on that")] = (
-        0.6
-    )
-    brakes: Annotated[float, Number("m/s^2", OWN, "deceleration with which somebody who yields may brake late")] = 0.6
-    wary_for: Annotated[float, Number("s", OWN, "after somebody has not yielded, that nobody is expected to")] = 60.0
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
 class ForesightParameters:
-    """Costs of being among others, and the search that finds the way among them."""
+    """Those who go on though the robot is in the way, costs of being among them, and the search that finds the way."""
 
+    quick: Annotated[
+        float, Number("m/s", OWN, "who is faster is not expected to yield: that needs more than a metre to stop")
+    ] = 0.6
     taken: Annotated[float, Number("", OWN, "probability from which on a place is waited for")] = 0.3
     doubt: Annotated[
         float, Number("s", OWN, "cost of a place that is surely taken; half for the one chosen before")
     ] = 2.0
-    wary: Annotated[float, Number("", OWN, "times as much courtesy among those who do not yield")] = 5.0
-    wary_room: Annotated[float, Number("m", OWN, "that they are given")] = 0.2
     longer: Annotated[
         float, Number("", OWN, "times as long a step of the search among others, which looks 6 s ahead")
     ] = 2.0
@@ -336,7 +326,6 @@ class PlanningParameters:
     staa: StaaParameters = StaaParameters()
     reach: ReachParameters = ReachParameters()
     commitment: CommitmentParameters = CommitmentParameters()
-    heed: HeedParameters = HeedParameters()
     foresight: ForesightParameters = ForesightParameters()
     evasion: EvasionParameters = EvasionParameters()
 

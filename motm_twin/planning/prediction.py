@@ -109,7 +109,7 @@ def ellipses(track: Array, times: Sequence[float]) -> Array:
 
 
 def arriving(tracks: Array, lag: float) -> Array:
-    """Those of the tracks (k, 8) that go on, when the base begins to follow a plan, ``lag`` [s] from now."""
+    """Those of the tracks (k, 7) that go on, when the base begins to follow a plan, ``lag`` [s] from now."""
     going = tracks[np.hypot(tracks[:, 2], tracks[:, 3]) >= GOES].copy()
     going[:, :2] += lag * going[:, 2:4]
     going[:, 4] = np.maximum(going[:, 4], HIDES)

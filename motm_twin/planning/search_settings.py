@@ -52,12 +52,9 @@ class Question(NamedTuple):
     next_table: Table | None
 
 
-def weights_among(p: StaaParameters, foresight: ForesightParameters, *, wary: bool) -> Weights:
-    """Weights of a node of the search among others. ``wary``: they are not expected to yield."""
-    courtesy = p.courtesy_weight * p.node_duration
-    if wary:
-        return Weights(p.risk_weight, foresight.wary * courtesy, SPREAD._replace(room=foresight.wary_room))
-    return Weights(p.risk_weight, courtesy, SPREAD)
+def weights_among(p: StaaParameters) -> Weights:
+    """Weights of a node of the search among others."""
+    return Weights(p.risk_weight, p.courtesy_weight * p.node_duration, SPREAD)
 
 
 def far_sighted(s: Settings, bound: float, foresight: ForesightParameters) -> Settings:

@@ -50,8 +50,7 @@ class BaseProblem(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     period: float = 0.05  # [s] for which the answer is applied
     stuck_at: Array = frozen(np.zeros((0, 3)))  # base poses from which the arm did not get to the target, (k, 3)
     recovery: Recovery = NO_RECOVERY
-    yielding: Array = NO_TRACKS  # those who move and are expected to yield; `world.tracks` are the others then, (k, 8)
-    wary: bool = False  # nobody is expected to yield
+    yielding: Array = NO_TRACKS  # those who move and are expected to yield; `world.tracks` are the others then, (k, 7)
 
 
 class SearchBudget(msgspec.Struct, frozen=True, kw_only=True):

@@ -32,7 +32,7 @@ class Wait(NamedTuple):
 class Among(NamedTuple):
     """Others, and what being among them costs."""
 
-    others: Array  # tracks, (k, 8)
+    others: Array  # tracks, (k, 7)
     body: Body
     weights: Weights
 

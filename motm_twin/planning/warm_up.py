@@ -18,7 +18,6 @@ from motm_twin.planning.commitment import KeepPlans
 from motm_twin.planning.controller import StaaController
 from motm_twin.planning.evasion import MakesWay
 from motm_twin.planning.every_ring import EveryRing
-from motm_twin.planning.heed import cannot_brake
 from motm_twin.planning.in_time import InTime
 from motm_twin.planning.parameters import PlanningParameters
 from motm_twin.planning.placement import NextTargetPlacement
@@ -76,10 +75,9 @@ def warm_up_foresight() -> BasePlan:
     staa = replace(parameters.staa, risk_weight=10.0, courtesy_weight=0.4)
     parameters = replace(parameters, staa=staa)
     problem = _problem()
-    rows = [[0.8, 0.5, 0.0, -0.5, 0.25, 0.03, 1.0, 0.5], [2.0, 0.9, 0.0, -0.3, 0.25, 0.03, 2.0, 0.3]]
+    rows = [[0.8, 0.5, 0.0, -0.5, 0.25, 0.03, 1.0], [2.0, 0.9, 0.0, -0.3, 0.25, 0.03, 2.0]]
     crossing = frozen(np.array(rows))
     problem = msgspec.structs.replace(problem, world=msgspec.structs.replace(problem.world, tracks=crossing))
-    cannot_brake(problem.pose, crossing, 1.0, body_of(robot.footprint))
     in_time = InTime(EveryRing(), robot.base.velocity_lag)
     placement = NextTargetPlacement(robot, parameters, candidates=in_time).place(problem)
     controller = StaaController(robot, parameters, commitment=KeepPlans())
@@ -94,7 +92,7 @@ def warm_up_evasion() -> BasePlan:
         robot=robot, start=(0.0, 0.0, 0.0), solids=(), objects=(), object_sd=0.0, bins=(), tasks=(),
         bounds=(-2.0, -2.0, 4.0, 2.0),
     )  # fmt: skip
-    tracks = frozen(np.array([[0.9, 0.1, -0.5, 0.0, 0.25, 0.03, 1.0, 0.5]]))
+    tracks = frozen(np.array([[0.9, 0.1, -0.5, 0.0, 0.25, 0.03, 1.0]]))
     problem = _problem()
     problem = msgspec.structs.replace(problem, world=msgspec.structs.replace(problem.world, tracks=tracks))
     target = msgspec.structs.replace(problem, target=None)

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import msgspec
 import numpy as np
 
-from motm_twin.control.method import BaseChoices, Materials, Method, Policies
+from motm_twin.control.method import BaseChoices, Materials, Method, PlannerParts, Policies
 from motm_twin.model.geometry import Array, frozen, wrap_angle
 from motm_twin.model.known import KnownWorld
 from motm_twin.model.motion import drive
@@ -66,8 +66,8 @@ def twist_of(velocity: Array, heading: float, ahead: float) -> Array:
 class WithoutMovers:
     """The map without what moves, which is known by its tracks."""
 
-    def __init__(self, known: KnownWorld) -> None:
-        self._still = StillMap(known)
+    def __init__(self, parts: PlannerParts) -> None:
+        self._still = StillMap(parts.known, parts.movers)
 
     def of(self, problem: BaseProblem) -> BaseProblem:
         """The problem in that map."""

@@ -162,6 +162,8 @@ class Bridge:
     def _tick(self, payload: bytes) -> None:
         tick = _TICK.decode(payload)
         _require(tick.version, TICK_VERSION)
+        if not self._client.of_scene(tick):
+            return
         self._publish(topics.PLAN, convert.plan_path(tick.plan.global_path, tick.time))
         self._publish(topics.LOCAL_PLAN, convert.local_path(tick.plan, tick.time))
         if tick.index % MARKERS_EVERY == 0 or tick.preview or not self.sent[topics.MARKERS.name]:

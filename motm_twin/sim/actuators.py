@@ -11,7 +11,7 @@ from motm_twin.model.compiler import njit
 from motm_twin.model.exact import norm
 from motm_twin.model.geometry import Array
 from motm_twin.model.joint_limits import DDQ_MAX, DQ_MAX, Q_MAX, Q_MIN
-from motm_twin.model.motion import drive
+from motm_twin.model.motion import drive, lag_share
 from motm_twin.model.profile import BaseLimits
 from motm_twin.model.scene import Mismatch, Noise, Scene
 
@@ -23,11 +23,6 @@ class BaseState:
     pose: Array  # world, shape (3,)
     v: float = 0.0  # [m/s]
     w: float = 0.0  # [rad/s]
-
-
-def lag_factor(lag: float, dt: float) -> float:
-    """Share of the gap to the command that a first-order lag [s] closes within dt [s]."""
-    return 1.0 if lag <= 0.0 else 1.0 - math.exp(-dt / lag)
 
 
 def _towards(now: float, wanted: float, factor: float, largest: float) -> float:
@@ -43,7 +38,7 @@ class Base:
         self.limits = limits
         self.dt = dt
         self.scale = (float(scale[0]), float(scale[1]))
-        self._factor = lag_factor(limits.velocity_lag, dt)
+        self._factor = lag_share(limits.velocity_lag, dt)
 
     def step(self, state: BaseState, twist: Array, *, more_lag: float = 0.0, grip: float = 1.0) -> None:
         """One substep towards the commanded forward speed and yaw rate, shape (2,).
@@ -51,7 +46,7 @@ class Base:
         ``more_lag`` [s] of the velocity loop; ``grip``: share of the wheels' motion that moves the base.
         """
         limits, dt = self.limits, self.dt
-        factor = self._factor if more_lag == 0.0 else lag_factor(limits.velocity_lag + more_lag, dt)
+        factor = self._factor if more_lag == 0.0 else lag_share(limits.velocity_lag + more_lag, dt)
         v_told, w_told = twist.tolist()
         v_wanted = min(limits.forward_speed, max(-limits.reverse_speed, self.scale[0] * v_told))
         w_wanted = min(limits.yaw_rate, max(-limits.yaw_rate, self.scale[1] * w_told))
@@ -75,7 +70,7 @@ class Arm:
     def __init__(self, velocity_lag: float, dt: float) -> None:
         """Lag [s] of the velocity loop, for substeps of dt [s]."""
         self.dt = dt
-        self._factor = lag_factor(velocity_lag, dt)
+        self._factor = lag_share(velocity_lag, dt)
 
     def step(self, state: ArmState, joint_velocity: Array) -> None:
         """One substep towards the commanded joint rates [rad/s], shape (7,)."""

@@ -191,9 +191,10 @@ class FaultEffects:
         if told is None:
             return now
         at, pose, odometry, twist, q, dq, width, moving = told
+        age = (substep - at) * self._substep
         return msgspec.structs.replace(
             now, pose=pose, odometry=odometry, twist=twist, q=q, dq=dq, gripper_width=width, gripper_moving=moving,
-            age=(substep - at) * self._substep,
+            age=age, behind=age,
         )  # fmt: skip
 
 

@@ -21,12 +21,14 @@ TILT = math.radians(30.0)  # of the tool axis from straight down
 # The rule of ``motm-twin bench grasp_rule``, instead: what contact dynamics hold, with a margin. A cube must be between
 # the fingers when they begin; they turn it and push it to their middle. One pad that pushes it beside its middle, or at
 # a corner, turns it away: the moment of the push is its way times its lever. The numbers are fitted to the sweep.
-STRICT, SWEPT = GRASP_RULES
-LEVER_PER_TURN = 0.03  # [m/rad] of lever, for a cube that is not parallel to the pads
+SWEPT, STRICT = GRASP_RULES
+FLAT = 0.002  # [m] from its middle up to which a pad pushes a cube without turning it
+LEVER = 0.0005  # [m] of a push within that
+LEVER_PER_TURN = 0.012  # [m/rad] more, for a cube that is not parallel to the pads
 BOTH_TOUCH = 0.04  # [s] before the fingers are firm: from then on the cube moves with the hand
-MOST_ALONG = 0.0285  # [m] along the pads then
-LESS_BY_MOMENT = 10.0  # [m] of those for each m^2 of moment
-MOST_MOMENT = 6.0e-4  # [m^2]
+MOST_ALONG = 0.027  # [m] along the pads then
+MOST_MOMENT = 5e-4  # [m^2] of a cube in the middle of the pads
+STEEP = 4  # power of the way along the pads by which the moment allowed falls to none
 HIGH = 0.015  # [m] of the cube's centre over or under the tool centre point
 
 EDGE = 0.003  # [m] of cube under a descending fingertip beyond which the tip does not slide off
@@ -36,7 +38,8 @@ PUSH_PER_STEP = 0.005  # [m] by which a finger shifts a cube within one substep,
 QUARTER_TURN = 0.5 * math.pi
 
 # Finger boxes in the frame of the hand: inner face from the pad plane outwards, half depth along x, z from, z to [m]
-FINGER_BOXES = ((0.0, 0.0168, 0.0105, 0.0884, 0.1124), (0.0028, 0.0264, 0.011, 0.0584, 0.0884))
+PAD_HALF_DEPTH = 0.0105  # [m]
+FINGER_BOXES = ((0.0, 0.0168, PAD_HALF_DEPTH, 0.0884, 0.1124), (0.0028, 0.0264, 0.011, 0.0584, 0.0884))
 NEARBY = 0.12  # [m] from the tool centre point beyond which no finger reaches a cube
 
 
@@ -69,17 +72,24 @@ def swept_violation(tcp: Array, rotation: Array, item: ObjectState, width: float
 
 def moment_of_push(way: float, along: float, misfit: float) -> float:
     """Moment [m^2] of a push by one pad, by ``way`` [m], of a cube ``along`` [m] and turned by ``misfit`` [rad]."""
-    return way * (abs(along) + LEVER_PER_TURN * abs(misfit))
+    return way * (max(abs(along) - FLAT, 0.0) + LEVER + LEVER_PER_TURN * abs(misfit))
 
 
 def slips_out(along: float, moment: float) -> bool:
     """A cube this far [m] along the pads, pushed with this moment [m^2], is not held by them, by the rule `SWEPT`."""
-    return moment > MOST_MOMENT or abs(along) > MOST_ALONG - LESS_BY_MOMENT * moment
+    share = min(abs(along) / MOST_ALONG, 1.0)
+    return moment >= MOST_MOMENT * (1.0 - share**STEEP)
 
 
 def width_across(side: float, misfit: float) -> float:
     """Room [m] that a cube turned by misfit [rad] takes along the closing axis."""
     return side * (math.cos(misfit) + abs(math.sin(misfit)))
+
+
+def between_pads(tcp: Array, rotation: Array, item: ObjectState) -> bool:
+    """The pads overlap the cube along their plane, so that they touch it when they close."""
+    reach = PAD_HALF_DEPTH + 0.5 * width_across(item.side, yaw_misfit(rotation, item))
+    return abs(dot(rotation[:, 0], item.position - tcp)) < reach
 
 
 def centre_between_pads(tcp: Array, rotation: Array, item: ObjectState, width: float) -> None:

@@ -17,7 +17,7 @@ from motm_twin.model.profile import Gripper as GripperSpec
 from motm_twin.model.scene import Faults, Pick, Scene
 from motm_twin.sim.bodies import put_down
 from motm_twin.sim.grasp import RELATIVE_SPEED, STRICT
-from motm_twin.sim.gripper import EPSILON, Gripper, GripperState
+from motm_twin.sim.gripper import Gripper, GripperState
 from motm_twin.sim.objects import ObjectState, ObjectWorld
 from motm_twin.sim.solids import Solids
 
@@ -93,11 +93,10 @@ class FaultyGripper(Gripper):
         elif tried <= due:
             state.slid = True
 
-    def _closed(self, state: GripperState, now: float) -> tuple[bool, float]:
+    def _lasts(self, state: GripperState) -> float:
         """As of `Gripper`, with the additional time to a firm hold."""
         assert isinstance(state, FaultyGripperState)
-        passed = now - state.began
-        return passed >= self.spec.closing_time + state.delay - EPSILON, min(1.0, passed / self.spec.closing_time)
+        return self.spec.closing_time + state.delay
 
 
 _RNG_MEDDLING = 0x3EDD1E

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from motm_twin.model.arm_kernels import HAND, TCP
 from motm_twin.model.exact import dot, norm, product, times, transposed_times
 from motm_twin.model.geometry import Array
 from motm_twin.model.profile import Gripper as GripperSpec
@@ -14,6 +15,7 @@ from motm_twin.sim.grasp import (
     BOTH_TOUCH,
     RELATIVE_SPEED,
     STRICT,
+    between_pads,
     centre_between_pads,
     make_room,
     moment_of_push,
@@ -31,7 +33,6 @@ from motm_twin.sim.solids import Solids
 
 SLIP_HEIGHT = 0.01  # [m] of lifting after which a cube that slid between the closing pads slips out
 EPSILON = 1e-9  # [s]
-Place = tuple[Array, float, Array]
 
 
 @dataclass
@@ -96,10 +97,14 @@ class Gripper:
             if state.under:
                 state.outcome = "no room"
                 return
+            between = math.inf
             for item in cubes:
                 fits = state.width >= width_across(item.side, yaw_misfit(rotation, item))
-                if item.state != "falling" and fits and not self._violation(tcp, rotation, item, state.width):
-                    state.candidate = item.name
+                if item.state == "falling" or not fits or self._violation(tcp, rotation, item, state.width):
+                    continue
+                along = abs(dot(rotation[:, 0], item.position - tcp))
+                if along < between:
+                    between, state.candidate = along, item.name
         elif command == "open" and state.phase in ("closing", "closed"):
             state.candidate = ""
             self._begin(state, "opening", now)
@@ -108,16 +113,15 @@ class Gripper:
         self,
         state: GripperState,
         now: float,
-        tcp: Array,
-        rotation: Array,
-        hand: Array,
+        frames: Array,
         tcp_velocity: Array,
         cubes: Sequence[ObjectState],
         solids: Solids,
         *,
         stuck: bool = False,
     ) -> None:
-        """One substep that ends at ``now`` [s] with the hand at the given pose; ``stuck`` fingers do not move."""
+        """One substep that ends at ``now`` [s] with the arm's frames (11, 4, 4); ``stuck`` fingers do not move."""
+        tcp, rotation, hand = frames[TCP, :3, 3], frames[TCP, :3, :3], frames[HAND, :3, 3]
         by_name = {item.name: item for item in cubes} if state.held or self.moving(state) else {}
         if state.held:
             self._carry(state, rotation, hand, tcp_velocity, by_name[state.held])
@@ -171,16 +175,6 @@ class Gripper:
             return violation(tcp, rotation, item)
         return swept_violation(tcp, rotation, item, width)
 
-    def _note_push(self, state: GripperState, now: float, tcp: Array, rotation: Array, place: Place) -> None:
-        """The pads have moved the candidate: until both touch it, one alone turns it.
-
-        ``place``: its position and misfit before, and its position now.
-        """
-        if now - state.began < self.spec.closing_time - BOTH_TOUCH + EPSILON:
-            before, misfit, position = place
-            state.along = dot(rotation[:, 0], position - tcp)
-            state.moment += moment_of_push(norm(position - before), state.along, misfit)
-
     @staticmethod
     def lose(state: GripperState, name: str) -> None:
         """A person takes this cube out of the fingers, which then close on nothing unless they are opening."""
@@ -198,10 +192,9 @@ class Gripper:
         item.rotation = product(rotation, state.rotation_in_hand)
         item.yaw = math.atan2(item.rotation[1, 0], item.rotation[0, 0])
 
-    def _closed(self, state: GripperState, now: float) -> tuple[bool, float]:
-        """True when the pads have closed firmly on a cube, and the share of their travel done."""
-        done = now - state.began >= self.spec.closing_time - EPSILON
-        return done, 1.0 if done else (now - state.began) / self.spec.closing_time
+    def _lasts(self, state: GripperState) -> float:
+        """Time [s] from the command to a firm hold."""
+        return self.spec.closing_time
 
     def _begin(self, state: GripperState, phase: str, now: float) -> None:
         state.phase, state.began, state.start_width = phase, now, state.width
@@ -230,15 +223,19 @@ class Gripper:
                 state.width, state.phase = 0.0, "closed"
             return
         item = cubes[name]
-        done, share = self._closed(state, now)
+        passed, lasts = now - state.began, self._lasts(state)
+        done = passed >= lasts - EPSILON
+        share = 1.0 if done else min(1.0, passed / self.spec.closing_time)
         state.width = state.start_width + (item.side - state.start_width) * share
         if state.candidate:
             before, misfit = item.position, yaw_misfit(rotation, item)
-            self._centre(state, tcp, rotation, item, list(cubes.values()), solids)
+            if between_pads(tcp, rotation, item):
+                self._centre(state, tcp, rotation, item, list(cubes.values()), solids)
             if not state.candidate:
                 return
-            if not self._strict:
-                self._note_push(state, now, tcp, rotation, (before, misfit, item.position))
+            if not self._strict and passed < lasts - BOTH_TOUCH + EPSILON:  # one pad alone turns it
+                state.along = dot(rotation[:, 0], item.position - tcp)
+                state.moment += moment_of_push(norm(item.position - before), state.along, misfit)
         if done and state.candidate and not self._strict and slips_out(state.along, state.moment):
             state.candidate, state.outcome = "", "offset"
             return

@@ -7,7 +7,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from motm_twin.model.arm_kernels import HAND, TCP
+from motm_twin.model.arm_kernels import TCP
 from motm_twin.model.geometry import Array
 from motm_twin.model.plant import Contact, PhysicsTruth
 from motm_twin.model.scene import Point
@@ -133,9 +133,9 @@ class Kinematics:
         slides, riding = around.slide() if s.slides else (NO_SLIDES, ())
         solids = around.scenery.solids
         velocity = (s.tcp - old_tcp) / self._dt
-        rotation, hand = frames[TCP, :3, :3], frames[HAND, :3, 3]
-        now = s.substep * self._dt
-        self._gripper.step(s.gripper, now, s.tcp, rotation, hand, velocity, s.objects, solids, stuck=told.stuck)
+        self._gripper.step(
+            s.gripper, s.substep * self._dt, frames, velocity, s.objects, solids, stuck=told.stuck
+        )  # fmt: skip
         for item in s.objects:
             if item.state == "falling":
                 self._objects.fall(item, s.objects, solids)

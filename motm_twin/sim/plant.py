@@ -307,9 +307,7 @@ class SimulatedPlant(Stateful[PlantState]):
             return
         odometry = self._faults.odometry(s.faults, s.localisation, s.substep)
         agents, solids = self._agents.discs(s.agents), self._scenery.solids
-        self._camera.frame(
-            s.camera, self.time, s.base.pose, odometry, frames[HAND], frames, s.objects, solids, agents
-        )  # fmt: skip
+        self._camera.frame(s.camera, self.time, s.base.pose, odometry, frames, s.objects, solids, agents)
         frame = (self.time, s.base.pose, odometry)
         eye = frames[HAND, :3, 3]
         s.camera.detections = self._faults.detections(s.faults, s.camera.detections, s.objects, eye, frame)

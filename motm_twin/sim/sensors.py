@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from motm_twin.model.arm_kernels import HAND
 from motm_twin.model.compiler import njit
 from motm_twin.model.exact import dot, times
 from motm_twin.model.geometry import Array, from_frame, to_frame, wrap_angle
@@ -173,14 +174,13 @@ class Camera:
         stamp: float,
         pose: Array,
         odometry: Array,
-        T_hand: Array,
         frames: Array,
         objects: Iterable[ObjectState],
         solids: Solids,
         agents: Array,
     ) -> None:
         """Replace the newest frame."""
-        found = []
+        found, T_hand = [], frames[HAND]
         for item in objects:
             if item.state == "held":
                 continue

@@ -30,6 +30,7 @@ TITLE = "Faults of sensors and robot: contacts, the cause, and whether the work 
 SCENES = {"exp1": "random", "exp1a": "random", "exp2": "random"}
 SEEDS = 10
 LASTS = 4.0  # [s]
+AFTER = LASTS + 3.0  # [s] from a fault in which findings are of it, and no other begins
 TIMES = (6.0, 26.0, 46.0)  # [s] from which a fault is injected, as soon as it matters
 WITHIN = 1.0  # [s] in which its cause must be found
 SPEEDS_UP = (0.3, 1.0)  # [m/s^2], [rad/s^2] of a base whose lag can be noticed: plans turn for a period with 0.9
@@ -132,7 +133,8 @@ class Watch:
 
     def next_edit(self, tick: Tick) -> InjectFault | None:
         """The fault, when its time has come and it matters."""
-        if self.kind == NONE or not self.due or tick.time < self.due[0] or not noticeable(self.kind)(tick):
+        lasts = bool(self.seen) and tick.time <= self.seen[-1].at + AFTER
+        if self.kind == NONE or lasts or not self.due or tick.time < self.due[0] or not noticeable(self.kind)(tick):
             return None
         self.due.pop(0)
         fingers = tick.arm[-1].actuation.gripper if self.kind == "gripper_stuck" else ""
@@ -143,7 +145,7 @@ class Watch:
         """Note the robot's findings of this period."""
         now = set(kinds)
         last = self.seen[-1] if self.seen else None
-        lasts = last is not None and tick.time <= last.at + LASTS + 3.0
+        lasts = last is not None and tick.time <= last.at + AFTER
         if last is not None and last.fingers not in ("", tick.arm[-1].actuation.gripper):
             last.at, last.fingers = tick.time, ""
         if last is not None and lasts and last.named is None and now & set(CAUSES[self.kind]):

@@ -93,8 +93,11 @@ SENSITIVITY = Study(
     name="grasp_sensitivity",
     title="Experiment 1 by grasp rule: strict beyond 30, 15 and 10 mm/s, swept, and contact dynamics",
     settings=(
-        *(Setting(f"strict {1e3 * speed:g} mm/s", {"grasp_speed": speed}, SIMULATED) for speed in GRASP_SPEEDS),
-        Setting("swept", {"grasp_rule": "swept"}, SIMULATED, ALONE),
+        *(
+            Setting(f"strict {1e3 * speed:g} mm/s", {"grasp_rule": "strict", "grasp_speed": speed}, SIMULATED)
+            for speed in GRASP_SPEEDS
+        ),
+        Setting("swept", {}, SIMULATED, ALONE),
         Setting("contact dynamics", {}, least=ALONE),
     ),
     minutes=15,

@@ -95,7 +95,9 @@ class Viewer:
             self._hub.send(None, Audience(pages=pages))
 
     def _shown(self) -> Shown:
-        status, tick = self._client.status(), self._client.tick()
+        status, tick, scene = self._client.status(), self._client.tick(), self._client.scene()
+        if tick is not None and not self._client.of_scene(tick):
+            tick = self._hub.view.at = None
         if tick is not None:
             self._hub.events.follow(tick)
         state = "waiting" if status is None else status.state if self._client.alive else "lost"
@@ -103,7 +105,7 @@ class Viewer:
         return Shown(
             state=state,
             status=status,
-            scene=self._client.scene(),
+            scene=scene,
             tick=tick if looking_back is None else looking_back[0],
             newest=tick,
             live=looking_back is None,

@@ -20,7 +20,7 @@ class Sink:
     def tick(self, message, tick, last):
         self.ticks.append(message)
 
-    def scene(self, scene):
+    def scene(self, scene, run):
         self.scenes.append(scene)
 
     def status(self):

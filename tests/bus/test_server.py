@@ -214,6 +214,28 @@ def test_the_heartbeat_sees_a_changed_scene_file():
             until(lambda: client.scene() and client.scene().title == "edited 2 times", "the scene is not sent")
 
 
+def test_while_a_scene_loads_the_newest_tick_is_of_the_one_before_and_said_to_be():
+    go_on = threading.Event()
+
+    class Slow(FakeTwin):
+        def __init__(self, scene, **choices):
+            assert scene.name == "fake" or go_on.wait(30.0)
+            super().__init__(scene, **choices)
+
+    with TwinServer(TwinSetup(library=FakeLibrary(), make_twin=Slow, first=FAKE, playing=False)) as server:
+        with TwinClient(server.endpoint) as client:
+            before = until(client.tick, "no tick")
+            assert client.of_scene(before)
+            loading = threading.Thread(target=client.command, args=(Load(scene="other"),), kwargs={"timeout": 30.0})
+            loading.start()
+            until(lambda: client.scene().name == "other", "the scene is not sent")
+            assert client.tick().run == before.run
+            assert not client.of_scene(client.tick())
+            go_on.set()
+            until(lambda: client.of_scene(client.tick()), "no tick of the other scene")
+            loading.join()
+
+
 def test_a_client_waits_for_a_server_and_finds_it_again_after_a_restart():
     port = free_port()
     with TwinClient(f"tcp/127.0.0.1:{port}") as client:

@@ -2,21 +2,26 @@
 
 import math
 
+import msgspec
 import numpy as np
 import pytest
 
 from motm_twin.control.monitor import Monitor, MonitorParameters, points_in_stop
 from motm_twin.model.joint_limits import DQ_MAX
+from motm_twin.model.motion import lag_share
+from motm_twin.model.passive_safety import NO_ARM, braked, met_in_stop, overhang, stop_of
 from motm_twin.model.plant import Actuation, Observation, Scan
 from motm_twin.model.profile import RobotProfile
 from motm_twin.perception.floor import FRESH, STALE, UNSEEN, Floor
 from motm_twin.perception.world_map import WorldMap
+from motm_twin.sim.actuators import Base, BaseState
+from motm_twin.sim.responsibility import MOVES
 
 DT = 0.01
 BEAMS = 541
 
 
-def observation(time=1.0, stamp=1.0, wall=math.inf, pose=(0.0, 0.0, 0.0)):
+def observation(time=1.0, stamp=1.0, wall=math.inf, pose=(0.0, 0.0, 0.0), twist=(0.0, 0.0)):
     """A robot at rest in front of a wall at x = `wall` [m]."""
     step = math.radians(270.0) / (BEAMS - 1)
     angles = -math.radians(135.0) + step * np.arange(BEAMS)
@@ -36,7 +41,7 @@ def observation(time=1.0, stamp=1.0, wall=math.inf, pose=(0.0, 0.0, 0.0)):
         time=time,
         pose=np.array(pose),
         odometry=np.zeros(3),
-        twist=np.zeros(2),
+        twist=np.array(twist),
         q=np.zeros(7),
         dq=np.zeros(7),
         gripper_width=0.08,
@@ -151,6 +156,14 @@ def test_a_base_that_turns_away_from_a_post_may_keep_turning_while_it_brakes():
     assert points_in_stop(*stop, True, rectangle, 0.01) == 0
 
 
+@pytest.mark.parametrize("hold_yaw_rate", [False, True])
+def test_a_base_that_turns_on_the_spot_sees_what_its_corner_sweeps(hold_yaw_rate):
+    """To hold the turn until the base goes no further was free: a base that only turns goes nowhere."""
+    rectangle = np.array([0.35, 0.25, 0.0])
+    points = np.array([[0.36, 0.23], [0.36, 0.22], [0.36, 0.21]])
+    assert points_in_stop(points, 0.0, -1.2, 0.5, 1.75, 0.1, hold_yaw_rate, rectangle, 0.01) > 0
+
+
 def test_without_a_scan_that_was_found_good_the_base_stands():
     monitor = Monitor(RobotProfile())
     verdict = monitor.check(asking(0.5), observation(), DT, scan_stamp=None)
@@ -167,7 +180,7 @@ def floor_of(rear):
 
 def world_with(floor=None, tracks=()):
     """A map of which only floor and tracks count."""
-    rows = np.array([(*track, 0.03, 1.0, 0.5) for track in tracks]).reshape(-1, 8)
+    rows = np.array([(*track, 0.03, 1.0) for track in tracks]).reshape(-1, 7)
     nothing = np.zeros((1, 1))
     return WorldMap(
         stamp=1.0, resolution=0.05, origin=np.zeros(2), occupied=nothing.astype(np.uint8), distance=nothing,
@@ -201,20 +214,21 @@ def test_the_base_creeps_over_floor_that_was_not_seen_lately():
 
 def meet(x, y, vx, vy, *, v=0.5, w=0.0, seconds=6.0, passive=True):
     """A base that is told v, w all the time, and a disc of 0.25 m: is the base moving towards it when they touch?"""
-    monitor = Monitor(RobotProfile(), MonitorParameters(passive_safety=passive))
-    body = RobotProfile().footprint
-    pose, disc, said = np.zeros(3), np.array([x, y]), []
+    robot = RobotProfile()
+    monitor = Monitor(robot, MonitorParameters(passive_safety=passive))
+    base, state = Base(robot.base, DT), BaseState(pose=np.zeros(3))
+    disc, said = np.array([x, y]), []
     for _ in range(round(seconds / DT)):
         world = world_with(tracks=[(*disc, vx, vy, 0.25)])
-        verdict = monitor.check(asking(v, w), observation(pose=pose), DT, scan_stamp=1.0, world=world)
+        seen = observation(pose=state.pose, twist=(state.v, state.w))
+        verdict = monitor.check(asking(v, w), seen, DT, scan_stamp=1.0, world=world)
         said.append(verdict.reason)
-        twist = verdict.actuation.twist
         disc = disc + DT * np.array([vx, vy])
-        before = _gap(pose, disc, body)
-        pose = pose + DT * np.array([twist[0] * math.cos(pose[2]), twist[0] * math.sin(pose[2]), twist[1]])
-        gap = _gap(pose, disc, body) - 0.25
-        if gap < 0.0:
-            return "towards" if gap + 0.25 < before - 1e-4 else "hit", said
+        before = _gap(state.pose, disc, robot.footprint)
+        base.step(state, verdict.actuation.twist)
+        gap = _gap(state.pose, disc, robot.footprint)
+        if gap < 0.25:
+            return "towards" if gap < before - MOVES * DT else "hit", said
     return "free", said
 
 
@@ -235,6 +249,61 @@ def test_a_base_never_moves_towards_somebody_who_does_not_stop(v, speed, bearing
     velocity = -speed * np.array([math.cos(angle), math.sin(angle)])
     start = np.array([math.copysign(1.5, v), 0.0]) - 1.5 / abs(v) * velocity
     assert meet(*start, *velocity, v=v)[0] != "towards"
+
+
+@pytest.mark.parametrize("turn", [-1.2, 1.2])
+@pytest.mark.parametrize("speed", [0.3, 0.6])
+@pytest.mark.parametrize("aside", [-0.5, -0.25, 0.25, 0.5])
+@pytest.mark.parametrize("bearing", range(0, 360, 45))
+def test_a_base_that_turns_on_the_spot_moves_towards_nobody(turn, speed, aside, bearing):
+    """Somebody passes or touches the corners of a base that turns."""
+    angle = math.radians(bearing)
+    ahead, side = np.array([math.cos(angle), math.sin(angle)]), np.array([-math.sin(angle), math.cos(angle)])
+    assert meet(*(aside * side - 2.0 * speed * ahead), *(speed * ahead), v=0.0, w=turn, seconds=4.0)[0] != "towards"
+
+
+@pytest.mark.parametrize(("y", "turns_on"), [(-0.25, True), (0.8, False)])
+def test_a_stop_that_was_free_is_kept_to_when_somebody_turns(y, turns_on):
+    """Of two stops that were both met the one that brakes the turn was driven, whatever had been free before."""
+    monitor = Monitor(RobotProfile(), MonitorParameters(passive_safety=True))
+    monitor.begin_from(np.array([0.5, 0.8]))
+    for there, free in (((1.0, y, 0.0, 0.0, 0.25), True), ((0.75, 0.0, -0.4, 0.0, 0.25), False)):
+        seen, world = observation(twist=(0.5, 0.8)), world_with(tracks=[there])
+        verdict = monitor.check(asking(0.5, 0.8), seen, DT, scan_stamp=1.0, world=world)
+        assert (verdict.reason == "") == free
+    v, w = verdict.actuation.twist
+    assert v < 0.5
+    assert (w == 0.8) == turns_on
+
+
+@pytest.mark.parametrize("lag", [0.0, 0.05, 0.1, 0.3])
+@pytest.mark.parametrize("dt", [0.01, 0.05])
+@pytest.mark.parametrize("v", [0.5, -0.2, 0.03])
+def test_a_base_with_a_lag_stands_as_soon_as_it_can_and_creeps_no_further(lag, dt, v):
+    """It crept on for three lags after its command was zero."""
+    base = Base(msgspec.structs.replace(RobotProfile().base, velocity_lag=lag), dt)
+    state, told, speeds = BaseState(pose=np.zeros(3), v=v), v, []
+    for _ in range(round((abs(v) / 0.5 + 1.5 * lag + 3.0 * dt) / dt)):
+        told = braked(told, state.v, 0.5 * dt, math.inf, lag_share(lag, dt))
+        base.step(state, np.array([told, 0.0]))
+        speeds.append(state.v * math.copysign(1.0, v))
+    assert abs(state.v) < 0.002
+    assert min(speeds) > -0.002
+    assert braked(0.0, v, 0.5 * dt, 0.0, lag_share(lag, dt)) == 0.0  # that cannot go back
+
+
+def test_the_hand_counts_where_it_reaches_over_the_footprint():
+    """Only the footprint did, and the hand was moved against a Temi."""
+    robot = RobotProfile()
+    stop, mount = stop_of(robot, 0.08), (robot.arm.mount_x, robot.arm.mount_y)
+    ahead = overhang(np.array([0.0, 0.8, 0.0, -1.2, 0.0, 2.0, 0.8]), mount, stop)
+    folded = overhang(np.array([0.0, -1.2, 0.0, -2.9, 0.0, 1.8, 0.8]), mount, stop)
+    tip = ahead[:, 0].max()
+    assert tip > 0.6 > folded[:, 0].max(initial=0.0)
+    somebody = np.array([[tip + 0.35, 0.0, 0.0, 0.0, 0.25]])
+    moves = ((0.0, 0.0, 0.0, 0.3, 0.0), (0.3, 0.0), False, 0.0, somebody)
+    assert met_in_stop(*moves, ahead, stop) == 0
+    assert met_in_stop(*moves, NO_ARM, stop) == -1
 
 
 def test_without_passive_safety_it_does():

@@ -35,8 +35,8 @@ def asked(v=0.0, w=0.0, rates=None, gripper="open"):
     return Actuation(twist=np.array([v, w]), joint_velocity=rates, gripper=gripper)
 
 
-def drive(commands, *, scale=1.0, more_lag=0.0, stuck=(math.inf, math.inf), noise=0.002):
-    """Kinds found while a simulated base follows (v, w) of each time step."""
+def drive(commands, *, scale=1.0, more_lag=0.0, since=0.0, stuck=(math.inf, math.inf), noise=0.002):
+    """Kinds found while a simulated base follows (v, w) of each time step; ``more_lag`` begins ``since`` [s]."""
     rng, state, base = np.random.default_rng(3), MotionState(), Base(PROFILE.base, DT, (scale, scale))
     body, found = BaseState(pose=np.zeros(3)), []
     for k, (v, w) in enumerate(commands):
@@ -46,7 +46,7 @@ def drive(commands, *, scale=1.0, more_lag=0.0, stuck=(math.inf, math.inf), nois
         found.append({one.kind for one in findings(state, seen, PROFILE.base, SETTINGS)})
         told(state, asked(v, w), seen)
         stands = stuck[0] <= time < stuck[1]
-        base.step(body, np.zeros(2) if stands else np.array([v, w]), more_lag=more_lag)
+        base.step(body, np.zeros(2) if stands else np.array([v, w]), more_lag=more_lag if time >= since else 0.0)
     return found
 
 
@@ -72,6 +72,15 @@ def test_a_base_that_follows_late_is_found_within_a_second(more_lag):
     first = next(k for k, kinds in enumerate(found) if kinds)
     assert first * DT <= 1.0
     assert found[first] <= {"base_late", "base_stuck"}
+
+
+@pytest.mark.parametrize("since", [5.0, 5.3, 5.6, 5.9])
+def test_a_base_that_begins_to_follow_late_is_found_within_a_second(since):
+    """Its larger turns before that hid the lag."""
+    turns = ((0.5, (0.4 if k * DT < since else 0.15) * math.sin(5.0 * k * DT)) for k in range(1200))
+    found = drive(turns, more_lag=0.5, since=since)
+    first = next(k for k, kinds in enumerate(found) if kinds) * DT
+    assert since < first <= since + 1.0
 
 
 def test_a_base_that_stands_is_found_within_a_second_and_forgiven_when_it_drives():

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from motm_twin.control.response import Response
+from motm_twin.model.edits import InjectFault
 from motm_twin.model.plant import Actuation
 from motm_twin.model.scene import EARLIER_NOISE, Mismatch
 from motm_twin.model.scene_file import load_scene
@@ -69,6 +70,24 @@ def test_an_observation_is_moved_on_to_when_a_command_acts():
     np.testing.assert_allclose(seen.q, then.q, atol=2e-3)
     np.testing.assert_allclose(seen.twist, then.twist, atol=2e-2)
     np.testing.assert_allclose(seen.odometry, then.odometry, atol=2e-3)
+
+
+def test_a_report_that_is_late_is_moved_on_by_the_commands_given_since():
+    """Control took an arm of half a second ago for that of now, and gave the same command again and again."""
+    plant, response = SimulatedPlant(SCENE), Response(SCENE.robot)
+    plant.apply(InjectFault(fault="state_delay", seconds=2.0, delay=0.4))
+    actuation = Actuation(twist=np.array([0.3, 0.5]), joint_velocity=0.5 * np.ones(7), gripper="open")
+    for _ in range(60):
+        reported = plant.observe()
+        seen, told = response.observed(reported), plant._state.arm.q.copy()
+        response.told(actuation, reported)
+        plant.command(actuation)
+        plant.step(0.01)
+    assert reported.behind == reported.age == pytest.approx(0.4, abs=0.011)
+    assert np.abs(reported.q - told).max() > 0.1
+    assert seen.q == pytest.approx(told, abs=0.01)
+    assert seen.behind == 0.0
+    assert seen.age == reported.age
 
 
 def test_what_an_external_robot_has_looked_past_itself_is_left_alone():

@@ -2,6 +2,7 @@
 
 import os
 import re
+import shlex
 import subprocess
 import sys
 import tempfile
@@ -32,8 +33,8 @@ def blocks():
 class Reader:
     """Does what the page says, in one folder and one Python."""
 
-    def __init__(self, folder, capfd):
-        self.folder, self._capfd = folder, capfd
+    def __init__(self, folder, capfd, call):
+        self.folder, self._capfd, self._call = folder, capfd, call
         self._names = {"__name__": "__tutorial__"}
         self._log = folder / "serve.log"
         self._served = []
@@ -54,9 +55,11 @@ class Reader:
             return self._capfd.readouterr().out
         if block.text.startswith("motm-twin serve"):
             return self._serve(block.text)
-        script = ["bash", "-euo", "pipefail", "-c", block.text]
-        done = subprocess.run(script, cwd=self.folder, env=self._env, capture_output=True, text=True, check=False)
-        assert done.returncode == 0, f"{block.text}{done.stdout}{done.stderr}"
+        (command,) = block.text.splitlines()
+        program, *words = shlex.split(command)
+        assert program == "motm-twin"
+        done = self._call(*words, COLUMNS="200")
+        assert not done.returncode, f"{block.text}{done.stdout}{done.stderr}"
         return done.stdout
 
     def _serve(self, command):
@@ -79,11 +82,11 @@ class Reader:
 
 
 @pytest.fixture
-def reader(tmp_path, capfd, monkeypatch):
+def reader(tmp_path, capfd, monkeypatch, call):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     monkeypatch.setenv("MPLBACKEND", "Agg")
-    does = Reader(tmp_path, capfd)
+    does = Reader(tmp_path, capfd, call)
     yield does
     does.close()
 

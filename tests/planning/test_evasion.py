@@ -24,7 +24,7 @@ KNOWN = KnownWorld(
 
 def world_with(*tracks):
     base = base_map(KNOWN, 0.05)
-    rows = np.array([(*t, 0.03, 1.0 + k, np.hypot(t[2], t[3])) for k, t in enumerate(tracks)]).reshape(-1, 8)
+    rows = np.array([(*t, 0.03, 1.0 + k) for k, t in enumerate(tracks)]).reshape(-1, 7)
     return WorldMap(
         stamp=0.0, resolution=0.05, origin=np.array(base.grid.origin), occupied=base.occupied, distance=base.distance,
         proximity=np.zeros_like(base.distance), polygons=(), seen_points=np.zeros((0, 2)),

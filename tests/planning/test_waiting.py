@@ -24,7 +24,7 @@ STANDS = np.zeros(5)
 
 
 def wait(*tracks, path=PATH, begins=0.0):
-    rows = np.array([(*track, 0.25, 0.03, 1.0 + k, 0.5) for k, track in enumerate(tracks)]).reshape(-1, 8)
+    rows = np.array([(*track, 0.25, 0.03, 1.0 + k) for k, track in enumerate(tracks)]).reshape(-1, 7)
     return best_wait(STANDS, path, ROBOT.base, Among(rows, BODY, WEIGHTS), begins)
 
 

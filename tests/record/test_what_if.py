@@ -239,13 +239,24 @@ def program(*arguments, **options):
     return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, **options)
 
 
-def test_the_program_streams_both_runs_as_json_lines(session, as_it_was, slowed, tmp_path):
-    path = tmp_path / "run.json"
-    save_session(session, path)
-    process = program(path, "--set", "next_weight=0.5", "--set", "bezier=off", "--from", "1", "--stream")
-    out, err = process.communicate(timeout=120)
-    assert process.returncode == 0, err
-    lines = [json.loads(line) for line in out.splitlines()]
+@pytest.fixture
+def stream(tmp_path, monkeypatch, capfd):
+    """Output of the program about a session, and its exit code."""
+    monkeypatch.setattr(what_if, "_end_with_input", lambda: None)  # it would end this process
+
+    def called(session, changes, start=0.0, file="run.json"):
+        save_session(session, tmp_path / "run.json")
+        code = what_if.stream(str(tmp_path / file), changes, start)
+        out, err = capfd.readouterr()
+        assert "Traceback" not in err
+        return code, [json.loads(line) for line in out.splitlines()]
+
+    return called
+
+
+def test_both_runs_are_streamed_as_json_lines(session, as_it_was, slowed, stream):
+    code, lines = stream(session, ["next_weight=0.5", "bezier=off"], 1.0)
+    assert code == 0
     for run, (samples, end) in ((AS_IT_WAS, as_it_was), (CHANGED, slowed)):
         mine = [line for line in lines if line["run"] == run]
         assert mine[-1]["done"] is True
@@ -261,29 +272,21 @@ def test_the_program_streams_both_runs_as_json_lines(session, as_it_was, slowed,
         ("run.json", [], 0.0, "at least one"),
     ],
 )
-def test_bad_input_is_one_json_line_and_exit_code_two(
-    session, tmp_path, monkeypatch, capfd, file, changes, seconds, words
-):
-    monkeypatch.setattr(what_if, "_end_with_input", lambda: None)  # it would end this process
-    save_session(session, tmp_path / "run.json")
-    assert what_if.stream(str(tmp_path / file), changes, seconds) == 2
-    assert words in json.loads(capfd.readouterr().out)["error"]
+def test_bad_input_is_one_json_line_and_exit_code_two(session, stream, file, changes, seconds, words):
+    code, (line,) = stream(session, changes, seconds, file)
+    assert code == 2
+    assert words in line["error"]
 
 
-def test_a_session_that_one_of_the_processes_cannot_run_is_bad_input(session, tmp_path):
+def test_a_session_that_one_of_the_processes_cannot_run_is_bad_input(session, stream):
     wrong = LoggedEdit(index=0, edit=MoveBody(name="nobody", x=0.0, y=0.0))
-    save_session(Session(scene=session.scene, edits=(wrong,), periods=5), tmp_path / "wrong.json")
-    process = program("wrong.json", "--set", "bezier=off", cwd=tmp_path)
-    out, err = process.communicate(timeout=120)
-    assert process.returncode == 2, err
-    (line,) = (json.loads(text) for text in out.splitlines() if "error" in text)
+    code, lines = stream(Session(scene=session.scene, edits=(wrong,), periods=5), ["bezier=off"])
+    assert code == 2
+    (line,) = (line for line in lines if "error" in line)
     assert "nobody" in line["error"]
-    assert "Traceback" not in err
 
 
-def children_of(pid):
-    text = Path(f"/proc/{pid}/task/{pid}/children").read_text(encoding="ascii")
-    return [int(child) for child in text.split()]
+linux = pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="needs Linux's /proc")
 
 
 def gone(pids):
@@ -304,45 +307,44 @@ def _state(pid):
         return ""
 
 
-@pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="needs Linux's /proc")
+@pytest.fixture
+def both_run(tmp_path):
+    """A program that runs both, and its processes; nobody reads what it writes, so it is never done."""
+    path = tmp_path / "run.json"
+    save_session(Session(scene=drive_scene(tasks=((1.2, 0.0), (1.2, -0.6)) * 20), periods=4), path)
+    process = program(path, "--set", "bezier=off", "--from", "0.1", "--stream", stdin=subprocess.PIPE)
+    try:
+        assert "pose" in json.loads(process.stdout.readline())
+        children = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text(encoding="ascii").split()
+        assert len(children) >= 2
+        yield process, [process.pid, *map(int, children)]
+    finally:
+        process.kill()
+        process.wait()
+
+
+@linux
 @pytest.mark.parametrize("how", ["input closed", "killed", "output closed"])
-def test_both_runs_end_with_whoever_started_them(tmp_path, how):
-    path = tmp_path / "run.json"
-    save_session(saved(load_scene("exp1", "trial1", 0), periods=4), path)
-    process = program(path, "--set", "bezier=off", stdin=subprocess.PIPE, env=dict(os.environ))
-    try:
-        assert "pose" in json.loads(process.stdout.readline())
-        pids = [process.pid, *children_of(process.pid)]
-        assert len(pids) >= 3
-        if how == "input closed":
-            process.stdin.close()
-        elif how == "killed":
-            process.kill()
-        else:
-            process.stdout.close()
-        process.wait(timeout=30)
-        assert gone(pids)
-    finally:
+def test_both_runs_end_with_whoever_started_them(both_run, how):
+    process, pids = both_run
+    if how == "input closed":
+        process.stdin.close()
+    elif how == "killed":
         process.kill()
-        process.wait()
+    else:
+        process.stdout.close()
+    process.wait(timeout=30)
+    assert gone(pids)
 
 
-@pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="needs Linux's /proc")
-def test_a_run_whose_process_dies_is_told_and_takes_the_other_with_it(tmp_path):
-    path = tmp_path / "run.json"
-    save_session(saved(load_scene("exp1", "trial1", 0), periods=4), path)
-    process = program(path, "--set", "bezier=off", stdin=subprocess.PIPE)
-    try:
-        assert "pose" in json.loads(process.stdout.readline())
-        pids = children_of(process.pid)
-        for pid in pids:
-            if "spawn_main" in Path(f"/proc/{pid}/cmdline").read_text(encoding="utf-8"):
-                os.kill(pid, signal.SIGKILL)
-                break
-        out = process.stdout.read()  # its standard input stays open
-        assert process.wait(timeout=30) == 1
-        assert "ended before it was done" in json.loads(out.splitlines()[-1])["error"]
-        assert gone(pids)
-    finally:
-        process.kill()
-        process.wait()
+@linux
+def test_a_run_whose_process_dies_is_told_and_takes_the_other_with_it(both_run):
+    process, pids = both_run
+    os.kill(
+        next(pid for pid in pids if "spawn_main" in Path(f"/proc/{pid}/cmdline").read_text(encoding="utf-8")),
+        signal.SIGKILL,
+    )
+    out = process.stdout.read()  # its standard input stays open
+    assert process.wait(timeout=30) == 1
+    assert "ended before it was done" in json.loads(out.splitlines()[-1])["error"]
+    assert gone(pids)

@@ -6,7 +6,7 @@ from sim_hands import DOWN, act, cube_of, move, over_a_cube, tcp
 from sim_scenes import box
 
 from motm_twin.model.scene import Bin, Pick, Place
-from motm_twin.sim.grasp import violation
+from motm_twin.sim.grasp import STRICT, violation
 from motm_twin.sim.objects import ObjectState
 
 
@@ -49,10 +49,10 @@ def test_with_nothing_between_the_pads_close_to_zero_in_the_closing_time():
 @pytest.mark.parametrize("axis", [0, 1, 2])
 @pytest.mark.parametrize("sign", [1, -1])
 @pytest.mark.parametrize(("size", "held"), [(0.0145, True), (0.0155, False)])
-def test_an_offset_of_fifteen_millimetres_decides_on_each_axis_of_the_hand(axis, sign, size, held):
+def test_by_the_strict_rule_an_offset_of_fifteen_millimetres_decides_on_each_axis(axis, sign, size, held):
     offset = np.zeros(3)
     offset[axis] = sign * size
-    plant = close(over_a_cube(offset=offset))
+    plant = close(over_a_cube(offset=offset, grasp_rule=STRICT))
     assert (cube_of(plant).state == "held") == held
     if not held:
         plant.step(0.5)
@@ -62,8 +62,8 @@ def test_an_offset_of_fifteen_millimetres_decides_on_each_axis_of_the_hand(axis,
 
 @pytest.mark.parametrize("quarter", [0, 1, -2])
 @pytest.mark.parametrize(("degrees", "held"), [(14.5, True), (-14.5, True), (15.5, False), (-15.5, False), (40, False)])
-def test_a_yaw_of_fifteen_degrees_decides(degrees, held, quarter):
-    plant = close(over_a_cube(turn=math.radians(degrees + 90 * quarter)))
+def test_by_the_strict_rule_a_yaw_of_fifteen_degrees_decides(degrees, held, quarter):
+    plant = close(over_a_cube(turn=math.radians(degrees + 90 * quarter), grasp_rule=STRICT))
     assert (cube_of(plant).state == "held") == held
 
 
@@ -76,8 +76,8 @@ def test_a_tool_may_be_tilted_up_to_thirty_degrees(degrees, held):
 
 
 @pytest.mark.parametrize(("speed", "outcome"), [(0.028, "held"), (0.034, "slipping")])
-def test_a_relative_speed_of_three_centimetres_per_second_decides(speed, outcome):
-    plant = over_a_cube()
+def test_by_the_strict_rule_a_relative_speed_of_three_centimetres_per_second_decides(speed, outcome):
+    plant = over_a_cube(grasp_rule=STRICT)
     move(plant, (0.0, 0.0, 0.0), 0.0)
     cube = plant._state.objects[0]
     plant.command(act((speed, 0.0)))
@@ -88,8 +88,8 @@ def test_a_relative_speed_of_three_centimetres_per_second_decides(speed, outcome
     assert plant._state.gripper.outcome == outcome
 
 
-def test_a_cube_that_slid_between_the_pads_slips_out_when_lifted():
-    plant = over_a_cube()
+def test_by_the_strict_rule_a_cube_that_slid_between_the_pads_slips_out_when_lifted():
+    plant = over_a_cube(grasp_rule=STRICT)
     plant.command(act((0.034, 0.0)))
     plant.step(1.0)
     hand, _ = tcp(pose=plant.truth().pose)
@@ -104,8 +104,8 @@ def test_a_cube_that_slid_between_the_pads_slips_out_when_lifted():
     assert plant.observe().gripper_width == 0.0
 
 
-def test_the_rule_must_hold_during_the_whole_closing():
-    plant = over_a_cube()
+def test_the_strict_rule_must_hold_during_the_whole_closing():
+    plant = over_a_cube(grasp_rule=STRICT)
     plant.command(act(gripper="close"))
     plant.step(0.7)
     plant._state.objects[0].position[0] += 0.016

@@ -52,8 +52,8 @@ def test_late_fingers_still_move_at_the_width_of_the_cube_until_they_hold_it():
 
 def test_late_fingers_lose_a_cube_that_does_not_stay_between_them():
     plant = close(over_a_cube(faults=Faults(grasp_delay=3.0)), 1.5)
-    plant._state.objects[0].position[0] += 0.02
-    plant.step(2.5)
+    plant._state.objects[0].position[0] += 0.03
+    plant.step(3.0)
     assert cube_of(plant).state != "held"
     assert plant.observe().gripper_width == 0.0
 

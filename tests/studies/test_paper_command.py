@@ -2,6 +2,7 @@
 
 import json
 import re
+import shutil
 from pathlib import Path
 
 import pytest
@@ -19,15 +20,34 @@ SHORT = {"time_limit": 2.0}  # [s] the trial ends long before its task: enough f
 HERE = made_with()[SOURCE]
 
 
-@pytest.fixture
-def short(monkeypatch):
+def shorten(patch):
     """Plans of two trials of two seconds, on the same way as the others."""
     specs = tuple(TrialSpec("exp1", "trial1", method=method, changes=SHORT) for method in ("motm", "staa"))
     for name in ("quick", "full"):
         tiny = plan.Plan(
             name=name, experiments=(Experiment("ablations", "Two seconds", specs),), notes=(f"A {name} one.",)
         )
-        monkeypatch.setitem(plan.PLANS, name, lambda tiny=tiny: tiny)
+        patch.setitem(plan.PLANS, name, lambda tiny=tiny: tiny)
+
+
+@pytest.fixture
+def short(monkeypatch):
+    shorten(monkeypatch)
+
+
+@pytest.fixture(scope="module")
+def once(tmp_path_factory):
+    out = tmp_path_factory.mktemp("once")
+    with pytest.MonkeyPatch.context() as patch:
+        shorten(patch)
+        assert run(out) == 0
+    return out
+
+
+@pytest.fixture
+def ran(once, short, tmp_path):
+    """The folder of a run of the short plan, for this test alone."""
+    return Path(shutil.copytree(once, tmp_path / "ran"))
 
 
 def run(out, **options):
@@ -56,20 +76,19 @@ def never(*_, **__):
     raise AssertionError("nothing is run")
 
 
-def test_a_run_keeps_every_trial_and_reports_those_without_success(short, tmp_path, monkeypatch):
-    assert run(tmp_path) == 0
-    trials = stored(tmp_path)
+def test_a_run_keeps_every_trial_and_reports_those_without_success(ran, monkeypatch):
+    trials = stored(ran)
     assert len(trials["ablations"]) == 2
-    record = json.loads((tmp_path / "part_of_results.json").read_text())
+    record = json.loads((ran / "part_of_results.json").read_text())
     assert [each["method"] for each in record["without_success"]] == ["motm", "staa"]
     assert "time limit" in record["without_success"][0]["reason"]
-    report = (tmp_path / "part_of_report.html").read_text()
+    report = (ran / "part_of_report.html").read_text()
     assert "time limit" in report
     assert "A quick one." in report
     assert record["parts"]["ablations"]["missing"]
-    assert (tmp_path / "figures" / "bezier.png").is_file()
+    assert (ran / "figures" / "bezier.png").is_file()
     monkeypatch.setattr("motm_twin.studies.run.run_job", never)
-    draw(tmp_path)
+    draw(ran)
 
 
 def test_what_is_drawn_later_names_what_ran_the_trials(short, tmp_path, capsys):
@@ -99,33 +118,30 @@ def test_what_is_drawn_later_names_what_ran_the_trials(short, tmp_path, capsys):
     assert f"motm-twin paper --quick --out {tmp_path} --only bezier" in report
 
 
-def test_trials_of_two_sources_are_counted_and_those_that_say_nothing_too(short, tmp_path):
-    assert run(tmp_path) == 0
-    rewrite(tmp_path, lambda lines: [lines[0], lines[1] | {"made_with": {"source": "old"}}])
-    record = draw(tmp_path, full=True)
+def test_trials_of_two_sources_are_counted_and_those_that_say_nothing_too(ran):
+    rewrite(ran, lambda lines: [lines[0], lines[1] | {"made_with": {"source": "old"}}])
+    record = draw(ran, full=True)
     assert record["source"] == f"{HERE} (1 trial); old (1 trial)"
     assert record["plan"] == "quick (1 trial); not recorded (1 trial)"
     assert record["machine"].endswith("; not recorded (1 trial)")
-    assert "Warning" in (tmp_path / "part_of_report.html").read_text()
+    assert "Warning" in (ran / "part_of_report.html").read_text()
 
 
-def test_trials_of_another_source_are_drawn_only_where_there_are_none_of_this(short, tmp_path):
-    assert run(tmp_path) == 0
+def test_trials_of_another_source_are_drawn_only_where_there_are_none_of_this(ran):
     older = [{"key": f"x{k}", "made_with": {"source": "old"}} for k in range(2)]
-    rewrite(tmp_path, lambda lines: [*lines, *(line | old for line, old in zip(lines, older, strict=True))])
-    assert draw(tmp_path)["source"] == "old"
-    assert run(tmp_path) == 0
-    assert json.loads((tmp_path / "part_of_results.json").read_text())["source"] == HERE
+    rewrite(ran, lambda lines: [*lines, *(line | old for line, old in zip(lines, older, strict=True))])
+    assert draw(ran)["source"] == "old"
+    assert run(ran) == 0
+    assert json.loads((ran / "part_of_results.json").read_text())["source"] == HERE
 
 
-def test_a_run_of_a_part_keeps_the_results_of_the_others(short, tmp_path, monkeypatch):
-    assert run(tmp_path) == 0
-    whole = (tmp_path / "ablations" / "results.jsonl").read_bytes()
+def test_a_run_of_a_part_keeps_the_results_of_the_others(ran, monkeypatch):
+    whole = (ran / "ablations" / "results.jsonl").read_bytes()
     assert len(whole.splitlines()) == 2
     monkeypatch.setattr("motm_twin.studies.paper.parts.Need.has", lambda _, spec, __: spec.method == "motm")
-    assert run(tmp_path) == 0
-    assert (tmp_path / "ablations" / "results.jsonl").read_bytes() == whole
-    assert json.loads((tmp_path / "part_of_results.json").read_text())["trials"] == 2
+    assert run(ran) == 0
+    assert (ran / "ablations" / "results.jsonl").read_bytes() == whole
+    assert json.loads((ran / "part_of_results.json").read_text())["trials"] == 2
 
 
 def test_only_what_is_missing_is_announced(short, tmp_path, capsys):

@@ -1,5 +1,6 @@
 """A sweep can be stopped, can crash, can lose workers; its results are the same, and none is dropped."""
 
+import io
 import os
 import signal
 import subprocess
@@ -29,7 +30,17 @@ def drives(count=3, *more):
 
 
 @pytest.fixture(scope="module")
-def by_two(tmp_path_factory):
+def mark(tmp_path_factory):
+    """The file of a method that dies once; workers that were started before do not know of it."""
+    get_reusable_executor().shutdown(kill_workers=True)
+    with pytest.MonkeyPatch.context() as patch:
+        path = tmp_path_factory.mktemp("mark") / "mark"
+        patch.setenv("MOTM_TEST_MARK", str(path))
+        yield path
+
+
+@pytest.fixture(scope="module")
+def by_two(mark, tmp_path_factory):
     """Six trials on two processes: the experiment's folder, and its results."""
     out = tmp_path_factory.mktemp("by_two")
     return out / "drives", run(drives(), out=out, workers=2, console=QUIET)
@@ -94,14 +105,14 @@ def test_a_trial_that_two_experiments_want_is_run_once(by_two, tmp_path):
         run([both[0], both[0]], out=tmp_path, console=QUIET)
 
 
-def test_what_breaks_is_kept_with_its_reason_and_session_and_run_again_only_when_asked(tmp_path, monkeypatch):
-    monkeypatch.setenv("MOTM_TEST_MARK", str(tmp_path / "mark"))
-    get_reusable_executor().shutdown(kill_workers=True)  # workers of before do not know the variable
+def test_what_breaks_is_kept_with_its_reason_and_session_and_run_again_only_when_asked(mark, tmp_path):
     names = ("DIES_ONCE", "DIES", "RAISES")
     once, *bad = [TrialSpec(SCENE, None, 0, f"{HERE / 'broken_methods.py'}:{name}") for name in names]
     impatient = TrialSpec(SCENE, None, 0, changes={"time_limit": 0.2})
-    (died_once,) = run(Experiment("once", "", (once,)), out=tmp_path, workers=2, console=QUIET).of("once")
-    assert (tmp_path / "mark").exists()
+    said = Console(file=io.StringIO())
+    (died_once,) = run(Experiment("once", "", (once,)), out=tmp_path, workers=2, console=said).of("once")
+    assert "a process died" in said.file.getvalue()
+    assert mark.exists()
     assert died_once["success"]  # it was killed from outside, as it were, and is begun again
     experiment = Experiment("drives", "", (*bad, impatient))
     results = run(experiment, out=tmp_path, workers=2, console=QUIET)

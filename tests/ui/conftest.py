@@ -1,4 +1,5 @@
 import sys
+from contextlib import ExitStack
 from pathlib import Path
 
 import msgspec
@@ -8,13 +9,27 @@ for folder in (Path(__file__).parent, Path(__file__).parent.parent / "bus"):
     sys.path.insert(0, str(folder))
 
 
-@pytest.fixture(scope="module")
-def browser():
-    """For a file only: while one is open, nothing else in this thread may have an event loop."""
-    from page import chromium
+_open = {}  # the browser of the tests in one that follow each other, and its end
 
-    with chromium() as opened:
-        yield opened
+
+@pytest.fixture
+def browser():
+    """Chromium, as long as tests with a browser follow each other."""
+    from page import chromium, tidy
+
+    if not _open:
+        stack = ExitStack()
+        _open.update(browser=stack.enter_context(chromium()), close=stack.close)
+    yield _open["browser"]
+    tidy(_open["browser"])
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_runtest_teardown(nextitem):
+    """While a browser is open, nothing else in this thread may have an event loop."""
+    if _open and (nextitem is None or not nextitem.get_closest_marker("browser")):
+        _open.pop("close")()
+        _open.clear()
 
 
 @pytest.fixture(scope="session")
@@ -32,17 +47,14 @@ def served(tmp_path_factory):
 @pytest.fixture
 def begun(served):
     """A run of a scene from its start, at 1x and by the shipped method, on the page of all tests; nobody drives."""
-    from page import begin
+    from page import begin, pause
 
-    from motm_twin.bus.commands import Pause
-    from motm_twin.perf.processes import act
-
-    def called(scene, variant="trial1"):
-        begin(served, scene, variant)
+    def called(scene, variant="trial1", **how):
+        begin(served, scene, variant, **how)
         return served
 
     yield called
-    act(served.client, Pause())  # the processor is the next test's
+    pause(served.client)  # the processor is the next test's
 
 
 @pytest.fixture

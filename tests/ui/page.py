@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from motm_twin.bus.commands import Load, Pause, Play, Speed
+from motm_twin.bus.commands import HandOver, Load, Pause, Play, Reset, Speed
 from motm_twin.methods import DEFAULT_METHOD
 from motm_twin.perf.processes import act, now, served
 from motm_twin.ui.scene.cameras import FIELD_OF_VIEW, FROM_FAR, overview
@@ -61,12 +61,24 @@ def serving(scene, *options):
         yield twin
 
 
-def begin(twin, scene, variant):
+def pause(client):
+    """Pause, and leave the wheel free, whoever has it."""
+    client.command(HandOver(), sender=client.status().driver)
+    act(client, Pause())
+
+
+def begin(twin, scene, variant, *, play=True):
     """A run from its start at 1x, by the shipped method, with a free wheel."""
     client, run = twin.client, now(twin.client).run
-    for command in (Pause(), Load(scene=scene, variant=variant, method=DEFAULT_METHOD), Speed(factor=1.0)):
+    pause(client)
+    for command in (Load(scene=scene, variant=variant, method=DEFAULT_METHOD), Speed(factor=1.0)):
         act(client, command)
     until(lambda: now(client).run > run and client.scene().name == scene, SHOWN, f"{scene} is not loaded")
+    if not play:  # a run that follows one that had ended plays
+        act(client, Pause())
+        act(client, Reset())
+        until(lambda: now(client).index == 0 and client.status().state == "paused", SHOWN, "it is not at its start")
+        return
     act(client, Play())
     until(lambda: client.status().state != "paused" and client.status().driver == "", SHOWN, "it does not begin")
 
@@ -82,14 +94,34 @@ def chromium():
         browser.close()
 
 
+_stayed = {}  # by browser: the visitor of the last test, whose page goes on; to load one takes seconds
+
+
 @contextmanager
 def visiting(browser, twin, view=VIEW):
-    """The page of a served twin; yields its visitor, who has read how to drive."""
-    visitor = Visitor.enter(browser, twin, view)
+    """The page of a served twin, left from the last test unless that failed; yields its visitor, who can drive."""
+    visitor = _stayed.pop(browser, None) or Visitor.enter(browser, twin, view)
     try:
+        visitor.anew(view)
         yield visitor
-    finally:
+    except BaseException:
         visitor.page.close()
+        raise
+    _stayed[browser] = visitor
+
+
+def leave(browser):
+    """Close the page of the last test: it would be another visitor, and takes half of a processor."""
+    if stayed := _stayed.pop(browser, None):
+        stayed.page.close()
+
+
+def tidy(browser):
+    """Close every page but the one that stays; a test that failed may have left some."""
+    stays = _stayed[browser].page if browser in _stayed else None
+    for page in [page for context in browser.contexts for page in context.pages]:
+        if page is not stays:
+            page.close()
 
 
 class Visitor:
@@ -101,14 +133,15 @@ class Visitor:
         page.on("pageerror", lambda error: self.errors.append(str(error)))
 
     @classmethod
-    def enter(cls, browser, twin, view=VIEW, *, fine=False, welcome=False):
+    def enter(cls, browser, twin, view=VIEW, *, fine=False, welcome=False, touch=False):
         """Open the page in a new window and put the introduction away.
 
         The scene is drawn as everybody sees it when ``fine``; else with rough edges, at most twice a second and
         always with one dot per pixel: smooth edges take half of what software needs for a picture. ``welcome``: the
-        card of the first visit stays.
+        card of the first visit stays. ``touch``: its screen feels fingers.
         """
-        page = browser.new_page(viewport=view)
+        leave(browser)
+        page = browser.new_page(viewport=view, has_touch=touch)
         visitor = cls(page, twin)
         if not fine:
             page.add_init_script(path=LIGHTLY)
@@ -119,6 +152,14 @@ class Visitor:
             visitor.close_notes()
         until(visitor.overlooks, SHOWN, "its camera does not find the overview")
         return visitor
+
+    def anew(self, view):
+        """In the overview and the first tab, with nothing chosen and nothing over the scene, once a run was begun."""
+        self.page.set_viewport_size(view)
+        self.tab("Drive")  # out of a field, or keys would be typed
+        self.page.keyboard.press("1")
+        self.close_notes()
+        until(self.overlooks, SHOWN, "its camera does not find the overview")
 
     # what is seen
 
@@ -194,9 +235,10 @@ class Visitor:
         """Open a tab of the panel."""
         self.page.get_by_role("tab", name=name, exact=True).click(timeout=SHOWN * 1000)
 
-    def unfold(self, folder):
-        """Open a folder of the panel."""
-        self.page.get_by_text(folder, exact=True).locator("visible=true").first.click()
+    def unfold(self, folder, within):
+        """Open a folder of the panel, unless the label within is seen."""
+        if not self.page.get_by_label(within, exact=True).locator("visible=true").count():
+            self.page.get_by_text(folder, exact=True).locator("visible=true").first.click()
 
     def look_back_to(self, share):
         """Drag the dot of the timeline to a share of what is kept."""
@@ -270,23 +312,38 @@ class Visitor:
 
     def overlooks(self):
         """Whether the camera is where a visitor's begins, and stays as long as they want nothing else."""
-        camera, scene, box = self._camera(), self.twin.client.scene(), self._canvas()
-        if camera is None or scene is None or box is None:
+        scene, box = self.twin.client.scene(), self._canvas()
+        if scene is None or box is None:
             return False
-        view = camera[0]
-        eye = WORLD.T @ (-view[:3, :3].T @ view[:3, 3])
+        eye, ahead = self.eye()
         place, look_at = overview(scene, box["width"] / box["height"])
-        ahead = WORLD.T @ -view[2, :3]
         off = np.linalg.norm(np.cross(ahead, (look_at - place) / np.linalg.norm(look_at - place)))
         return math.dist(eye, place) < NEAR and bool(off < STRAIGHT)
+
+    def eye(self):
+        """Place [m] of the camera of the last picture, and the direction in which it looks."""
+        view = until(self._camera, SHOWN, "no picture was drawn")[0]
+        return WORLD.T @ (-view[:3, :3].T @ view[:3, 3]), WORLD.T @ -view[2, :3]
+
+    def rest(self):
+        """`eye`, once it stands still."""
+
+        def still():
+            eye = self.eye()
+            self.page.wait_for_timeout(AT_REST)
+            return eye if np.allclose(eye, self.eye(), atol=STRAIGHT) else None
+
+        return until(still, SHOWN, "the camera does not come to rest")
 
     def _camera(self):
         """View and projection of the visitor's own camera in the last picture, each (4, 4); None before the first."""
         found = None
         for matrices in self.page.evaluate("sceneCameras()"):
             view, projection = (np.array(matrix).reshape(4, 4).T for matrix in matrices)
-            own = (projection[1, 1] * math.tan(fov / 2) for fov in (FIELD_OF_VIEW, FROM_FAR))
-            if projection[3, 2] == -1.0 and any(math.isclose(value, 1.0, rel_tol=1e-3) for value in own):
+            if (
+                projection[3, 2] == -1.0
+                and 0.999 * FROM_FAR < 2.0 * math.atan(1.0 / projection[1, 1]) < 1.001 * FIELD_OF_VIEW
+            ):
                 found = view, projection
         return found
 

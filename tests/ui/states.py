@@ -53,7 +53,7 @@ def screenshot(person):
     person.close_notes()
     person.page.mouse.move(2, 2)
     if person.twin.client.status().state == "paused":
-        person.settled()
+        person.settled(quiet=1)
     return Image.open(io.BytesIO(person.page.screenshot(timeout=60_000))).convert("RGB")
 
 
@@ -87,7 +87,6 @@ def candidate(person):
     at(person, START)
     person.tab("Why")
     placement = person.twin.client.tick().placement
-    person.settled()
     person.click((*placement.poses[placement.chosen][:2], CANDIDATE_HEIGHT))
     until(lambda: person.twin.client.tick().inspected, 60.0, "no paths of the candidate")
     person.says(", chosen")

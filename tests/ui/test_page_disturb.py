@@ -7,11 +7,12 @@ import re
 import msgspec
 import numpy as np
 import pytest
-from page import SHOWN, until, visiting
+from page import SHOWN, changed, until, visiting
 from room import EVIL, SHELF, SHELF_TOP
 
-from motm_twin.bus.commands import AddObstacle, Announce, FreezeBody, HandOver, Pause, Reset, SendAgent
+from motm_twin.bus.commands import AddObstacle, Announce, FreezeBody, SendAgent
 from motm_twin.model.edits import InjectFault, MoveBody, MoveObject, PushRobot, ReleaseBody
+from motm_twin.perf.processes import act
 from motm_twin.sessions.session import Session
 from motm_twin.sim.slides import FRICTION
 
@@ -22,6 +23,7 @@ HERE, THERE = (-1.4, 1.2), (-0.5, 1.2)  # [m] free floor, which a box is thrown 
 AWAY = (-0.6, -1.3)  # [m] free floor
 HEIGHT = 0.3  # [m] at which a box is taken
 NEAR = 0.1  # [m] from where the hand has let go
+DRAWN = 1e-3  # share of the pixels that a Temi changes at least
 TRIES = 6  # to throw: a page that draws slowly sees no speed at times
 
 
@@ -63,9 +65,10 @@ def test_the_page_loads_the_robot_moves_and_avoids_a_temi_that_is_dragged_into_i
         page.keyboard.press("n")
         until(lambda: client.tick().index == 1, 30.0, "one step by keyboard")
         visitor.tab("Disturb")
+        before = visitor.picture()
         visitor.press("Temi")
         temi = until(lambda: client.tick().obstacles, 30.0, "the Temi was not added")[0]
-        visitor.settled()  # the page draws it
+        until(lambda: changed(before, visitor.picture()) > DRAWN, 30.0, "the page does not draw it")
 
         target = ahead(client.tick(), 1.6)
         visitor.drag([*temi.position[:2], GRAB], [*target, GRAB])
@@ -97,20 +100,19 @@ def test_the_page_loads_the_robot_moves_and_avoids_a_temi_that_is_dragged_into_i
 @pytest.mark.browser
 @pytest.mark.timeout(600)
 def test_the_robot_its_sensors_and_bodies_are_disturbed_by_mouse_and_a_hostile_name_is_only_text(browser, begun):
-    with visiting(browser, begun("room", "long")) as visitor:
+    with visiting(browser, begun("room", "long", play=False)) as visitor:
         client, dialogs = visitor.twin.client, []
         visitor.page.on("dialog", lambda dialog: (dialogs.append(dialog.message), dialog.dismiss()))
         evil = AddObstacle(name=EVIL, shape="temi", x=-0.6, y=-1.2)
-        for command in (Pause(), Reset(), evil, HandOver()):  # of another program: the page drives from here on
-            until(lambda command=command: client.command(command).ok, 60.0, f"not done: {command}")
+        act(client, evil)  # of another program: the page drives from here on
         visitor.speed("1/2")
         visitor.tab("Disturb")
         visitor.page.keyboard.press("Space")
         until(lambda: client.status().state == "playing", 30.0, "not playing")
         the_robot_is_pushed(visitor)  # where there is room on all sides
         the_cube_is_taken_away(visitor)
-        the_robot_is_blinded(visitor)
         speed(visitor, "1x")
+        the_robot_is_blinded(visitor)
         until(lambda: client.tick().score.places == 1, 120.0, "the robot does not get over it")
         furniture_is_moved_and_announced(visitor)
         a_hostile_name_is_only_text(visitor)

@@ -42,7 +42,7 @@ def test_play_pause_step_speed_and_another_scene_by_mouse_and_a_server_that_dies
         until(lambda: client.status().state == "playing", 30.0, "not playing")
         visitor.says("0.5×, really")
 
-        visitor.unfold("Scene")
+        visitor.unfold("Scene", "Method")
         visitor.choose("Scene", "exp2")
         visitor.choose("Variant", "one_temi")
         visitor.press("Load")
@@ -95,7 +95,7 @@ def test_a_method_is_chosen_by_mouse_and_named_and_the_next_click_on_the_floor_i
     with visiting(browser, begun("exp1"), LITTLE) as visitor:
         client, page = visitor.twin.client, visitor.page
         driven_by(visitor, DEFAULT_METHOD)
-        visitor.unfold("Scene")
+        visitor.unfold("Scene", "Method")
         assert visitor.offered("Method") == [method.title for method in METHODS.values()]
         visitor.choose("Method", METHODS["no_bezier"].title)
         visitor.says(METHODS["no_bezier"].summary)
@@ -125,10 +125,8 @@ def test_a_method_is_chosen_by_mouse_and_named_and_the_next_click_on_the_floor_i
 @pytest.mark.browser
 @pytest.mark.timeout(600)
 def test_a_click_on_the_floor_asks_first_and_the_drive_can_be_undone(browser, begun):
-    with visiting(browser, begun("exp1")) as visitor:
+    with visiting(browser, begun("exp1", play=False)) as visitor:
         client, page = visitor.twin.client, visitor.page
-        visitor.press("Pause")
-        visitor.state("Paused")
         asked, kinds = page.get_by_text("Drive here?"), lambda: [task.kind for task in client.tick().tasks]
         for answer in ("Escape", "Cancel", "Drive"):
             visitor.click(FLOOR)

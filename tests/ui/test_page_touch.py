@@ -17,32 +17,30 @@ STEPS = 10  # of a gesture
 @pytest.mark.browser
 @pytest.mark.timeout(600)
 def test_fingers_zoom_turn_drag_and_tap_at_the_size_of_a_phone(browser, begun):
-    twin = begun("exp1")
+    twin = begun("exp1", play=False)
     visitor = Visitor.enter(browser, twin, PHONE)
     hand = Hand(visitor.page)
-    visitor.press("Pause")
-    until(lambda: twin.client.status().state == "paused", SHOWN, "not paused")
 
-    middle, view = visitor.pixel(FLOOR), eye(visitor)
+    middle, view = visitor.pixel(FLOOR), visitor.eye()
     hand.drags([way(middle, (-20, 0), (-90, 0)), way(middle, (20, 0), (90, 0))])
-    until(lambda: nearer(view, eye(visitor)) > 0.3, SHOWN, "two fingers that part do not go nearer")
-    view = eye(visitor)
+    until(lambda: nearer(view, visitor.eye()) > 0.3, SHOWN, "two fingers that part do not go nearer")
+    view = visitor.eye()
     hand.drags([way(middle, (-90, 0), (-30, 0)), way(middle, (90, 0), (30, 0))])
-    until(lambda: nearer(view, eye(visitor)) < -0.3, SHOWN, "two fingers that meet do not go back")
+    until(lambda: nearer(view, visitor.eye()) < -0.3, SHOWN, "two fingers that meet do not go back")
 
-    view = eye(visitor)
+    view = visitor.eye()
     hand.drags([way(visitor.pixel(FLOOR), (0, 0), (70, 0))])
-    until(lambda: turned(view, eye(visitor)) > 0.1, SHOWN, "a finger on the floor does not turn the view")
+    until(lambda: turned(view, visitor.eye()) > 0.1, SHOWN, "a finger on the floor does not turn the view")
     until(lambda: visitor.page.evaluate("motm.data.now.camera") == "Free", SHOWN, "the view is not the visitor's")
 
     size = (0.4, 0.4, 0.6)
     act(twin.client, AddObstacle(name="box", shape="box", x=BOX[0], y=BOX[1], heading=0.0, size=size))
     until(lambda: box(twin) == BOX, SHOWN, "no box")
-    view = eye(visitor)
+    view = visitor.eye()
     visitor.page.wait_for_timeout(2000)  # until it is drawn
     hand.drags([way(visitor.pixel((*BOX, 0.3)), (0, 0), (40, 20))])
     until(lambda: math.dist(box(twin), BOX) > 0.2, SHOWN, "a finger does not take the box along")
-    assert turned(view, eye(visitor)) < 0.02, "the view turns while a body is dragged"
+    assert turned(view, visitor.eye()) < 0.02, "the view turns while a body is dragged"
 
     visitor.page.wait_for_timeout(1000)
     hand.drags([[visitor.pixel(FLOOR)]])
@@ -62,12 +60,6 @@ def way(place, *ends):
 def box(twin):
     """Place of the box [m]."""
     return next((tuple(body.position[:2]) for body in twin.client.tick().obstacles if body.name == "box"), None)
-
-
-def eye(visitor):
-    """Place [m] of the camera of the last picture and where it looks, in the page's own frame."""
-    view = until(visitor._camera, SHOWN, "no picture was drawn")[0]
-    return -view[:3, :3].T @ view[:3, 3], -view[2, :3]
 
 
 def nearer(before, after):

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from page import SHOWN, WORLD, until, visiting
+from page import AT_REST, SHOWN, until, visiting
 
 TABLE, FLOOR = (4.9, 1.9, 0.78), (2.0, 0.4, 0.0)  # [m] on the table, where no cube is; free floor
 PATCH = 8  # [px]
@@ -12,9 +12,7 @@ HOLES, GREY = 0.15, 12.0  # share of neighbouring pixels that differ by so many 
 @pytest.mark.browser
 @pytest.mark.timeout(600)
 def test_the_plan_view_looks_through_furniture_and_the_wrist_camera_is_shown_by_a_key(browser, begun):
-    with visiting(browser, begun("exp1")) as visitor:
-        visitor.press("Pause")
-        visitor.state("Paused")
+    with visiting(browser, begun("exp1", play=False)) as visitor:
         assert not pierced(visitor, TABLE)
         visitor.page.keyboard.press("2")
         until(lambda: pierced(visitor, TABLE), SHOWN, "the table hides what is below it")
@@ -33,7 +31,7 @@ def test_the_plan_view_looks_through_furniture_and_the_wrist_camera_is_shown_by_
 @pytest.mark.browser
 @pytest.mark.timeout(600)
 def test_the_page_is_as_dark_as_the_browser_prefers_until_somebody_chooses(browser, begun):
-    with visiting(browser, begun("exp1")) as visitor:
+    with visiting(browser, begun("exp1", play=False)) as visitor:
         page = visitor.page
 
         def shades(name):
@@ -50,19 +48,19 @@ def test_the_page_is_as_dark_as_the_browser_prefers_until_somebody_chooses(brows
         page.reload()
         page.locator(".cover").wait_for(state="detached", timeout=SHOWN * 1000)
         until(lambda: shades("light") == (True, [255, 255]), SHOWN, "the choice is forgotten")
+        page.emulate_media(color_scheme="light")
         assert visitor.errors == []
 
 
 @pytest.mark.browser
 @pytest.mark.timeout(600)
 def test_the_view_never_goes_below_the_floor_however_far_down_it_is_dragged(browser, begun):
-    with visiting(browser, begun("exp1")) as visitor:
+    with visiting(browser, begun("exp1", play=False)) as visitor:
         mouse = visitor.page.mouse
-        visitor.press("Pause")
-        visitor.state("Paused")
         for key in ("1", "3"):
             visitor.page.keyboard.press(key)
-            visitor.page.wait_for_timeout(3000)
+            visitor.page.wait_for_timeout(AT_REST)
+            visitor.rest()
             for _ in range(3):
                 mouse.move(60, 440)
                 mouse.down()
@@ -70,9 +68,7 @@ def test_the_view_never_goes_below_the_floor_however_far_down_it_is_dragged(brow
                     mouse.move(60, y)
                     visitor.page.wait_for_timeout(100)
                 mouse.up()
-                visitor.page.wait_for_timeout(1500)
-                view = visitor._camera()[0]
-                place, ahead = WORLD.T @ (-view[:3, :3].T @ view[:3, 3]), WORLD.T @ -view[2, :3]
+                place, ahead = visitor.rest()
                 assert place[2] > 0.1, f"key {key}: the eye is at {place}"
                 assert abs(ahead[2]) < 0.9, f"key {key}: it looks along {ahead}"
         assert visitor.errors == []

@@ -29,10 +29,7 @@ def test_a_what_if_from_an_earlier_moment_by_mouse_shows_both_robots_and_both_ti
         visitor.tab("Replay")
         visitor.look_back_to(0.1)
         visitor.says("Looking back")
-        period = int(
-            page.get_by_text(re.compile(r"\(period \d+\)")).first.inner_text().split("(period ")[1].split(")")[0]
-        )
-        assert 0 < period < newest.index // 2
+        period = until(lambda: 0 < shown(page) < newest.index // 2 and shown(page), 30.0, "it does not look back")
 
         visitor.tab("Tune")
         page.get_by_label("Try in what-if only").click()
@@ -58,6 +55,11 @@ def test_a_what_if_from_an_earlier_moment_by_mouse_shows_both_robots_and_both_ti
         visitor.says("Both runs are computed beside the twin")
         until(lambda: max(tinted(visitor, alone)) < TINTED, 60.0, "they stay for ever")
         assert visitor.errors == []
+
+
+def shown(page):
+    """The period that is looked back to."""
+    return int(re.search(r"\(period (\d+)\)", page.get_by_text(re.compile(r"\(period \d+\)")).first.inner_text())[1])
 
 
 def watch_until(visitor, seen, what):

@@ -19,7 +19,7 @@ from motm_twin.ui.hub import Hub, View, clean_name
 from motm_twin.ui.panel import widgets
 from motm_twin.ui.panel.disturb import Thing
 from motm_twin.ui.panel.disturb_tab import about, faults
-from motm_twin.ui.panel.drive_tab import ended_lines, jobs, label, moved
+from motm_twin.ui.panel.drive_tab import TaskBlock, ended_lines, jobs, label, moved
 from motm_twin.ui.panel.panel import asked_line, driver_line, status_card
 from motm_twin.ui.panel.replay_tab import file_name, rerun_text
 from motm_twin.ui.panel.widgets import HOLD, Block, follow
@@ -85,6 +85,20 @@ def test_notes_do_not_pile_up_and_the_same_is_not_shown_twice(hub):
     assert page.removed == ["one", "one"]
     hub.tell(visitor, "two")
     assert page.removed == ["one", "one", "two"]
+
+
+def test_a_long_list_of_tasks_has_a_dozen_rows_and_says_how_many_more_there_are():
+    """A hundred rows of buttons made the page too slow to close its card."""
+    server = viser.ViserServer("127.0.0.1", 0, verbose=False)
+    try:
+        block = TaskBlock(server.gui, SimpleNamespace(driving=lambda act: act), None)
+        for count, rows, more in ((99, 12, "and 87 more"), (12, 12, ""), (3, 3, "")):
+            block._show(jobs([task("drive_to", f"place {k}") for k in range(count)]))
+            assert sum(row.visible for row in block._rows) == rows
+            assert more in block._more.content
+            assert bool(block._more.content) == bool(more)
+    finally:
+        server.stop()
 
 
 def test_rows_of_buttons_turn_grey_too():

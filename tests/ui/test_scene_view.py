@@ -151,6 +151,17 @@ def test_a_trail_is_left_by_what_goes_and_not_by_what_is_put_elsewhere_or_seen_e
     assert not view._bodies._trails.visible
 
 
+def test_what_the_robot_holds_is_hidden_with_it(view, tick):
+    """A cube of the hidden robot hung in the air while both runs were watched."""
+    held, *rest = tick.objects
+    now = msgspec.structs.replace(tick, objects=[msgspec.structs.replace(held, state="held"), *rest])
+    for on in (True, False):
+        view._bodies.on = on
+        view._bodies.update(now)
+        assert view._bodies._bodies[f"object/{held.name}"].handle.visible == on
+        assert all(view._bodies._bodies[f"object/{other.name}"].handle.visible for other in rest)
+
+
 def test_fewer_than_a_hundred_nodes_move(view, tick):
     show(view, tick, fake_scene())
     view._others.update([Other(label="changed: 7.1 s", pose=(0.0, 0.0, 0.0), q=(0.0,) * 7, gripper=0.08)])

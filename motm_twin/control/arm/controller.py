@@ -13,12 +13,12 @@ from motm_twin.control.arm.geometry import nearest_static, planar_joints
 from motm_twin.control.arm.grasp_room import GraspRoom
 from motm_twin.control.arm.limits import Limit
 from motm_twin.control.arm.motion import Motion, hand_motion
-from motm_twin.control.arm.overlap import ArmOverlap, Overlap
+from motm_twin.control.arm.overlap import ArmOverlap
 from motm_twin.control.arm.parameters import ArmParameters, Numbers, numbers
 from motm_twin.control.arm.phases import PhaseRules, advance, dwell, engaged, fingers_at_work, start_over
 from motm_twin.control.arm.program import ARM, BASE, FURNITURE_ELASTIC, SLACK, ActiveRows, ArmProgram, lag_factor
 from motm_twin.control.arm.qp import Program, load, solve
-from motm_twin.control.arm.types import ArmInputs, ArmStep, ArmTiming, Phase, ProgramStatus, TransitRule
+from motm_twin.control.arm.types import ArmInputs, ArmStep, ArmTiming, Overlap, Phase, ProgramStatus, TransitRule
 from motm_twin.control.arm.view import ManipulatorState, View, look
 from motm_twin.model.edits import TaskEdit
 from motm_twin.model.geometry import Array, frozen
@@ -29,6 +29,7 @@ from motm_twin.model.reason import Kind, Reason
 from motm_twin.model.state import Stateful
 
 _BOUND_NAMES = ("base speed", "base yaw rate", *(f"joint {k}" for k in range(1, 8)))
+_GONE = 0.2  # share of the time that an arm stands in something, after which that is gone when it is not seen
 _REST, _NO_SLACK = frozen(np.zeros(7)), frozen(np.zeros(6))
 _GRASPING = (Phase.TRANSIT, Phase.FINAL, Phase.CLOSING, Phase.LIFT, Phase.RETRY)
 
@@ -123,10 +124,9 @@ class Manipulator(Stateful[ManipulatorState]):
             if view is None or bad:
                 return self.damped_stop(inputs, None, f"{bad} is not finite")
         held_side = self._state.side if self._state.holding else 0.0
-        overlap = self._overlap.find(view.arm, inputs, held_side, lasts=self._state.inside_since is not None)
+        overlap = self._inside(view, inputs, held_side)
         if overlap is not None:
             return self._stand_clear(view, inputs, overlap)
-        self._state.inside_since = None
         outcome, why = advance(self._state, view, inputs, self._rules)
         motion = self._ways.motion(self._state, view, inputs, self.parameters, self._numbers)
         program, rows = self._program(view, inputs, motion)
@@ -203,6 +203,16 @@ class Manipulator(Stateful[ManipulatorState]):
         free[ARM] = 1.0
         c[ARM] = -p.qp.free_gain * error
         return msgspec.structs.replace(program, P=free, c=c)
+
+    def _inside(self, view: View, inputs: ArmInputs, held_side: float) -> Overlap | None:
+        """The overlap of arm and something seen; it lasts until it has not been seen for a while: beams flicker."""
+        state = self._state
+        found = self._overlap.find(view.arm, inputs, held_side, lasts=state.inside is not None)
+        if found is not None:
+            state.inside, state.inside_at = found, view.time
+        elif view.time - state.inside_at > _GONE * self.parameters.overlap_stands:
+            state.inside, state.inside_since = None, None
+        return state.inside
 
     def _stand_clear(self, view: View, inputs: ArmInputs, overlap: Overlap) -> ArmStep:
         """Something stands where the arm is: it stands, and goes back to its stow pose when that lasts."""

@@ -6,14 +6,13 @@ It has no goal meanwhile.
 """
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 
 from motm_twin.control.arm.bodies import BODIES, arm_balls, placed
 from motm_twin.control.arm.limits import seen_distances
 from motm_twin.control.arm.parameters import ArmParameters
-from motm_twin.control.arm.types import ArmInputs
+from motm_twin.control.arm.types import ArmInputs, Overlap
 from motm_twin.control.arm.view import Arm
 from motm_twin.model.compiler import njit
 from motm_twin.model.exact import norm, times
@@ -22,13 +21,6 @@ from motm_twin.model.joint_limits import DDQ_MAX
 from motm_twin.model.profile import RobotProfile
 
 _STOWED = 0.02  # [rad] joints this near to the stow pose are there
-
-
-class Overlap(NamedTuple):
-    """The body of the arm that is deepest in something seen, and how deep [m]."""
-
-    body: str
-    depth: float
 
 
 class ArmOverlap:

@@ -206,7 +206,7 @@ class ArmParameters(msgspec.Struct, frozen=True, kw_only=True):
     close_error: Annotated[float, Number("m", OWN, "at which the gripper closes")] = 0.005
     close_speed: Annotated[float, Number("m/s", OWN, "of the hand over the object at which it closes")] = 0.025
     hold_speed: Annotated[
-        float, Number("m/s", OWN, "of corrections while it closes: the grasp rule allows 0.03 m/s")
+        float, Number("m/s", OWN, "of corrections while it closes: the strict grasp rule allows 0.03 m/s")
     ] = 0.012
     close_tilt: Annotated[float, Number("rad", OWN, "of the hand at which it closes")] = 20.0 * DEG
     seen_within: Annotated[float, Number("s", OWN, "nothing is grasped that was not seen this recently")] = 0.5
@@ -298,7 +298,12 @@ class ArmParameters(msgspec.Struct, frozen=True, kw_only=True):
     ] = 0.05
     overlap_stands: Annotated[
         float,
-        Number("s", OWN, "before an arm in an obstacle goes back to its stow pose: who put it there may take it away"),
+        Number(
+            "s",
+            OWN,
+            "before an arm in an obstacle goes to its stow pose: who put it there may take it away; unseen "
+            "for a fifth of that, it has been",
+        ),
     ] = 10.0
     overlap_speed: Annotated[
         float, Number("m/s", OWN, "of the hand on that way: a touch at this speed does no harm")

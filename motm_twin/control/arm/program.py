@@ -39,6 +39,7 @@ from motm_twin.model.compiler import njit
 from motm_twin.model.geometry import Array
 from motm_twin.model.joint_limits import DDQ_MAX, DQ_MAX, Q_MAX, Q_MIN, WRIST_MIN
 from motm_twin.model.known import KnownWorld
+from motm_twin.model.motion import lag_share
 from motm_twin.model.profile import RobotProfile
 
 SIZE = 17
@@ -157,9 +158,7 @@ def _limiter(gripper: LidarLimits) -> tuple[str, float]:
 
 def lag_factor(dt: float, profile: RobotProfile) -> float:
     """beta: the part of a commanded change of the base twist that is there when the arm's rates act."""
-    if profile.base.velocity_lag <= 0.0:
-        return 1.0
-    return 1.0 - math.exp(-(0.5 * dt + profile.arm.velocity_lag) / profile.base.velocity_lag)
+    return lag_share(profile.base.velocity_lag, 0.5 * dt + profile.arm.velocity_lag)
 
 
 @njit(cache=True)

@@ -1,7 +1,7 @@
 """Inputs and answer of one step of the arm (100 Hz or faster)."""
 
 from enum import StrEnum
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import msgspec
 import numpy as np
@@ -59,12 +59,19 @@ class ArmObstacles(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
 
 def _expected(points: Array, tracks: Array, ahead: float) -> Array:
-    """Places of the points (n, 2) that belong to tracks (k, 8), after a time [s], shape (m, 2)."""
+    """Places of the points (n, 2) that belong to tracks (k, 7), after a time [s], shape (m, 2)."""
     later = [NO_POINTS]
     for x, y, vx, vy, radius in tracks[:, :5]:
         own = np.hypot(points[:, 0] - x, points[:, 1] - y) <= radius + _RIM
         later.append(points[own] + ahead * np.array([vx, vy]))
     return np.concatenate(later)
+
+
+class Overlap(NamedTuple):
+    """The body of the arm that is deepest in something seen, and how deep [m]."""
+
+    body: str
+    depth: float
 
 
 class ArmInputs(msgspec.Struct, frozen=True, kw_only=True, eq=False):

@@ -9,7 +9,7 @@ import numpy as np
 
 from motm_twin.control.arm.geometry import mount_point, nearest_distance, polar, release_point, tilt_of
 from motm_twin.control.arm.parameters import ArmParameters
-from motm_twin.control.arm.types import ArmGoal, ArmInputs, Phase
+from motm_twin.control.arm.types import ArmGoal, ArmInputs, Overlap, Phase
 from motm_twin.model.arm_kernels import TCP, factor, fk_arm, point_jacobian
 from motm_twin.model.compiler import njit
 from motm_twin.model.exact import hypot, times
@@ -48,6 +48,8 @@ class ManipulatorState:
     tight_tries: int = field(default=0, metadata=LATER)  # times that came to nothing with such faces
     no_room_since: float | None = field(default=None, metadata=LATER)  # [s] no faces can be taken; inf: not seen yet
     inside_since: float | None = field(default=None, metadata=LATER)  # [s] since when something stands where the arm is
+    inside: Overlap | None = field(default=None, metadata=LATER)  # the newest sight of it ...
+    inside_at: float = field(default=-math.inf, metadata=LATER)  # ... and when [s]
     late: float = field(default=0.0, metadata=LATER)  # [s] by which the fingers took longer than they should, lately
 
 

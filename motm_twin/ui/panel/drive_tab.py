@@ -21,6 +21,7 @@ from motm_twin.ui.scene.scene_view import SceneView
 
 SPEEDS = {"1/8": 0.125, "1/4": 0.25, "1/2": 0.5, "1x": 1.0, "2x": 2.0, "4x": 4.0, "8x": 8.0}
 UP, DOWN, DELETE = "▲", "▼", "✕"
+ROWS = 12  # of jobs that have not ended: a hundred make a browser slow
 _SIGNS = {"done": ("✓", GREEN), "active": ("▶", BLUE), "failed": ("✗", RED)}
 _WAITING = ("○", "var(--motm-edge)")
 _HOW = "Click a cube, then a bin. Double-click the floor to send the robot there."
@@ -234,6 +235,11 @@ def ended_lines(listed: Sequence[Job]) -> str:
     return note(f'<div class="two">{cells}</div>', "inherit")
 
 
+def more_line(count: int) -> str:
+    """That there are so many more jobs than rows, as HTML; "" for none."""
+    return note(f"and {count} more") if count > 0 else ""
+
+
 def label(job: Job) -> str:
     """A job with the sign of its state, as plain text."""
     again = f" (try {job.attempts})" if job.attempts > 1 else ""
@@ -252,6 +258,7 @@ class TaskBlock(Block):
             self._ended = gui.add_html("")
             self._rows_at = gui.add_folder(None)
             self._rows: list[viser.GuiButtonGroupHandle] = []
+            self._more = gui.add_html("")
             gui.add_html(f'<div class="motm-wide">{note(_HOW)}</div>')
             with gui.add_folder("Add by name", expand_by_default=False):
                 self._cube, self._bin = self.choice("Cube", ("",)), self.choice("Into bin", ("",))
@@ -272,7 +279,8 @@ class TaskBlock(Block):
         self._listed = listed
         self._ended.content = ended_lines(listed)
         self._open = [job for job in listed if not job.ended]
-        for number in range(len(self._rows), len(self._open)):
+        self._more.content = more_line(len(self._open) - ROWS)
+        for number in range(len(self._rows), min(len(self._open), ROWS)):
             with self._rows_at:
                 hint = "do it earlier, later, or not at all"
                 self._rows.append(self.row((UP, DOWN, DELETE), partial(self._act, number), label="-", hint=hint))

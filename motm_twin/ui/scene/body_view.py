@@ -45,7 +45,7 @@ class BodyView:
         self._bodies: dict[str, _Drawn] = {}
         self._colours: dict[str, colours.Rgb] = {}
         self._trails = add_lines(server.scene, f"{ROOT}/trails", COLOURED, 0.02)
-        self.on = True  # Temis, persons and their trails
+        self.on = True  # Temis, persons and their trails, and what the robot holds
 
     def show(self, scene: Scene) -> None:
         """Forget the bodies of the last scene."""
@@ -102,7 +102,7 @@ class BodyView:
             if mover:
                 _lengthen(drawn.trail, (x, y), time - drawn.time)
         drawn.time = time
-        drawn.handle.visible = self.on or not mover
+        drawn.handle.visible = self.on or not (mover or body.state == "held")
         if drawn.shadow is not None:
             drawn.shadow.visible = drawn.handle.visible
         self._mark_frozen(name, drawn, body)
