@@ -19,7 +19,16 @@ from motm_twin.model.geometry import Array
 from motm_twin.model.joint_limits import DQ_MAX
 from motm_twin.model.motion import lag_share
 from motm_twin.model.number import OWN, Number, Slider
-from motm_twin.model.passive_safety import NO_ARM, braked, met_in_stop, overhang, stop_of
+from motm_twin.model.passive_safety import (
+    BRAKES_BOTH,
+    HOLDS_SPEED,
+    HOLDS_TURN,
+    NO_ARM,
+    braked,
+    met_in_stop,
+    overhang,
+    stop_of,
+)
 from motm_twin.model.plant import Actuation, Observation, Scan
 from motm_twin.model.profile import RobotProfile
 from motm_twin.model.reason import Kind, Reason
@@ -30,7 +39,8 @@ from motm_twin.perception.world_map import WorldMap
 _MARGIN_OF_REACH = 0.1  # [m] beyond the stopping way and the footprint: nothing further off can be met
 _SAME_BODY = 0.15  # [m] between the points of neighbouring beams that show the same body
 _ROUNDING = 1e-6  # [m] more than sums of lengths are wrong by
-_STANDS = 0.01  # [m/s] below which a base that holds its turn goes no further
+_STANDS = 0.01  # [m/s], [rad/s] below which a base that holds its turn goes no further, or turns no more
+_HOLDING = (HOLDS_TURN, HOLDS_SPEED)
 _NOISE = 0.004  # [m/s], [rad/s] of a twist: no command answers it
 _SENSORS = Reason(kind=Kind.NOT_FINITE, subject="sensors are")
 _NO_SCAN = Scan(
@@ -123,7 +133,7 @@ class MonitorState:
     """The last twist that was let through, and how the base would have stopped from there before what moves."""
 
     twist: Array = field(default_factory=lambda: np.zeros(2))
-    holds: bool = False  # the turn, until it went no further
+    holds: int = BRAKES_BOTH  # until the other ended: `HOLDS_TURN`, `HOLDS_SPEED`
 
 
 class Monitor(Stateful[MonitorState]):
@@ -208,32 +218,31 @@ class Monitor(Stateful[MonitorState]):
     ) -> tuple[Array, Reason] | None:
         """The twist of a stop, where the base would not stand, nor move away, when something that moves gets to it.
 
-        None: it would, braking its turn or holding it. Of these two stops that one begins which is free still; if none
-        is, because somebody has turned, that which was: the other one may lead anywhere.
+        None: it would, in one of the three stops. Of these that one begins which is free still; if none is, because
+        somebody has turned, that which was: another one may lead anywhere.
         """
         if not self.parameters.passive_safety or not len(world.tracks) or not twist.any():
-            self._state.holds = False
+            self._state.holds = BRAKES_BOTH
             return None
         x, y, heading = observation.pose.tolist()
         state = x, y, heading, float(observation.twist[0]), float(observation.twist[1])
         since, tracks = observation.time - world.stamp, np.ascontiguousarray(world.tracks)
         arm = overhang(observation.q, self._mount, self._stop) if self.profile.has_arm else NO_ARM
 
-        def met_by(told: Array, hold: bool) -> int:
-            return met_in_stop(state, (float(told[0]), float(told[1])), hold, since, tracks, arm, self._stop)
+        def met_by(told: Array, holds: int) -> int:
+            return met_in_stop(state, (float(told[0]), float(told[1])), holds, since, tracks, arm, self._stop)
 
-        met = met_by(twist, False)
-        if met < 0 or met_by(twist, True) < 0:
-            self._state.holds = met >= 0
+        met = met_by(twist, BRAKES_BOTH)
+        free = BRAKES_BOTH if met < 0 else next((holds for holds in _HOLDING if met_by(twist, holds) < 0), None)
+        if free is not None:
+            self._state.holds = free
             return None
         there_x, there_y, vx, vy, radius = tracks[met, :5].tolist()
         away = math.hypot(there_x - x, there_y - y) - radius
         why = Reason(kind=Kind.MEETS_MOVER, subject="lidar", value=away, limit=math.hypot(vx, vy), unit="m")
-        stop, held = self._stopping(observation.twist, dt, hold=False), self._stopping(observation.twist, dt, hold=True)
-        brakes_free = met_by(stop, False) < 0
-        if brakes_free or met_by(held, True) < 0:
-            self._state.holds = not brakes_free
-        return (held if self._state.holds else stop), why
+        stops = {holds: self._stopping(observation.twist, dt, holds) for holds in (BRAKES_BOTH, *_HOLDING)}
+        self._state.holds = next((holds for holds, stop in stops.items() if met_by(stop, holds) < 0), self._state.holds)
+        return stops[self._state.holds], why
 
     def _on_seen_floor(self, twist: Array, floor: Floor, pose: Array, dt: float) -> tuple[Array, Reason | None]:
         """The twist, slowed so that the base stops within the floor that it has seen, lately unless it creeps."""
@@ -298,14 +307,17 @@ class Monitor(Stateful[MonitorState]):
         _limit(twist, self._state.twist, dt, self._base, limited)
         return limited
 
-    def _stopping(self, twist: Array, dt: float, *, hold: bool) -> Array:
-        """The next command of a passively safe stop from a twist (2,); ``hold``: the turn goes on until it stands."""
+    def _stopping(self, twist: Array, dt: float, holds: int) -> Array:
+        """The next command of a passively safe stop from a twist (2,) that `holds` one of the two or none."""
         v, w = np.where(np.abs(twist) > _NOISE, twist, 0.0).tolist()
         (v_told, w_told), base = self._state.twist.tolist(), self.profile.base
         share = lag_share(base.velocity_lag, dt)
         back = base.reverse_speed if v > 0.0 else math.inf
-        v_next = braked(v_told, v, base.linear_acceleration * dt, back, share)
-        w_next = w_told if hold and abs(v) > _STANDS else braked(w_told, w, base.yaw_acceleration * dt, math.inf, share)
+        v_next, w_next = v_told, w_told
+        if holds != HOLDS_SPEED or abs(w) <= _STANDS:
+            v_next = braked(v_told, v, base.linear_acceleration * dt, back, share)
+        if holds != HOLDS_TURN or abs(v) <= _STANDS:
+            w_next = braked(w_told, w, base.yaw_acceleration * dt, math.inf, share)
         return self._within_limits(np.array([v_next, w_next]), dt)
 
     def _brake(self, dt: float) -> Array:

@@ -26,6 +26,9 @@ NO_ARM = np.empty((0, 3))
 STANDS = 1e-3  # [m/s], [rad/s] below which a base stands
 
 
+BRAKES_BOTH, HOLDS_TURN, HOLDS_SPEED = range(3)  # of a stop: one may go on until the other has ended
+
+
 State = tuple[float, float, float, float, float]  # x, y [m], heading [rad], v [m/s], w [rad/s]
 
 
@@ -90,13 +93,14 @@ def overhang(q: Array, mount: tuple[float, float], stop: Stop) -> Array:
 
 @kernel
 def met_in_stop(
-    state: State, told: tuple[float, float], hold_yaw_rate: bool, time: float, movers: Array, arm: Array, stop: Stop
+    state: State, told: tuple[float, float], holds: int, time: float, movers: Array, arm: Array, stop: Stop
 ) -> int:
     """Index of the first of the movers that a base which stops from a state moves towards within the margin; -1: none.
 
     ``told``: twist [m/s, rad/s] commanded for one more period; then the command falls as fast as it may, and the base
     follows it with its lag. ``movers``: x, y [m], velocity [m/s], radius [m], shape (k, 5 or more), ``time`` [s] before
-    this state; ``arm``: its `overhang`. With ``hold_yaw_rate`` the turn brakes only once the base goes no further.
+    this state; ``arm``: its `overhang`. ``holds``: `HOLDS_TURN`, the turn brakes only once the base goes no further, or
+    `HOLDS_SPEED`, it goes on until it turns no more: what turns while it backs away from somebody backs away from him.
     What comes nearer to a base that stands, or that moves away from it, is not met.
     """
     x, y, heading, v, w = state
@@ -120,8 +124,9 @@ def met_in_stop(
                     return k
         if max(abs(v), abs(w)) < STANDS and v_told == 0.0 == w_told:
             return -1
-        v_told = math.copysign(max(abs(v_told) - stop.linear * PERIOD, 0.0), v_told)
-        if not hold_yaw_rate or v_told == 0.0:
+        if holds != HOLDS_SPEED or w_told == 0.0:
+            v_told = math.copysign(max(abs(v_told) - stop.linear * PERIOD, 0.0), v_told)
+        if holds != HOLDS_TURN or v_told == 0.0:
             w_told = math.copysign(max(abs(w_told) - stop.turning * PERIOD, 0.0), w_told)
 
 

@@ -137,13 +137,24 @@ class DynamicTracker(Stateful[TrackState]):
         owner = owners(points.at, circles, p.rim)
         alone = np.ones(len(state.tracks), dtype=bool)  # no other track is seen in the same segment
         partly = np.zeros(len(state.tracks), dtype=bool)  # something nearer hides one side of it
+        absorbed = np.zeros(len(state.tracks), dtype=bool)  # another track has taken over its points
+        counts = np.bincount(owner[owner >= 0], minlength=len(state.tracks))
         for start, end in segments(points, p.gap):
-            self._share(points.at[start:end], owner[start:end], alone, scan)
+            here = owner[start:end]
+            tracks, count = np.unique(here[here >= 0], return_counts=True)
+            if not len(tracks):
+                continue
+            only_here = len(tracks) == 1 or bool((count == counts[tracks]).all())
+            if only_here and self._is_one(points.at[start:end], scan.origin, parts=len(tracks)):
+                here[:] = tracks[0]
+                absorbed[tracks[1:]] = True
+            else:
+                alone[tracks] = False
             if goes_on_hidden(points.beam[start:end], points.reach[start:end], scan.ranges, p.gap):
-                partly[owner[start:end][owner[start:end] >= 0]] = True
+                partly[tracks] = True
         for k, track in enumerate(state.tracks):
             self._correct(track, points.at[owner == k], scan, alone=bool(alone[k]), partly=bool(partly[k]))
-        state.tracks = [track for track in state.tracks if self._lives(track, scan)]
+        state.tracks = [track for k, track in enumerate(state.tracks) if not absorbed[k] and self._lives(track, scan)]
         self._merge()
         self._begin(points, owner < 0, scan)
 
@@ -168,17 +179,13 @@ class DynamicTracker(Stateful[TrackState]):
         free[within] &= ~stands[row[within], column[within]]
         return Points(np.ascontiguousarray(at[free]), beam[free], reach[free])
 
-    def _share(self, at: Array, owner: NDArray[np.int64], alone: NDArray[np.bool_], scan: CheckedScan) -> None:
-        """Give all of a segment (n, 2) to the only track that has points in it, if it may be one thing."""
-        p = self.parameters
-        tracks = np.unique(owner[owner >= 0])
-        if len(tracks) > 1:
-            alone[tracks] = False
-        elif len(tracks) == 1:
-            if seen_width(at, scan.origin) <= p.radius_max:
-                owner[:] = tracks[0]
-            else:
-                alone[tracks] = False
+    def _is_one(self, at: Array, sensor: Array, parts: int) -> bool:
+        """A segment (n, 2), of which so many tracks have parts, shows one thing.
+
+        Somebody who came into sight in several parts has several tracks; all together they are one circle.
+        """
+        p, width = self.parameters, seen_width(at, sensor)
+        return width <= p.radius_max and (parts <= 1 or off_circle(at, sensor, width) <= p.noise)
 
     def _merge(self) -> None:
         """Of two tracks whose middles are as near as no two of anything can be, keep the older."""
@@ -203,6 +210,9 @@ class DynamicTracker(Stateful[TrackState]):
             track.radius += (0.5 if wanted > track.radius else p.shares) * (wanted - track.radius)
             before, middle = middle, fitted_circle(own, track.state[:2], track.radius)
             track.state[:2] += middle - before  # more of it is seen: that is no motion
+        if is_behind(own, middle, scan.origin, track.radius):
+            before, middle = middle, front_circle(own, scan.origin, track.radius)
+            track.state[:2] += middle - before
         _update(track.state, track.covariance, middle, p.noise**2)
         track.covers = float(np.hypot(own[:, 0] - track.state[0], own[:, 1] - track.state[1]).max()) - p.noise
         track.seen = scan.stamp
@@ -252,10 +262,7 @@ class DynamicTracker(Stateful[TrackState]):
             if len(own) < p.points or width > p.radius_max:
                 continue
             radius = max(width, p.radius_min)
-            ahead = own.mean(axis=0) - scan.origin
-            ahead /= max(math.hypot(*ahead), 1e-9)
-            nearest = float(((own - scan.origin) * ahead).sum(axis=1).min())
-            middle = fitted_circle(own, scan.origin + (nearest + radius) * ahead, radius)
+            middle = front_circle(own, scan.origin, radius)
             if any(math.dist(middle, other.state[:2]) < other.radius + p.radius_min for other in state.tracks):
                 continue
             variance = p.noise**2
@@ -342,6 +349,41 @@ def seen_width(points: Array, sensor: Array) -> float:
         across = (points[i, 1] - sensor[1]) * x - (points[i, 0] - sensor[0]) * y
         least, most = min(least, across), max(most, across)
     return 0.5 * (most - least)
+
+
+@njit(cache=True)
+def front_circle(points: Array, sensor: Array, radius: float) -> Array:
+    """Middle (2,) of the circle of this radius [m] of which the points (n, 2) are the side that the sensor sees."""
+    x, y, nearest = 0.0, 0.0, math.inf
+    for i in range(points.shape[0]):
+        x, y = x + points[i, 0] - sensor[0], y + points[i, 1] - sensor[1]
+    away = max(math.hypot(x, y), 1e-9)
+    ahead = np.array([x / away, y / away])
+    for i in range(points.shape[0]):
+        nearest = min(nearest, (points[i, 0] - sensor[0]) * ahead[0] + (points[i, 1] - sensor[1]) * ahead[1])
+    return fitted_circle(points, sensor + (nearest + radius) * ahead, radius)
+
+
+@njit(cache=True)
+def is_behind(points: Array, middle: Array, sensor: Array, radius: float) -> bool:
+    """Points (n, 2) are the far side of a circle outside of which the sensor is: it lies on the wrong side of them.
+
+    That comes of somebody who was where the sensor is.
+    """
+    dx, dy = middle[0] - sensor[0], middle[1] - sensor[1]
+    away, total = math.hypot(dx, dy), 0.0
+    for i in range(points.shape[0]):
+        total += (points[i, 0] - middle[0]) * dx + (points[i, 1] - middle[1]) * dy
+    return away > radius and total > 0.0
+
+
+@njit(cache=True)
+def off_circle(points: Array, sensor: Array, radius: float) -> float:
+    """Root mean square distance [m] of points (n, 2) from the circle of this radius [m] that fits them best."""
+    middle, total = front_circle(points, sensor, radius), 0.0
+    for i in range(points.shape[0]):
+        total += (math.hypot(points[i, 0] - middle[0], points[i, 1] - middle[1]) - radius) ** 2
+    return math.sqrt(total / points.shape[0])
 
 
 @njit(cache=True)

@@ -15,7 +15,7 @@ import numpy as np
 from motm_twin.model.geometry import Array, frozen
 from motm_twin.model.known import KnownWorld
 from motm_twin.model.motion import kernel, step
-from motm_twin.model.passive_safety import NO_ARM, Stop, met_in_stop, stop_of
+from motm_twin.model.passive_safety import BRAKES_BOTH, NO_ARM, Stop, met_in_stop, stop_of
 from motm_twin.model.profile import BaseLimits
 from motm_twin.model.reason import Kind, Reason
 from motm_twin.model.state import Stateful
@@ -200,7 +200,7 @@ def unsafe(i: int, state: Array, around: Around) -> float:
     if i % LOOKS != 0 or i > LOOKED:
         return 0.0
     here = (state[0], state[1], state[2], state[3], state[4])
-    met = met_in_stop(here, (state[3], state[4]), False, i * STEP, around.movers, around.arm, around.stop)
+    met = met_in_stop(here, (state[3], state[4]), BRAKES_BOTH, i * STEP, around.movers, around.arm, around.stop)
     return UNSAFE if met >= 0 else 0.0
 
 

@@ -9,7 +9,7 @@ import pytest
 from motm_twin.control.monitor import Monitor, MonitorParameters, points_in_stop
 from motm_twin.model.joint_limits import DQ_MAX
 from motm_twin.model.motion import lag_share
-from motm_twin.model.passive_safety import NO_ARM, braked, met_in_stop, overhang, stop_of
+from motm_twin.model.passive_safety import BRAKES_BOTH, NO_ARM, braked, met_in_stop, overhang, stop_of
 from motm_twin.model.plant import Actuation, Observation, Scan
 from motm_twin.model.profile import RobotProfile
 from motm_twin.perception.floor import FRESH, STALE, UNSEEN, Floor
@@ -262,6 +262,16 @@ def test_a_base_that_turns_on_the_spot_moves_towards_nobody(turn, speed, aside, 
     assert meet(*(aside * side - 2.0 * speed * ahead), *(speed * ahead), v=0.0, w=turn, seconds=4.0)[0] != "towards"
 
 
+@pytest.mark.parametrize("turn", [-1.0, 1.0])
+@pytest.mark.parametrize("speed", [0.3, 0.5])
+@pytest.mark.parametrize("ahead", [0.7, 0.8, 0.9])
+@pytest.mark.parametrize("bearing", range(-60, 75, 15))
+def test_a_base_that_backs_away_and_turns_goes_on_backing_away(turn, speed, ahead, bearing):
+    """Both were braked, and somebody who followed caught up with a side that still turned towards him."""
+    angle = math.radians(180 + bearing)
+    assert meet(ahead, 0.0, speed * math.cos(angle), speed * math.sin(angle), v=-0.22, w=turn)[0] != "towards"
+
+
 @pytest.mark.parametrize(("y", "turns_on"), [(-0.25, True), (0.8, False)])
 def test_a_stop_that_was_free_is_kept_to_when_somebody_turns(y, turns_on):
     """Of two stops that were both met the one that brakes the turn was driven, whatever had been free before."""
@@ -301,7 +311,7 @@ def test_the_hand_counts_where_it_reaches_over_the_footprint():
     tip = ahead[:, 0].max()
     assert tip > 0.6 > folded[:, 0].max(initial=0.0)
     somebody = np.array([[tip + 0.35, 0.0, 0.0, 0.0, 0.25]])
-    moves = ((0.0, 0.0, 0.0, 0.3, 0.0), (0.3, 0.0), False, 0.0, somebody)
+    moves = ((0.0, 0.0, 0.0, 0.3, 0.0), (0.3, 0.0), BRAKES_BOTH, 0.0, somebody)
     assert met_in_stop(*moves, ahead, stop) == 0
     assert met_in_stop(*moves, NO_ARM, stop) == -1
 
