@@ -137,24 +137,13 @@ class DynamicTracker(Stateful[TrackState]):
         owner = owners(points.at, circles, p.rim)
         alone = np.ones(len(state.tracks), dtype=bool)  # no other track is seen in the same segment
         partly = np.zeros(len(state.tracks), dtype=bool)  # something nearer hides one side of it
-        absorbed = np.zeros(len(state.tracks), dtype=bool)  # another track has taken over its points
-        counts = np.bincount(owner[owner >= 0], minlength=len(state.tracks))
         for start, end in segments(points, p.gap):
-            here = owner[start:end]
-            tracks, count = np.unique(here[here >= 0], return_counts=True)
-            if not len(tracks):
-                continue
-            only_here = len(tracks) == 1 or bool((count == counts[tracks]).all())
-            if only_here and self._is_one(points.at[start:end], scan.origin, parts=len(tracks)):
-                here[:] = tracks[0]
-                absorbed[tracks[1:]] = True
-            else:
-                alone[tracks] = False
+            self._share(points.at[start:end], owner[start:end], alone, scan)
             if goes_on_hidden(points.beam[start:end], points.reach[start:end], scan.ranges, p.gap):
-                partly[tracks] = True
+                partly[owner[start:end][owner[start:end] >= 0]] = True
         for k, track in enumerate(state.tracks):
             self._correct(track, points.at[owner == k], scan, alone=bool(alone[k]), partly=bool(partly[k]))
-        state.tracks = [track for k, track in enumerate(state.tracks) if not absorbed[k] and self._lives(track, scan)]
+        state.tracks = [track for track in state.tracks if self._lives(track, scan)]
         self._merge()
         self._begin(points, owner < 0, scan)
 
@@ -179,13 +168,17 @@ class DynamicTracker(Stateful[TrackState]):
         free[within] &= ~stands[row[within], column[within]]
         return Points(np.ascontiguousarray(at[free]), beam[free], reach[free])
 
-    def _is_one(self, at: Array, sensor: Array, parts: int) -> bool:
-        """A segment (n, 2), of which so many tracks have parts, shows one thing.
-
-        Somebody who came into sight in several parts has several tracks; all together they are one circle.
-        """
-        p, width = self.parameters, seen_width(at, sensor)
-        return width <= p.radius_max and (parts <= 1 or off_circle(at, sensor, width) <= p.noise)
+    def _share(self, at: Array, owner: NDArray[np.int64], alone: NDArray[np.bool_], scan: CheckedScan) -> None:
+        """Give all of a segment (n, 2) to the only track that has points in it, if it may be one thing."""
+        p = self.parameters
+        tracks = np.unique(owner[owner >= 0])
+        if len(tracks) > 1:
+            alone[tracks] = False
+        elif len(tracks) == 1:
+            if seen_width(at, scan.origin) <= p.radius_max:
+                owner[:] = tracks[0]
+            else:
+                alone[tracks] = False
 
     def _merge(self) -> None:
         """Of two tracks whose middles are as near as no two of anything can be, keep the older."""
@@ -375,15 +368,6 @@ def is_behind(points: Array, middle: Array, sensor: Array, radius: float) -> boo
     for i in range(points.shape[0]):
         total += (points[i, 0] - middle[0]) * dx + (points[i, 1] - middle[1]) * dy
     return away > radius and total > 0.0
-
-
-@njit(cache=True)
-def off_circle(points: Array, sensor: Array, radius: float) -> float:
-    """Root mean square distance [m] of points (n, 2) from the circle of this radius [m] that fits them best."""
-    middle, total = front_circle(points, sensor, radius), 0.0
-    for i in range(points.shape[0]):
-        total += (math.hypot(points[i, 0] - middle[0], points[i, 1] - middle[1]) - radius) ** 2
-    return math.sqrt(total / points.shape[0])
 
 
 @njit(cache=True)

@@ -1,7 +1,6 @@
 """Tracks of dynamic obstacles: where they are, how fast, and who is who, from scans alone."""
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -130,26 +129,8 @@ def test_a_track_covers_all_points_that_are_seen_of_it():
         assert math.dist(row[:2], (x - 0.4 * maps[-1].stamp, y)) < row[RADIUS] + 0.01
 
 
-def test_somebody_with_two_tracks_has_one_again():
-    """He was seen in parts, as one who passes close by is; each part had gone on as a track of its own for ever."""
-
-    def split(tracker):
-        state = tracker.snapshot()
-        (track,) = state.tracks
-        track.radius = 0.13
-        track.state[:2] += (-0.1, 0.1)
-        beside = replace(track, identity=99, radius=0.1, state=track.state + (0.0, -0.3, 0.0, 0.0))
-        tracker.restore(replace(state, tracks=[track, beside]))
-
-    maps, _ = follow(2.0, ((3.0, 0.2), (-0.4, 0.0), 0.25), at_one_second=split)
-    assert len(maps[20].tracks) == 2
-    (row,) = maps[-1].tracks
-    assert math.dist(row[:2], (3.0 - 0.4 * maps[-1].stamp, 0.2)) < 0.06
-    assert row[RADIUS] == pytest.approx(0.25, abs=0.06)
-
-
 def test_a_track_on_the_near_side_of_its_points_goes_behind_them():
-    """The arc that is seen of somebody fits a circle on either side; one who passes over the lidar leaves the wrong one."""
+    """The arc that is seen of somebody fits circles on both sides; who passes over the lidar leaves the wrong one."""
 
     def mirror(tracker):
         state = tracker.snapshot()
