@@ -25,7 +25,7 @@ LOOPBACK, LOOPBACK_6 = "127.0.0.1", "::1"
 FREE = (20_000, 32_768)  # ports from which a free one is taken: below those of outgoing connections (Linux: 32768)
 MAX_PORT = 65_535
 TRIES = 50  # ports that are tried
-PATIENCE = 3.0  # [s] a session of mode "client" tries this long to be let in
+PATIENCE = 6.0  # [s] a session of mode "client" tries this long to be let in
 ATTEMPT = 0.5  # [s] limit of one attempt to connect; a stop is noticed between attempts
 
 

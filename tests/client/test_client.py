@@ -126,11 +126,11 @@ def test_a_slow_reader_gets_the_newest_tick(twin):
         time.sleep(0.05)
         behind = twin.latest_tick().index - tick.index
         assert behind >= 0
-        if len(indices) == 10:
+        if len(indices) >= 10 and indices[-1] - indices[0] > 2 * len(indices):
             break
+        assert len(indices) < 200, "it was served what it had missed"
     twin.pause()
     assert indices == sorted(set(indices))
-    assert indices[-1] - indices[0] > 20, "it was served what it had missed"
 
 
 def test_waiting_ends_with_the_tick_or_with_an_error(twin):
