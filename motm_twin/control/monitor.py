@@ -40,7 +40,6 @@ _MARGIN_OF_REACH = 0.1  # [m] beyond the stopping way and the footprint: nothing
 _SAME_BODY = 0.15  # [m] between the points of neighbouring beams that show the same body
 _ROUNDING = 1e-6  # [m] more than sums of lengths are wrong by
 _STANDS = 0.01  # [m/s], [rad/s] below which a base that holds its turn goes no further, or turns no more
-_HOLDING = (HOLDS_TURN, HOLDS_SPEED)
 _NOISE = 0.004  # [m/s], [rad/s] of a twist: no command answers it
 _SENSORS = Reason(kind=Kind.NOT_FINITE, subject="sensors are")
 _NO_SCAN = Scan(
@@ -233,16 +232,41 @@ class Monitor(Stateful[MonitorState]):
             return met_in_stop(state, (float(told[0]), float(told[1])), holds, since, tracks, arm, self._stop)
 
         met = met_by(twist, BRAKES_BOTH)
-        free = BRAKES_BOTH if met < 0 else next((holds for holds in _HOLDING if met_by(twist, holds) < 0), None)
-        if free is not None:
-            self._state.holds = free
+        if met < 0 or met_by(twist, HOLDS_TURN) < 0:
+            self._state.holds = BRAKES_BOTH if met < 0 else HOLDS_TURN
             return None
+        kinds = [BRAKES_BOTH, HOLDS_TURN]
+        if self._has_room_to_hold_speed(world, observation):
+            if met_by(twist, HOLDS_SPEED) < 0:
+                self._state.holds = HOLDS_SPEED
+                return None
+            kinds.append(HOLDS_SPEED)
         there_x, there_y, vx, vy, radius = tracks[met, :5].tolist()
         away = math.hypot(there_x - x, there_y - y) - radius
         why = Reason(kind=Kind.MEETS_MOVER, subject="lidar", value=away, limit=math.hypot(vx, vy), unit="m")
-        stops = {holds: self._stopping(observation.twist, dt, holds) for holds in (BRAKES_BOTH, *_HOLDING)}
-        self._state.holds = next((holds for holds, stop in stops.items() if met_by(stop, holds) < 0), self._state.holds)
+        stops = {holds: self._stopping(observation.twist, dt, holds) for holds in kinds}
+        kept = self._state.holds if self._state.holds in stops else BRAKES_BOTH
+        self._state.holds = next((holds for holds, stop in stops.items() if met_by(stop, holds) < 0), kept)
         return stops[self._state.holds], why
+
+    def _has_room_to_hold_speed(self, world: WorldMap, observation: Observation) -> bool:
+        """The base may go on as fast as it does until it turns no more: on seen floor, and nothing seen is there."""
+        scan, base, enough = observation.scan, self.profile.base, self.parameters.minimum_points
+        if scan is None or max(observation.ahead, observation.age) > 0.0:
+            return False
+        v, w = observation.twist.tolist()
+        a, b = base.linear_acceleration, base.yaw_acceleration
+        lasts = base.velocity_lag + abs(w) / b
+        reach = abs(v) * lasts + v * v / (2.0 * a) + self._corner + _MARGIN_OF_REACH
+        points = near_points(scan.ranges, scan.angle_min, scan.angle_step, scan.origin, reach)
+        margin, stop = self.parameters.stop_margin, np.array([v, w, a, b, lasts])
+        if points_in_stop(points, v, w, a, b, lasts, np.bool_(False), self._rectangle, margin) >= enough:
+            return False
+        floor = world.floor
+        if floor is None:
+            return True
+        frame = np.array([*floor.corner, floor.resolution])
+        return bool(unseen_in_stop(observation.pose, stop, self._rectangle, floor.seen, frame)[0] < enough)
 
     def _on_seen_floor(self, twist: Array, floor: Floor, pose: Array, dt: float) -> tuple[Array, Reason | None]:
         """The twist, slowed so that the base stops within the floor that it has seen, lately unless it creeps."""

@@ -98,7 +98,7 @@ def test_a_plain_zenoh_subscriber_sees_the_robot_drive_its_session_reruns_and_th
 
         pids = children(process)
         process.send_signal(signal.SIGINT)
-        assert process.wait(10.0) == 0
+        assert process.wait(2.5) == 0
         assert not any(alive(pid) for pid in pids)
         assert not any(item.pid == process.pid for item in all_running())
         with socket.socket() as probe:
@@ -134,7 +134,7 @@ def test_a_killed_server_is_started_again_its_clients_find_it_and_it_ends_at_onc
         until(lambda: all(other.tick() for other in others), "not all are told")
         pids = children(process)
         process.send_signal(signal.SIGTERM)
-        assert process.wait(10.0) == 0
+        assert process.wait(2.5) == 0
         assert not any(alive(pid) for pid in pids)
 
 

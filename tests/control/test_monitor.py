@@ -272,6 +272,17 @@ def test_a_base_that_backs_away_and_turns_goes_on_backing_away(turn, speed, ahea
     assert meet(ahead, 0.0, speed * math.cos(angle), speed * math.sin(angle), v=-0.22, w=turn)[0] != "towards"
 
 
+@pytest.mark.parametrize(
+    ("v", "room", "behind", "holds"),
+    [(0.22, 1.0, FRESH, True), (0.22, 0.15, FRESH, False), (-0.22, 1.0, FRESH, True), (-0.22, 1.0, UNSEEN, False)],
+)
+def test_a_stop_holds_the_speed_only_where_there_is_room_on_seen_floor(v, room, behind, holds):
+    """It was driven without a look at walls and floor on that way: a base that backs away may reach them."""
+    monitor = Monitor(RobotProfile(), MonitorParameters(passive_safety=True))
+    seen = observation(wall=0.35 + room, twist=(v, 1.0))
+    assert monitor._has_room_to_hold_speed(world_with(floor_of(behind)), seen) == holds
+
+
 @pytest.mark.parametrize(("y", "turns_on"), [(-0.25, True), (0.8, False)])
 def test_a_stop_that_was_free_is_kept_to_when_somebody_turns(y, turns_on):
     """Of two stops that were both met the one that brakes the turn was driven, whatever had been free before."""
