@@ -293,10 +293,12 @@ class TwinClient:
         if sample.kind == zenoh.SampleKind.DELETE:
             with self._changed:
                 self._slots[self.keys.status].at = NEVER  # until the next one
-        elif not self._closed:
-            thread = threading.Thread(target=self._fetch_all, name="late joiner", daemon=True)
-            self._fetches = [old for old in self._fetches if old.is_alive()] + [thread]
-            thread.start()
+            return
+        thread = threading.Thread(target=self._fetch_all, name="late joiner", daemon=True)
+        with self._changed:
+            if not self._closed:
+                thread.start()  # before `close` may join it
+                self._fetches = [old for old in self._fetches if old.is_alive()] + [thread]
 
     def _fetch_all(self) -> None:
         """Fetch the last value of every key that has not been received yet: for late joiners."""

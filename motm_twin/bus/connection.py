@@ -74,8 +74,8 @@ def free_port(host: str = LOOPBACK) -> int:
     for port in random.SystemRandom().sample(range(*FREE), TRIES):
         with contextlib.suppress(PortTaken):
             require_free_port(host, port, "")
-            forget(port)
-            return port
+            if forget(port):
+                return port
     raise PortTaken(host, port, f"so were {TRIES - 1} others")
 
 

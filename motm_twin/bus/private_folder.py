@@ -4,6 +4,7 @@ There is one small file per `serve`. The Zenoh password is made once and kept he
 file beside it: the whole Zenoh configuration of a client, which programs without this package can load.
 """
 
+import fcntl
 import json
 import os
 import re
@@ -11,14 +12,14 @@ import secrets
 import socket
 import stat
 import tempfile
-from collections.abc import Iterable
-from contextlib import suppress
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import msgspec
 
-_BYTES, _TRIES = 24, 3
+_BYTES = 24
 
 
 class Running(msgspec.Struct, frozen=True, kw_only=True):
@@ -47,16 +48,25 @@ def own_secret(path: Path, otherwise: str) -> str:
 
     Raises OSError, with what to do ``otherwise``.
     """
-    for _ in range(_TRIES):
+    with _one_at_a_time(path.parent):
         if found := _kept(path):
             return found
-        path.unlink(missing_ok=True)  # empty, a link, or readable by others: not secret
-        with tempfile.NamedTemporaryFile(dir=path.parent) as file:  # readable by the user only
-            file.write(secrets.token_urlsafe(_BYTES).encode())
-            file.flush()
-            with suppress(FileExistsError):  # another program has just made it
-                os.link(file.name, path)
-    raise OSError(f"{path} cannot be made: {otherwise}")
+        try:  # also in place of one that is empty, a link, or readable by others
+            _write(path, made := secrets.token_urlsafe(_BYTES))
+        except OSError as error:
+            raise OSError(f"{path} cannot be made: {otherwise}") from error
+        return made
+
+
+@contextmanager
+def _one_at_a_time(place: Path) -> Iterator[None]:
+    """Hold the lock of a folder, against the threads and programs that also do."""
+    descriptor = os.open(place, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX)
+        yield
+    finally:
+        os.close(descriptor)
 
 
 def _kept(path: Path) -> str:
@@ -161,13 +171,15 @@ def announce(port: int, endpoint: str, own: Credentials | None) -> None:
     _write(client_file(port), json.dumps(settings, indent=2) + "\n")
 
 
-def forget(port: int) -> None:
-    """Remove the files of a port at which nobody else of this user listens."""
+def forget(port: int) -> bool:
+    """Remove the files of a port; False when another living process of this user has announced it."""
     with suppress(OSError):  # no folder, no files
         announced = _announced(port)
-        if announced is None or announced["metadata"]["pid"] == os.getpid():
-            for path in (client_file(port), folder() / f"zenoh-{port}.users"):
-                path.unlink(missing_ok=True)
+        if announced is not None and announced["metadata"]["pid"] != os.getpid():
+            return False
+        for path in (client_file(port), folder() / f"zenoh-{port}.users"):
+            path.unlink(missing_ok=True)
+    return True
 
 
 def known_at(endpoint: str) -> dict[str, str | None] | None:

@@ -20,6 +20,7 @@ from motm_twin.bus.data_folder import DEFAULT_FOLDER, DataFolder
 from motm_twin.bus.interfaces import TwinLike, TwinSetup
 from motm_twin.bus.keys import Keys, PlantKeys
 from motm_twin.bus.loop import TwinLoop
+from motm_twin.bus.private_folder import forget
 from motm_twin.bus.publisher import Publisher
 from motm_twin.bus.queries import Answering, DeferredQueryable
 
@@ -136,6 +137,7 @@ class TwinServer:
                 self._robot.close()
             self._publisher.close()
             self._session.close()
+            forget(self.port)
         return ended
 
     def __enter__(self) -> "TwinServer":

@@ -16,6 +16,7 @@ from motm_twin.bus.connection import LOOPBACK, PortTaken, free_port, open_server
 from motm_twin.bus.events import EventLog
 from motm_twin.bus.keys import DEFAULT_PORT, DEFAULT_TWIN, Keys
 from motm_twin.bus.messages import NumberedEvent
+from motm_twin.bus.private_folder import forget
 from motm_twin.bus.processes import Reporter, leave, stop_event
 from motm_twin.bus.queries import Answering, Idle, LatestValues
 from motm_twin.bus.server import HEARTBEAT, ServerClock
@@ -101,6 +102,7 @@ class PlayerServer:
             thread.join(1.0)
         self._values.close()
         self._session.close()
+        forget(self.port)
 
     def __enter__(self) -> "PlayerServer":
         """Start."""

@@ -17,11 +17,12 @@ from fake_twin import fake_server
 from rich.console import Console
 from waiting import until, until_paused
 
+from motm_twin.bus import connection
 from motm_twin.bus import private_folder as running
 from motm_twin.bus.client import TwinClient
 from motm_twin.bus.commands import Step
-from motm_twin.bus.connection import free_port, open_client, open_member, open_server
-from motm_twin.bus.private_folder import FILE, client_file, forget, known_at, own_credentials
+from motm_twin.bus.connection import TRIES, free_port, open_client, open_member, open_server
+from motm_twin.bus.private_folder import FILE, announce, client_file, forget, known_at, own_credentials
 from motm_twin.bus.zenoh_config import SHIPPED, VARIABLE, ConfigError
 from motm_twin.cli import serve as cli_serve
 from motm_twin.client import connect
@@ -194,6 +195,26 @@ def test_a_port_is_forgotten_with_its_process(private):
     forget(port)
     forget(other)
     assert [path.name for path in private.iterdir()] == [FILE]
+
+
+def test_a_port_is_forgotten_with_its_server(private):
+    with serving() as server:
+        assert client_file(server.port).exists()
+    assert [path.name for path in private.iterdir()] == [FILE]
+
+
+def test_a_port_that_another_living_program_announced_is_not_free(private, monkeypatch):
+    program = [sys.executable, "-c", "import sys; sys.stdin.read()"]
+    with subprocess.Popen(program, stdin=subprocess.PIPE) as other, monkeypatch.context() as as_other:
+        as_other.setattr(os, "getpid", lambda: other.pid)
+        announce(taken := free_port(), f"tcp/127.0.0.1:{taken}", own_credentials())
+        as_other.undo()
+        monkeypatch.setattr(connection, "FREE", (taken, taken + TRIES))
+        found = {free_port() for _ in range(5 * TRIES)}
+        assert taken not in found
+        assert len(found) > 5
+        other.communicate(b"")
+    assert forget(taken)
 
 
 def test_nobody_else_reads_the_files(private):

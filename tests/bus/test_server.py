@@ -13,7 +13,7 @@ from waiting import until, until_paused
 
 from motm_twin.bus.client import NoSession, TwinClient
 from motm_twin.bus.commands import AddObstacle, HandOver, Inspect, Load, MoveBody, Pause, Play, Speed, Step
-from motm_twin.bus.connection import PortTaken, free_port, open_client, require_free_port
+from motm_twin.bus.connection import PortTaken, direct, free_port, open_client, require_free_port
 from motm_twin.bus.interfaces import TwinSetup
 from motm_twin.bus.server import TwinServer
 from motm_twin.sessions.session import Session
@@ -271,6 +271,30 @@ def test_a_taken_port_is_an_error_and_not_another_port():
     with serving() as server:
         with pytest.raises(PortTaken, match=str(server.port)):
             serving(port=server.port)
+
+
+def test_a_client_can_close_while_it_notices_the_twin(server, monkeypatch):
+    client = TwinClient(server.endpoint)
+    until(client.tick, "no tick")
+    start = threading.Thread.start
+
+    def close_first(thread):
+        client.close()
+        start(thread)
+
+    noticed = []
+
+    def notices(sample):
+        try:
+            noticed.append(client._on_alive(sample))
+        except RuntimeError as error:
+            noticed.append(error)
+
+    monkeypatch.setattr(threading.Thread, "start", close_first)
+    with open_client(server.endpoint) as session:
+        session.liveliness().declare_subscriber(server.keys.alive, direct(notices), history=True)
+        until(lambda: noticed, "the twin was not noticed")
+    assert noticed == [None]
 
 
 def test_the_port_is_free_and_no_thread_is_left_after_closing():
