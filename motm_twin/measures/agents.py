@@ -26,18 +26,13 @@ Body = tuple[float, float, float]  # of the base: offset of its centre, length, 
 
 
 @njit(cache=True)
-def _gap(body: Body, x: float, y: float, heading: float, at_x: float, at_y: float, radius: float) -> float:
+def base_gap(body: Body, pose: Array | tuple[float, float, float], x: float, y: float, radius: float) -> float:
+    """Gap [m] between the base body and a disc about (x, y), 0 when they overlap."""
     offset_x, length, width = body
-    c, s = math.cos(heading), math.sin(heading)
-    dx, dy = at_x - x, at_y - y
+    c, s = math.cos(pose[2]), math.sin(pose[2])
+    dx, dy = x - pose[0], y - pose[1]
     along, across = c * dx + s * dy - offset_x, -s * dx + c * dy
     return max(math.hypot(max(abs(along) - 0.5 * length, 0.0), max(abs(across) - 0.5 * width, 0.0)) - radius, 0.0)
-
-
-@njit(cache=True)
-def base_gap(body: Body, pose: Array, x: float, y: float, radius: float) -> float:
-    """Gap [m] between the base body and a disc about (x, y), 0 when they overlap."""
-    return _gap(body, pose[0], pose[1], pose[2], x, y, radius)
 
 
 def body_of(foot: Footprint) -> Body:
@@ -52,9 +47,8 @@ def predicted_gap(body: Body, pose: Array, twist: tuple[float, float], agent: Ar
     least = np.inf
     for i in range(round(HORIZON / STEP) + 1):
         time = i * STEP
-        x, y, heading = arc(pose[0], pose[1], pose[2], v, w, time)
-        at_x, at_y = agent[0] + time * agent[2], agent[1] + time * agent[3]
-        least = min(least, _gap(body, x, y, heading, at_x, at_y, radius))
+        there = arc(pose[0], pose[1], pose[2], v, w, time)
+        least = min(least, base_gap(body, there, agent[0] + time * agent[2], agent[1] + time * agent[3], radius))
     return least
 
 
@@ -62,7 +56,7 @@ def compile_gaps() -> None:
     """Compile now, not at the first encounter."""
     base_gap((0.0, 1.0, 1.0), np.zeros(3), 1.0, 1.0, 0.1)
     predicted_gap((0.0, 1.0, 1.0), np.zeros(3), (0.1, 0.1), np.ones(4), 0.1)
-    compile_in_front()
+    in_front(np.ones((1, 2)), np.zeros(3), np.zeros(3), 0.1)
 
 
 @dataclass
@@ -74,6 +68,13 @@ class _Conflict:
     twist: tuple[float, float]
     last: float  # when it was last so
     gave_way: float | None = None  # when the base did
+
+    def evasion(self, name: str, end: float) -> list[dict[str, Any]]:
+        """The evasive manoeuvre, if the base gave way."""
+        if self.gave_way is None:
+            return []
+        duration = round(max(0.0, end - self.gave_way), 2)
+        return [{"time": round(self.gave_way, 2), "duration_s": duration, "agent": name}]
 
 
 @dataclass
@@ -93,7 +94,7 @@ class Encounters:
     footprint: Footprint
     near_misses: list[dict[str, Any]] = field(default_factory=list)
     evasions: list[dict[str, Any]] = field(default_factory=list)
-    _near: set[str] = field(default_factory=set)
+    _near: dict[str, dict[str, Any]] = field(default_factory=dict)  # agent: its near miss, until it has ended
     _conflicts: dict[str, _Conflict] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -121,22 +122,18 @@ class Encounters:
 
     def report(self) -> dict[str, Any]:
         """Cut-ins, near misses and evasive manoeuvres, each with its time [s] and agent."""
-        whole = [*self.evasions]
-        for name, conflict in self._conflicts.items():
-            if conflict.gave_way is not None:
-                whole.append(_evasion(name, conflict, conflict.last))
+        going_on = [each for name, open_ in self._conflicts.items() for each in open_.evasion(name, open_.last)]
+        whole = [*self.evasions, *going_on]
         return {"cut_ins": self._cut_ins.found, "near_misses": self.near_misses, "evasive_manoeuvres": whole}
 
     def _near_miss(self, interval: Interval, name: str, gap: float) -> None:
         if gap > NEAR_END:
-            self._near.discard(name)
+            self._near.pop(name, None)
         elif gap < NEAR and interval.moving:
             if name not in self._near:
-                self._near.add(name)
-                found = {"time": round(interval.start.time, 2), "agent": name, "gap_m": round(gap, 3)}
-                self.near_misses.append(found)
-            last = next(entry for entry in reversed(self.near_misses) if entry["agent"] == name)
-            last["gap_m"] = min(last["gap_m"], round(gap, 3))
+                self._near[name] = {"time": round(interval.start.time, 2), "agent": name, "gap_m": round(gap, 3)}
+                self.near_misses.append(self._near[name])
+            self._near[name]["gap_m"] = min(self._near[name]["gap_m"], round(gap, 3))
 
     def _evade(self, interval: Interval, name: str, agent: Array, radius: float) -> None:
         time, pose, twist = interval.start.time, interval.start.pose, interval.twist
@@ -163,17 +160,8 @@ class Encounters:
 
     def _end(self, name: str, time: float) -> None:
         conflict = self._conflicts.pop(name, None)
-        if conflict is not None and conflict.gave_way is not None:
-            self.evasions.append(_evasion(name, conflict, time))
-
-
-def _evasion(name: str, conflict: _Conflict, end: float) -> dict[str, Any]:
-    assert conflict.gave_way is not None
-    return {
-        "time": round(conflict.gave_way, 2),
-        "duration_s": round(max(0.0, end - conflict.gave_way), 2),
-        "agent": name,
-    }
+        if conflict is not None:
+            self.evasions += conflict.evasion(name, time)
 
 
 CUT_TIME, CUT_DISTANCE = 1.5, 1.0  # [s], [m] in front of an agent within which passing counts as cutting in
@@ -212,11 +200,6 @@ def in_front(body: Array, pose: Array, line: Array, radius: float) -> tuple[floa
             if aside <= radius:
                 way = min(way, max(ahead - math.sqrt(radius * radius - aside * aside), 0.0))
     return gap, way
-
-
-def compile_in_front() -> None:
-    """Compile now, not at the first encounter."""
-    in_front(np.ones((1, 2)), np.zeros(3), np.zeros(3), 0.1)
 
 
 @dataclass(frozen=True)

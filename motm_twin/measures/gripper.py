@@ -8,16 +8,14 @@ import numpy as np
 import shapely
 
 from motm_twin.control.arm.parameters import AvoidanceParameters
-from motm_twin.measures.interval import Interval
+from motm_twin.measures.interval import Interval, finite
 from motm_twin.model.geometry import Array
 from motm_twin.model.scene import Scene
 from motm_twin.model.scene_shapes import outline
 from motm_twin.perception.mapper import MapSettings
 from motm_twin.perception.movers import MoverParameters
 
-STATIC_AFTER = (
-    MapSettings().static_after
-)  # [s] in the same place after which what has never moved is static (Paper, Sec. V)
+STATIC_AFTER = MapSettings().static_after  # [s] in the same place: then what never moved is static (Paper, Sec. V)
 
 
 @dataclass(frozen=True)
@@ -77,7 +75,6 @@ class _Stretch:
                 self.other, self.static = nearest.name, nearest.static
 
     def report(self) -> dict[str, Any]:
-        by_gripper = self.own_moved >= self.other_moved
         return {
             "time": round(self.time, 2),
             "duration_s": round(self.last - self.time, 2),
@@ -86,7 +83,7 @@ class _Stretch:
             "static": self.static,
             "gripper_moved_m": round(self.own_moved, 4),
             "other_moved_m": round(self.other_moved, 4),
-            "cause": "gripper" if by_gripper else self.other,
+            "cause": "gripper" if self.own_moved >= self.other_moved else self.other,
         }
 
 
@@ -138,11 +135,11 @@ class GripperObstacles:
         """Least distance [m], stretches below d_s, largest excess of the approach speed [m/s]; None: nothing near."""
         stretches = [*self.stretches, *([self._open.report()] if self._open is not None else [])]
         return {
-            "min_gripper_obstacle_m": _number(self.least),
+            "min_gripper_obstacle_m": finite(self.least, 4),
             "d_s_m": self.avoidance.d_s,
             "below_d_s": stretches,
-            "approach_excess_mps": _number(self.excess),
-            "advance_excess_mps": _number(self.advance_excess),
+            "approach_excess_mps": finite(self.excess, 4),
+            "advance_excess_mps": finite(self.advance_excess, 4),
         }
 
     def _judge(self, neighbour: Neighbour) -> None:
@@ -164,9 +161,8 @@ class GripperObstacles:
             distance = max(0.0, 0.5 * (before + after) - radius)
             if distance >= self.avoidance.d_i and not whatever:
                 continue
-            towards = (
-                np.array([x, y]) + 0.5 * velocity * interval.dt - 0.5 * (interval.start.gripper + interval.end.gripper)
-            )
+            middle = 0.5 * (interval.start.gripper + interval.end.gripper)
+            towards = np.array([x, y]) + 0.5 * velocity * interval.dt - middle
             normal = towards / max(float(np.hypot(*towards)), 1e-6)
             own, other = float(normal @ interval.gripper_velocity), -float(normal @ velocity)
             found.append(Neighbour(name, distance, own, other, static))
@@ -182,7 +178,3 @@ class GripperObstacles:
             normal: Array = (to[1] - to[0]) / max(distance, 1e-6)
             found.append(Neighbour(name, distance, float(normal @ interval.gripper_velocity), 0.0, True))
         return found
-
-
-def _number(value: float) -> float | None:
-    return round(value, 4) if math.isfinite(value) else None

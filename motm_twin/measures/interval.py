@@ -81,6 +81,11 @@ class Interval:
         return (self.end.gripper - self.start.gripper) / self.dt
 
 
+def finite(value: float, digits: int) -> float | None:
+    """The number with so many digits; None for infinity, which JSON lacks."""
+    return round(value, digits) if math.isfinite(value) else None
+
+
 class Sampler:
     """Makes samples, and from each two of them an interval."""
 

@@ -28,12 +28,6 @@ def waits_for_arm(interval: Interval) -> bool:
     return not interval.moving and (step.phase not in AT_REST or interval.tick.plan.time_to_range == 0.0)
 
 
-def closing_share(interval: Interval) -> float:
-    """Part of the interval in which the fingers were closing on an object."""
-    steps = interval.tick.arm
-    return sum(step.phase == Phase.CLOSING for step in steps) / len(steps)
-
-
 def part_of(interval: Interval, v_f: float, *, evading: bool) -> str:
     """The one of `PARTS` that an interval belongs to; ``v_f`` [m/s] is the speed limit.
 
@@ -65,7 +59,8 @@ class TimeSplit:
 
     def add(self, interval: Interval, *, evading: bool) -> str:
         """Take an interval into account; the one of `PARTS` that it belongs to."""
-        dt, share = interval.dt, closing_share(interval)
+        dt, steps = interval.dt, interval.tick.arm
+        share = sum(step.phase == Phase.CLOSING for step in steps) / len(steps)  # in which the fingers were closing
         self._whole += dt
         self._moving += dt * interval.moving
         self._phases["closing"] += share * dt
@@ -89,9 +84,8 @@ class TimeSplit:
     def _closing_speed(self) -> dict[str, float] | None:
         if not self._closing:
             return None
-        whole = sum(seconds for _, seconds in self._closing)
         speeds = [speed for speed, _ in self._closing]
-        mean = sum(speed * seconds for speed, seconds in self._closing) / whole
+        mean = sum(speed * seconds for speed, seconds in self._closing) / sum(seconds for _, seconds in self._closing)
         return {"mean": round(mean, 4), "min": round(min(speeds), 4), "max": round(max(speeds), 4)}
 
 
@@ -165,7 +159,9 @@ class Measures:
             part = self._split.add(interval, evading=self._encounters.evading)
             self._gripper.add(interval)
             self._smoothness.add(interval)
-            self._leg(interval, part)
+            index = interval.tick.task_index
+            self._legs.setdefault(index, dict.fromkeys(PARTS, 0.0))[part] += interval.dt
+            self._paths[index] = self._paths.get(index, 0.0) + interval.path
 
     def report(self) -> dict[str, Any]:
         """Everything measured; times [s] of both splits and of the legs add up to the time of the last Tick."""
@@ -191,9 +187,3 @@ class Measures:
             "retries": sum(max(0, task.attempts - 1) for task in tasks),
             "legs": legs,
         }
-
-    def _leg(self, interval: Interval, part: str) -> None:
-        index = interval.tick.task_index
-        leg = self._legs.setdefault(index, dict.fromkeys(PARTS, 0.0))
-        leg[part] += interval.dt
-        self._paths[index] = self._paths.get(index, 0.0) + interval.path

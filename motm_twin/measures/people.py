@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from motm_twin.measures.agents import CONFLICT, FAR, HORIZON, Body, base_gap, body_of, predicted_gap
-from motm_twin.measures.interval import Interval
+from motm_twin.measures.interval import Interval, finite
 from motm_twin.model.compiler import njit
 from motm_twin.model.geometry import Array
 from motm_twin.model.motion import arc
@@ -32,8 +32,7 @@ def time_to_collision(body: Body, pose: Array, twist: tuple[float, float], agent
     v, w = twist
     for i in range(round(COLLISION_WITHIN / COLLISION_STEP) + 1):
         time = i * COLLISION_STEP
-        x, y, heading = arc(pose[0], pose[1], pose[2], v, w, time)
-        there = np.array([x, y, heading])
+        there = arc(pose[0], pose[1], pose[2], v, w, time)
         if base_gap(body, there, agent[0] + time * agent[2], agent[1] + time * agent[3], radius) <= 0.0:
             return time
     return np.inf
@@ -148,14 +147,9 @@ class AmongPeople:
         """Least gap [m] and time to collision [s] (None: never within 5 s), seconds of discomfort and freezing."""
         going_on = [conflict.report(name) for name, conflict in self._open.items()]
         return {
-            "least_gap_m": _finite(self._least_gap),
-            "least_time_to_collision_s": _finite(self._least_time),
+            "least_gap_m": finite(self._least_gap, 3),
+            "least_time_to_collision_s": finite(self._least_time, 3),
             "discomfort_s": round(self._discomfort, 2),
             "freezing_s": round(self._freezing, 2),
             "conflicts": [*self.conflicts, *going_on],
         }
-
-
-def _finite(value: float) -> float | None:
-    """The number; None for infinity, which JSON lacks."""
-    return round(value, 3) if math.isfinite(value) else None
