@@ -17,7 +17,7 @@ from rich.table import Table
 from motm_twin.methods.registry import FAST
 from motm_twin.model.scene_file import load_scene
 from motm_twin.perf.period import one_core
-from motm_twin.perf.report import grid, load_average, machine, write
+from motm_twin.perf.report import grid, load_average, machine, save_picture, write
 from motm_twin.planning.types import SearchBudget
 from motm_twin.server_process import SEARCH_SECONDS
 from motm_twin.sessions.session import made_with
@@ -42,10 +42,7 @@ def bench_anytime(out: Path, console: Console, *, quick: bool = False) -> bool:
     kept = out / f"{NAME}.json"
     found = json.loads(kept.read_text()) if kept.exists() else {}
     ours = {"method": FAST.name, **made_with()}
-    if found.get("of") != ours:
-        found = {}
-    by_count: Curve = found.get("expansions", {})
-    by_time: Curve = found.get("seconds", {})
+    by_count, by_time = (found[name] if found.get("of") == ours else {} for name in ("expansions", "seconds"))
 
     def keep() -> None:
         write(kept, {"machine": machine(), "of": ours, "expansions": by_count, "seconds": by_time})
@@ -98,15 +95,12 @@ def curve_table(name: str, curve: Curve) -> Table:
 
 def plot(by_count: Curve, by_time: Curve, target: Path) -> None:
     """Both curves: every trial and the mean."""
-    import matplotlib as mpl
-
-    mpl.use("Agg")
-    from matplotlib import pyplot as plt
+    from matplotlib.figure import Figure
 
     shipped = SearchBudget().expansions
     curves = [(by_count, 1.0, "expansions"), (by_time, 1e3, "time limit of the search [ms]")][: 2 if by_time else 1]
-    figure, grid = plt.subplots(1, len(curves), figsize=(5 * len(curves), 4), sharey=True, squeeze=False)
-    axes = grid[0]
+    figure = Figure(figsize=(5 * len(curves), 4))
+    axes = figure.subplots(1, len(curves), sharey=True, squeeze=False)[0]
     for axis, (curve, scale, label) in zip(axes, curves, strict=True):
         limits = [scale * float(limit) for limit in curve]
         for trial in TRIALS:
@@ -123,7 +117,4 @@ def plot(by_count: Curve, by_time: Curve, target: Path) -> None:
         axes[-1].set_title(f"red: `serve` and its {1e3 * SEARCH_SECONDS:g} ms", fontsize=8, loc="right")
     axes[0].set_ylabel("task time [s]")
     axes[0].legend(fontsize=7, ncols=3, loc="lower left", bbox_to_anchor=(0.0, 1.0), frameon=False, borderaxespad=0.2)
-    figure.tight_layout()
-    target.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(target, dpi=110)
-    plt.close(figure)
+    save_picture(figure, target)

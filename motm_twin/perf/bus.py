@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -18,7 +19,7 @@ from motm_twin.bus.commands import AddObstacle, Command, HandOver, MoveBody, Rec
 from motm_twin.bus.messages import TickMessage
 from motm_twin.model.period import PERIOD
 from motm_twin.perf import bus_participants
-from motm_twin.perf.processes import Worker, act, cpu_seconds, restart, ticks, wait_for
+from motm_twin.perf.processes import Worker, act, cpu_seconds, open_place, restart, ticks, wait_for
 from motm_twin.perf.report import Limit, Report, Steps, Values, conclude, measure, percentiles
 
 READER = "readers"
@@ -44,6 +45,11 @@ class Measured:
     def endpoint(self) -> str:
         """Zenoh endpoint of its clients."""
         return self.server.hello["endpoint"]
+
+    @property
+    def where(self) -> dict[str, Any]:
+        """Endpoint and name of the twin, as workers take them."""
+        return {"endpoint": self.endpoint, "twin": self.client.keys.twin}
 
     @property
     def clock(self) -> float:
@@ -145,9 +151,7 @@ def effect(twin: Measured, report: Report, seconds: float) -> None:
     """From a command to its effect [ms], at any moment of the period: three ways to look at it."""
     client = twin.client
     restart(client, playing=True)
-    scene = client.scene()
-    assert scene is not None
-    x, y = scene.bounds[0] + 1.0, scene.bounds[1] + 1.0  # where it is in nobody's way
+    x, y = open_place(client)
     _do(client, AddObstacle(name=BODY, x=x, y=y, size=(0.2, 0.2, 0.2)))
     heard: list[tuple[float, bytes]] = []
     leave = client.on_tick(lambda payload: heard.append((time.monotonic(), payload)))
@@ -200,15 +204,8 @@ def ages(twin: Measured, report: Report, seconds: float) -> None:
     """Age [ms] of the newest tick for readers of any speed."""
     restart(twin.client, playing=True)
     with Worker(READER) as reader:
-        found = reader.ask(
-            "ages",
-            timeout=seconds + 60.0,
-            endpoint=twin.endpoint,
-            twin=twin.client.keys.twin,
-            pauses=PAUSES,
-            seconds=seconds,
-            clock=twin.clock,
-        )
+        how = {"pauses": PAUSES, "seconds": seconds, "clock": twin.clock}
+        found = reader.ask("ages", timeout=seconds + 60.0, **twin.where, **how)
     spread = {name: percentiles([1000.0 * age for age in values]) for name, values in found.items()}
     report.values["age_ms"] = max(values["p99"] for values in spread.values())
     report.details["age_ms"] = spread

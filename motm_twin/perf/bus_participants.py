@@ -1,5 +1,6 @@
 """Participants of the bus benchmark: a bare Zenoh sender; fast, slow and stuck readers; a server with a clock in it."""
 
+import collections
 import contextlib
 import functools
 import itertools
@@ -26,31 +27,29 @@ from motm_twin.server_process import SEARCH_SECONDS, make_twin
 KEY = "motm-bench/bare"
 
 
-class Bare:
-    """A publisher declared like that of the ticks (`bus.queries`)."""
+def bare() -> tuple[dict[str, str], Works]:
+    """Role of a sender of given bytes, stamped, for comparison with a twin: a publisher like that of the ticks."""
+    port = free_port()
+    session = open_server(port)
+    publisher = session.declare_publisher(
+        KEY,
+        encoding=zenoh.Encoding.APPLICATION_JSON,
+        congestion_control=zenoh.CongestionControl.DROP,
+        reliability=zenoh.Reliability.RELIABLE,
+    )
 
-    def __init__(self) -> None:
-        port = free_port()
-        self.endpoint = f"tcp/{LOOPBACK}:{port}"
-        self._session = open_server(port)
-        self._publisher = self._session.declare_publisher(
-            KEY,
-            encoding=zenoh.Encoding.APPLICATION_JSON,
-            congestion_control=zenoh.CongestionControl.DROP,
-            reliability=zenoh.Reliability.RELIABLE,
-        )
-        self._stop = threading.Event()
-
-    def send(self, payloads: list[str], period: float) -> None:
+    def send(payloads: list[str], period: float) -> None:
         """Send these in turn, one every ``period`` [s], until the end."""
-        threading.Thread(target=self._send, args=([text.encode() for text in payloads], period), daemon=True).start()
+        due = time.monotonic()
+        for payload in itertools.cycle([text.encode() for text in payloads]):
+            time.sleep(max(0.0, due - time.monotonic()))
+            publisher.put(payload, attachment=repr(time.monotonic()).encode())
+            due += period
 
-    def _send(self, payloads: list[bytes], period: float) -> None:
-        due, number = time.monotonic(), 0
-        while not self._stop.wait(max(0.0, due - time.monotonic())):
-            payload = payloads[number % len(payloads)]
-            self._publisher.put(payload, attachment=repr(time.monotonic()).encode())
-            due, number = due + period, number + 1
+    def begin(**given: Any) -> None:
+        threading.Thread(target=send, kwargs=given, daemon=True).start()
+
+    return {"endpoint": f"tcp/{LOOPBACK}:{port}"}, {"send": begin, "close": session.close}
 
 
 class _Stamp(msgspec.Struct):
@@ -67,8 +66,7 @@ class Readers:
     """All readers of this process; times are monotonic [s], those of the server less ``clock``."""
 
     def __init__(self) -> None:
-        self._sessions: list[zenoh.Session] = []
-        self._kept: list[Any] = []  # a subscriber ends when it is forgotten
+        self._kept: list[Any] = []  # sessions and subscribers: one ends when it is forgotten
         self._heard: dict[str, list[tuple[float, bytes, bytes]]] = {}
         self._counts: list[Any] = []
 
@@ -80,7 +78,7 @@ class Readers:
             now, attachment = time.monotonic(), sample.attachment
             heard.append((now, sample.payload.to_bytes(), b"" if attachment is None else attachment.to_bytes()))
 
-        self._declare(endpoint, key, zenoh.handlers.Callback(note, indirect=False))
+        self._subscribe(endpoint, [key], zenoh.handlers.Callback(note, indirect=False))
 
     def delays(self, name: str, clock: float) -> list[float]:
         """Delay [s] of each sample since its stamp: its attachment, else its server time."""
@@ -98,17 +96,14 @@ class Readers:
         """So many sessions that read everything as it comes."""
         for _ in range(sessions):
             counter = itertools.count()
-            session = self._open(endpoint)
-            for key in keys:
-                self._kept.append(session.declare_subscriber(key, _counting(counter)))
+            count = lambda _, counter=counter: next(counter)  # noqa: E731
+            self._subscribe(endpoint, keys, zenoh.handlers.Callback(count, indirect=False))
             self._counts.append(counter)
 
     def jam(self, endpoint: str, keys: list[str], sessions: int) -> None:
         """So many sessions that stay alive but never read: their queue is full after one message, and Zenoh waits."""
         for _ in range(sessions):
-            session = self._open(endpoint)
-            for key in keys:
-                self._kept.append(session.declare_subscriber(key, zenoh.handlers.FifoChannel(1)))
+            self._subscribe(endpoint, keys, zenoh.handlers.FifoChannel(1))
 
     def received(self) -> list[int]:
         """Number of messages that each session of `follow` has received."""
@@ -125,8 +120,8 @@ class Readers:
             for pause in pauses:
                 session = stack.enter_context(open_client(endpoint))
                 ring: Any = session.declare_subscriber(key, zenoh.handlers.RingChannel(1))
-                for name, look in ((f"ring, {pause:g} s", _ring(ring)), (f"client, {pause:g} s", _client(client))):
-                    ages = found[name] = []
+                for name, look in (("ring", functools.partial(_newest, ring)), ("client", client.tick)):
+                    ages = found[f"{name}, {pause:g} s"] = []
                     work = threading.Thread(target=_look, args=(look, pause, seconds, clock, ages))
                     threads.append(work)
                     work.start()
@@ -134,51 +129,26 @@ class Readers:
                 thread.join()
         return found
 
-    def _open(self, endpoint: str) -> zenoh.Session:
+    def _subscribe(self, endpoint: str, keys: list[str], handler: Any) -> None:
+        """A session that listens to some keys for as long as this process lives."""
         session = open_client(endpoint)
-        self._sessions.append(session)
-        return session
-
-    def _declare(self, endpoint: str, key: str, handler: Any) -> None:
-        self._kept.append(self._open(endpoint).declare_subscriber(key, handler))
+        self._kept += [session, *(session.declare_subscriber(key, handler) for key in keys)]
 
 
-def _counting(counter: Any) -> Any:
-    return zenoh.handlers.Callback(lambda _: next(counter), indirect=False)
+def _newest(ring: Any) -> _Stamp | None:
+    """Take what a ring holds; None when nothing came since."""
+    sample = ring.try_recv()
+    return None if sample is None else _stamp(sample.payload.to_bytes())
 
 
-def _ring(ring: Any) -> Any:
-    """Take what the ring holds; None when nothing came since."""
-
-    def look() -> float | None:
-        sample = ring.try_recv()
-        return None if sample is None else _stamp(sample.payload.to_bytes()).server_time
-
-    return look
-
-
-def _client(client: TwinClient) -> Any:
-    def look() -> float | None:
-        tick = client.tick()
-        return None if tick is None else tick.server_time
-
-    return look
-
-
-def _look(look: Any, pause: float, seconds: float, clock: float, ages: list[float]) -> None:
+def _look(look: Callable[[], Any], pause: float, seconds: float, clock: float, ages: list[float]) -> None:
     """Look again and again; the first looks, before the first sample, do not count."""
     until = time.monotonic() + seconds
     while time.monotonic() < until:
         time.sleep(pause or 0.001)
-        server_time = look()
-        if server_time is not None:
-            ages.append(time.monotonic() - (server_time - clock))
-
-
-def bare() -> tuple[dict[str, str], Works]:
-    """Role of a sender of given bytes at a given rate, stamped, for comparison with a twin."""
-    sender = Bare()
-    return {"endpoint": sender.endpoint}, {"send": sender.send}
+        tick = look()
+        if tick is not None:
+            ages.append(time.monotonic() - (tick.server_time - clock))
 
 
 def readers() -> tuple[dict[str, str], Works]:
@@ -188,29 +158,21 @@ def readers() -> tuple[dict[str, str], Works]:
     return {}, {name: getattr(them, name) for name in works}
 
 
-class TimedSink:
-    """Times of the loop's calls of the publisher, in the loop's own thread."""
+def timed_sink(server: TwinServer) -> Callable[[], list[tuple[float, float]]]:
+    """Time the loop's calls of the publisher, in the loop's own thread.
 
-    def __init__(self, server: TwinServer) -> None:
-        self._took: list[tuple[float, float]] = []  # [s] per call of `tick`: by the clock, and of the processor
-        self._lock = threading.Lock()
-        server.tick = self._timed(server.tick)
+    What comes back gives the times [s] since it was last asked: what passed, and what the thread computed, not waiting
+    for its turn.
+    """
+    call, took = server.tick, collections.deque[tuple[float, float]]()
 
-    def taken(self) -> list[tuple[float, float]]:
-        """Times [s] since the last question: what passed, and what the thread computed, not waiting for its turn."""
-        with self._lock:
-            taken, self._took = self._took, []
-        return taken
+    def timed(*arguments: Any, **named: Any) -> None:
+        began, computed = time.perf_counter(), time.thread_time()
+        call(*arguments, **named)
+        took.append((time.perf_counter() - began, time.thread_time() - computed))
 
-    def _timed(self, call: Callable[..., None]) -> Callable[..., None]:
-        def timed(*arguments: Any, **named: Any) -> None:
-            began, computed = time.perf_counter(), time.thread_time()
-            call(*arguments, **named)
-            took = time.perf_counter() - began, time.thread_time() - computed
-            with self._lock:
-                self._took.append(took)
-
-        return timed
+    server.tick = timed
+    return lambda: [took.popleft() for _ in range(len(took))]
 
 
 def clock_offset(server: TwinServer) -> float:
@@ -237,9 +199,9 @@ def timed_twin(scene: str, data: str) -> tuple[dict[str, Any], Works]:
         ),
         data=Path(data),
     )
-    sink = TimedSink(server)
+    taken = timed_sink(server)
     server.start()
     while server.loop.status().state == "loading":
         time.sleep(0.05)
     hello = {"endpoint": server.endpoint, "clock": clock_offset(server), "state": server.loop.status().text}
-    return hello, {"sink": sink.taken, "close": server.close}
+    return hello, {"sink": taken, "close": server.close}

@@ -19,7 +19,7 @@ from motm_twin.bus.publisher import memory_mb
 from motm_twin.model.geometry import Array
 from motm_twin.perf import page_reader
 from motm_twin.perf.page_reader import PageReader
-from motm_twin.perf.processes import Served, act, cpu_seconds, now, restart, served, ticks, wait_for
+from motm_twin.perf.processes import Served, act, cpu_seconds, now, open_place, restart, served, ticks, wait_for
 from motm_twin.perf.report import Limit, Report, Steps, conclude, measure, percentiles
 from motm_twin.ui.export import export_html
 from motm_twin.ui.history import History
@@ -78,13 +78,18 @@ def drawing(served: Served, report: Report, seconds: float) -> None:
             report.details["bytes_per_s_all_layers"] = (reader.bytes - read) / spent
 
 
+def _whole(reader: PageReader) -> bool:
+    """A new visitor has the whole scene and its own panel."""
+    return reader.replayed is not None and len(reader.options("Scene")) > 1
+
+
 def joining(served: Served, report: Report) -> None:
     """Longest time [s] that a late joiner waits for the whole scene and its own panel."""
     restart(served.client, playing=True)
     waits = []
     for _ in range(JOINERS):
         with PageReader(served.port, token=served.token) as reader:
-            whole = reader.wait(lambda reader: reader.replayed is not None and len(reader.options("Scene")) > 1, 30.0)
+            whole = reader.wait(_whole, 30.0)
             waits.append(time.monotonic() - reader.started if whole else float("nan"))
     report.values["join_s"] = float(np.max(waits))
 
@@ -93,7 +98,7 @@ def loading(served: Served, report: Report) -> None:
     """Bytes of a first load, by the websocket until a new visitor has everything, and by HTTP; and its picture."""
     restart(served.client, playing=False)
     with PageReader(served.port, token=served.token) as reader:
-        if not reader.wait(lambda reader: reader.replayed is not None and len(reader.options("Scene")) > 1, 30.0):
+        if not reader.wait(_whole, 30.0):
             raise TimeoutError("no whole scene within 30 s")
         time.sleep(1.0)  # the last of the panel
         by_websocket = float(reader.bytes)
@@ -106,8 +111,8 @@ def drags(served: Served, report: Report) -> None:
     """From sending the end of a drag to the tick [ms] in which the body is there, while time runs."""
     client = served.client
     restart(client, playing=True)
-    start = _open_place(client)
-    act(client, AddObstacle(name=BODY, shape="box", x=start[0], y=start[1], heading=0.0, size=(0.3, 0.3, 0.4)))
+    x, y = open_place(client)
+    act(client, AddObstacle(name=BODY, shape="box", x=x, y=y, heading=0.0, size=(0.3, 0.3, 0.4)))
     waits = []
     with PageReader(served.port, token=served.token) as reader:
         ours = lambda: next((node for node in reader.draggable if node.endswith(f"/{BODY}")), None)  # noqa: E731
@@ -210,15 +215,6 @@ def _place(tick: TickMessage) -> tuple[float, float]:
     if body is None:
         raise RuntimeError("the measured box is gone")
     return body.position[0], body.position[1]
-
-
-def _open_place(client: TwinClient) -> tuple[float, float]:
-    """A corner of the map, where the box is in nobody's way."""
-    scene = client.scene()
-    if scene is None:
-        raise RuntimeError("the twin has no scene yet")
-    x_min, y_min, _, _ = scene.bounds
-    return x_min + 1.0, y_min + 1.0
 
 
 NAME = "page"

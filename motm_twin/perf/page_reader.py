@@ -8,9 +8,8 @@ import socket
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, field
-from types import TracebackType
 from typing import Any
 
 import msgspec
@@ -77,7 +76,7 @@ LITTLE = {"width": 320, "height": 200}  # [px] a window that software draws fast
 Message = dict[str, Any]
 
 
-class PageReader:
+class PageReader(AbstractContextManager["PageReader"]):
     """One connected visitor that reads everything. ``decode=False`` counts bytes only, which costs next to nothing."""
 
     def __init__(self, port: int, *, token: str = "", decode: bool = True) -> None:
@@ -117,14 +116,7 @@ class PageReader:
         self._socket.socket.shutdown(socket.SHUT_RDWR)
         self.close()
 
-    def __enter__(self) -> "PageReader":
-        """Connected from the start."""
-        return self
-
-    def __exit__(
-        self, _kind: type[BaseException] | None, _error: BaseException | None, _trace: TracebackType | None
-    ) -> None:
-        """Leave."""
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def wait(self, condition: Any, timeout: float) -> bool:
@@ -162,12 +154,11 @@ class PageReader:
     def drag(self, node: str, grip: np.ndarray, path: np.ndarray, interval: float) -> float:
         """Drag a scene node from ``grip`` (3,) over the points ``path`` (n, 3); the time [s] when the end was sent."""
         self._drag("start", node, grip, grip)
-        for point in path[:-1]:
-            time.sleep(interval)
-            self._drag("update", node, grip, point)
-        time.sleep(interval)
         sent = time.monotonic()
-        self._drag("update", node, grip, path[-1])
+        for point in path:
+            time.sleep(interval)
+            sent = time.monotonic()
+            self._drag("update", node, grip, point)
         self._drag("end", node, grip, path[-1])
         return sent
 

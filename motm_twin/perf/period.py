@@ -28,18 +28,8 @@ from motm_twin.methods.registry import FAST, MOTM
 from motm_twin.model.period import PERIOD
 from motm_twin.model.scene import DriveTo, Scene
 from motm_twin.model.scene_file import load_scene
-from motm_twin.perf.report import (
-    Wanted,
-    enough,
-    grid,
-    load_average,
-    machine,
-    spread,
-    wanted_rows,
-    wanted_table,
-    write,
-    write_report,
-)
+from motm_twin.perf import report
+from motm_twin.perf.report import Wanted, grid, load_average, machine, spread, write
 from motm_twin.twin import Twin
 
 NAME = "period_cost"
@@ -47,6 +37,7 @@ TITLE = "What a period costs, alone on one core, kernels compiled"
 METHODS = (FAST, MOTM)  # the first is judged, which is what runs when none is named
 SCENES = (("exp1", "trial1"), ("exp2", "random"))
 STAGES = ("map", "place", "plan", "arm", "monitor", "period")
+CLOCKS = {"": time.perf_counter, ", processor": time.thread_time}  # beside the name of the method
 WARM_UP = 60  # periods that are not counted
 SOAK = 1000.0  # [s] of simulated time in which memory has to stay flat
 EARLY = 0.1  # of it, after which memory counts
@@ -120,22 +111,25 @@ def _timed_steps(twin: Twin, clock: Callable[[], float]) -> list[float]:
     """A list to which every arm step from now on adds what it and the monitor take [ms]."""
     steps: list[float] = []
     loop = twin.loop
-    step, check = loop.manipulator.step, loop.monitor.check
 
-    def timed_step(*given: Any, **named: Any) -> Any:
-        began = clock()
-        answer = step(*given, **named)
-        steps.append(1e3 * (clock() - began))
-        return answer
+    def add(spent: float) -> None:
+        steps[-1] += 1e3 * spent
 
-    def timed_check(*given: Any, **named: Any) -> Any:
-        began = clock()
-        answer = check(*given, **named)
-        steps[-1] += 1e3 * (clock() - began)
-        return answer
-
-    loop.manipulator.step, loop.monitor.check = timed_step, timed_check  # type: ignore[method-assign]
+    loop.manipulator.step = timed(loop.manipulator.step, clock, lambda spent: steps.append(1e3 * spent))  # type: ignore[method-assign]
+    loop.monitor.check = timed(loop.monitor.check, clock, add)  # type: ignore[method-assign]
     return steps
+
+
+def timed(call: Callable[..., Any], clock: Callable[[], float], note: Callable[[float], None]) -> Callable[..., Any]:
+    """The same call, which notes the time [s] that it takes."""
+
+    def around(*given: Any, **named: Any) -> Any:
+        began = clock()
+        answer = call(*given, **named)
+        note(clock() - began)
+        return answer
+
+    return around
 
 
 STARTING = """
@@ -170,12 +164,8 @@ def memory_gained(seconds: float) -> dict[str, float]:
     twin = Twin(round_for_ever(load_scene("exp2", "random")))
     early = _advanced(twin, EARLY * seconds)
     late = _advanced(twin, seconds)
-    return {
-        "megabytes": round(late[0] - early[0], 2),
-        "blocks": late[1] - early[1],
-        "at_first_mb": round(early[0], 1),
-        "simulated_s": seconds,
-    }
+    gained = {"megabytes": round(late[0] - early[0], 2), "blocks": late[1] - early[1]}
+    return {**gained, "at_first_mb": round(early[0], 1), "simulated_s": seconds}
 
 
 def round_for_ever(scene: Scene) -> Scene:
@@ -212,49 +202,42 @@ def bench_period(out: Path, share: float, console: Console) -> bool:
     judged.
     """
     console.print(f"\n[bold]{NAME}[/bold]: {TITLE}")
-    columns: dict[str, dict[str, float]] = {name: {} for method in METHODS for name in _columns(method)}
+    columns: dict[str, dict[str, float]] = {method.name + clock: {} for method in METHODS for clock in CLOCKS}
     stages: dict[str, dict[str, dict[str, float]]] = {}
     with one_core() as core:
-        for method in METHODS:
-            for scene, variant in SCENES:
-                wall, processor = (columns[name] for name in _columns(method))
-                stages[f"{scene} {method.name}"] = _scene_values(scene, variant, method, wall, processor, console)
-        judged = columns[_columns(METHODS[0])[0]]
+        for method, (scene, variant) in itertools.product(METHODS, SCENES):
+            stages[f"{scene} {method.name}"] = _scene_values(scene, variant, method, columns, console)
+        judged = columns[METHODS[0].name]
         start_seconds()
         judged["start"] = start_seconds()
         memory = memory_gained(SOAK * share)
         judged["memory"] = memory["megabytes"]
     console.print(stage_table(stages))
-    console.print(wanted_table(WANTED, columns))
-    reached = all(enough(row, judged[row.key], row.least) for row in WANTED)
-    write_report(
-        out, NAME, TITLE, core=core, reached=reached, rows=wanted_rows(WANTED, columns), stages_ms=stages,
+    console.print(report.wanted_table(WANTED, columns))
+    reached = all(report.enough(row, judged[row.key], row.least) for row in WANTED)
+    report.write_report(
+        out, NAME, TITLE, core=core, reached=reached, rows=report.wanted_rows(WANTED, columns), stages_ms=stages,
         memory=memory, load_average=load_average(console),
     )  # fmt: skip
     return reached
 
 
-def _columns(method: Method) -> tuple[str, str]:
-    """Names of what a method takes in wall time and in processor time."""
-    return method.name, f"{method.name}, processor"
-
-
 def _scene_values(
-    scene: str, variant: str, method: Method, values: dict[str, float], processor: dict[str, float], console: Console
+    scene: str, variant: str, method: Method, columns: dict[str, dict[str, float]], console: Console
 ) -> dict[str, dict[str, float]]:
     """Fill in what a scene gives, in wall and in processor time; its stages in processor time."""
     loaded = load_scene(scene, variant)
     measured(loaded, method=method)  # may compile
     table = {}
-    for clock, found in ((time.perf_counter, values), (time.thread_time, processor)):
-        run = measured(loaded, method=method, clock=clock)
+    for name, clock in CLOCKS.items():
+        run, found = measured(loaded, method=method, clock=clock), columns[method.name + name]
         table = run.table()
         found |= {f"{scene} {part}": table["period"][part] for part in ("p50", "p99", "max")}
-        found |= {f"{scene} arm": table["arm step"]["p99"], f"{scene} factor": run.factor}
-        console.print(
-            f"  {scene}/{variant} {method.name}: {len(run.arm_steps)} arm steps, {run.factor:.1f} x", markup=False
-        )
-    del processor[f"{scene} factor"]  # of both runs it is wall time
+        found[f"{scene} arm"] = table["arm step"]["p99"]
+        if clock is time.perf_counter:  # the factor of every run is of wall time
+            found[f"{scene} factor"] = run.factor
+        said = f"{scene}/{variant} {method.name}: {len(run.arm_steps)} arm steps, {run.factor:.1f} x"
+        console.print(f"  {said}", markup=False)
     return table
 
 
@@ -284,11 +267,8 @@ def bench_solvers(out: Path, console: Console, *, quick: bool = False) -> bool:
         runs = {solver: _run(solver, programs if solver == SOLVERS[0] else None, most) for solver in SOLVERS}
         rows = {solver: {**_solved(solver, programs[::EVERY]), **runs[solver]} for solver in SOLVERS}
     console.print(_table(rows, len(programs[::EVERY])))
-    load = load_average(console)
-    write(
-        out / f"{SOLVERS_NAME}.json",
-        {"machine": machine(), "load_average": load, "programs": len(programs), "rows": rows},
-    )
+    found = {"machine": machine(), "load_average": load_average(console), "programs": len(programs), "rows": rows}
+    write(out / f"{SOLVERS_NAME}.json", found)
     return all(row["success"] or row["cut_off"] for row in rows.values())
 
 

@@ -14,7 +14,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -99,7 +99,8 @@ def served(scene: str, *options: str) -> Iterator[Served]:
     )
     try:
         with TwinClient(f"tcp/{LOOPBACK}:{zenoh_port}") as client:
-            wait_for(lambda: _up(process, port, client), START, "page and first period")
+            up = lambda: running(process) and page_answers(port) and client.tick() is not None  # noqa: E731
+            wait_for(up, START, "page and first period")
             yield Served(port, client, process, token)
     finally:
         if process.poll() is None:
@@ -107,10 +108,11 @@ def served(scene: str, *options: str) -> Iterator[Served]:
         process.wait(STOP)
 
 
-def _up(process: subprocess.Popen, port: int, client: TwinClient) -> bool:
+def running(process: subprocess.Popen) -> bool:
+    """True. Raises RuntimeError when this `serve` has ended."""
     if process.poll() is not None:
         raise RuntimeError(f"serve ended with exit code {process.returncode}")
-    return page_answers(port) and client.tick() is not None
+    return True
 
 
 def wait_for(condition: Callable[[], Any], timeout: float, what: str) -> Any:
@@ -171,120 +173,12 @@ def now(client: TwinClient) -> TickMessage:
     return tick
 
 
-ROLES = {  # name: module and function, which is given the arguments and gives the greeting and the works by name
-    "bare": ("motm_twin.perf.bus_participants", "bare"),
-    "readers": ("motm_twin.perf.bus_participants", "readers"),
-    "twin": ("motm_twin.perf.bus_participants", "timed_twin"),
-    "fleet": ("motm_twin.perf.scale", "fleet"),
-    "attackers": ("motm_twin.perf.soak_worker", "attackers"),
-}
-WORKER_START = 300.0  # [s] until a worker is ready: the first twin compiles its kernels
-ANSWER = 120.0  # [s] until a worker has answered
-WORKER_STOP = 5.0  # [s]
-
-Works = dict[str, Callable[..., Any]]
-
-
-def one_thread(**more: str) -> dict[str, str]:
-    """The environment, in which numeric libraries compute in one thread unless it says otherwise."""
-    return {**dict.fromkeys(THREADS, "1"), **os.environ, **more}
-
-
-class Worker:
-    """A process that plays one of `ROLES`. ``with`` starts it, and ends it for certain."""
-
-    def __init__(self, role: str, *arguments: object) -> None:
-        self._name = role
-        words = [sys.executable, "-m", "motm_twin.perf.processes", role, *map(str, arguments)]
-        pipes: Any = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
-        self.process = subprocess.Popen(words, env=one_thread(), **pipes)  # noqa: S603 - our own module
-        self._hello: Any = None
-
-    @property
-    def pid(self) -> int:
-        """Number of the process."""
-        return self.process.pid
-
-    @property
-    def hello(self) -> Any:
-        """Greeting of the worker when it was ready. Raises RuntimeError when it ended before."""
-        if self._hello is None:
-            self._hello = self._line(WORKER_START)
-        return self._hello
-
-    def send(self, do: str, **details: Any) -> None:
-        """Let it begin something; `answer` waits for the end."""
-        assert self.hello is not None
-        assert self.process.stdin is not None
-        print(json.dumps({"do": do, **details}), file=self.process.stdin, flush=True)
-
-    def answer(self, timeout: float = ANSWER) -> Any:
-        """Answer to the last request. Raises RuntimeError."""
-        answer = self._line(timeout)
-        if "error" in answer:
-            raise RuntimeError(f"{self._name}: {answer['error']}")
-        return answer["ok"]
-
-    def ask(self, do: str, timeout: float = ANSWER, **details: Any) -> Any:
-        """`send`, then `answer`."""
-        self.send(do, **details)
-        return self.answer(timeout)
-
-    def close(self) -> None:
-        """End the process."""
-        assert self.process.stdin is not None
-        self.process.stdin.close()
-        try:
-            self.process.wait(WORKER_STOP)
-        except subprocess.TimeoutExpired:
-            self.process.kill()
-            self.process.wait()
-        assert self.process.stdout is not None
-        self.process.stdout.close()
-
-    def __enter__(self) -> "Worker":
-        """Already running."""
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        """End it."""
-        self.close()
-
-    def _line(self, timeout: float) -> Any:
-        """The next line; a worker that is silent for so long is killed."""
-        assert self.process.stdout is not None
-        late = threading.Timer(timeout, self.process.kill)
-        late.start()
-        try:
-            line = self.process.stdout.readline()
-        finally:
-            late.cancel()
-        if not line:
-            raise RuntimeError(f"{self._name} ended, or said nothing for {timeout:.0f} s")
-        return json.loads(line)
-
-
-def main() -> None:
-    """Play the role that the command line names, until standard input ends."""
-    role, *arguments = sys.argv[1:]
-    module, function = ROLES[role]
-    hello, works = getattr(importlib.import_module(module), function)(*arguments)
-    _say(hello)
-    for line in sys.stdin:
-        wish = json.loads(line)
-        try:
-            _say({"ok": works[wish.pop("do")](**wish)})
-        except Exception as error:
-            _say({"error": f"{type(error).__name__}: {error}"})
-    leave(0)
-
-
-def _say(answer: Any) -> None:
-    print(json.dumps(answer), flush=True)
-
-
-if __name__ == "__main__":
-    main()
+def open_place(client: TwinClient) -> tuple[float, float]:
+    """A corner of the map [m], where a body is in nobody's way. Raises RuntimeError without a scene."""
+    scene = client.scene()
+    if scene is None:
+        raise RuntimeError("the twin has no scene yet")
+    return scene.bounds[0] + 1.0, scene.bounds[1] + 1.0
 
 
 @contextmanager
@@ -315,3 +209,113 @@ def run_external(name: str, variant: str | None, link: LinkSpec, method: str = D
     scene = load_scene(name, variant)
     with external_robot(scene, link) as plant:
         return run_scene(scene, plant=plant, method=find_method(method))
+
+
+ROLES = {  # name: module and function, which is given the arguments and gives the greeting and the works by name
+    "bare": ("motm_twin.perf.bus_participants", "bare"),
+    "readers": ("motm_twin.perf.bus_participants", "readers"),
+    "twin": ("motm_twin.perf.bus_participants", "timed_twin"),
+    "fleet": ("motm_twin.perf.scale", "fleet"),
+    "attackers": ("motm_twin.perf.soak_worker", "attackers"),
+}
+WORKER_START = 300.0  # [s] until a worker is ready: the first twin compiles its kernels
+ANSWER = 120.0  # [s] until a worker has answered
+WORKER_STOP = 5.0  # [s]
+
+Works = dict[str, Callable[..., Any]]
+
+
+def one_thread(**more: str) -> dict[str, str]:
+    """The environment, in which numeric libraries compute in one thread unless it says otherwise."""
+    return {**dict.fromkeys(THREADS, "1"), **os.environ, **more}
+
+
+class Worker(AbstractContextManager["Worker"]):
+    """A process that plays one of `ROLES`. ``with`` starts it, and ends it for certain."""
+
+    def __init__(self, role: str, *arguments: object) -> None:
+        self._name = role
+        words = [sys.executable, "-m", "motm_twin.perf.processes", role, *map(str, arguments)]
+        pipes: Any = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
+        self.process = subprocess.Popen(words, env=one_thread(), **pipes)  # noqa: S603 - our own module
+        assert self.process.stdin is not None
+        assert self.process.stdout is not None
+        self._wishes, self._answers = self.process.stdin, self.process.stdout
+        self._hello: Any = None
+
+    @property
+    def pid(self) -> int:
+        """Number of the process."""
+        return self.process.pid
+
+    @property
+    def hello(self) -> Any:
+        """Greeting of the worker when it was ready. Raises RuntimeError when it ended before."""
+        if self._hello is None:
+            self._hello = self._line(WORKER_START)
+        return self._hello
+
+    def send(self, do: str, **details: Any) -> None:
+        """Let it begin something; `answer` waits for the end."""
+        assert self.hello is not None
+        print(json.dumps({"do": do, **details}), file=self._wishes, flush=True)
+
+    def answer(self, timeout: float = ANSWER) -> Any:
+        """Answer to the last request. Raises RuntimeError."""
+        answer = self._line(timeout)
+        if "error" in answer:
+            raise RuntimeError(f"{self._name}: {answer['error']}")
+        return answer["ok"]
+
+    def ask(self, do: str, timeout: float = ANSWER, **details: Any) -> Any:
+        """`send`, then `answer`."""
+        self.send(do, **details)
+        return self.answer(timeout)
+
+    def close(self) -> None:
+        """End the process."""
+        self._wishes.close()
+        try:
+            self.process.wait(WORKER_STOP)
+        except subprocess.TimeoutExpired:
+            self.process.kill()
+            self.process.wait()
+        self._answers.close()
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def _line(self, timeout: float) -> Any:
+        """The next line; a worker that is silent for so long is killed."""
+        late = threading.Timer(timeout, self.process.kill)
+        late.start()
+        try:
+            line = self._answers.readline()
+        finally:
+            late.cancel()
+        if not line:
+            raise RuntimeError(f"{self._name} ended, or said nothing for {timeout:.0f} s")
+        return json.loads(line)
+
+
+def main() -> None:
+    """Play the role that the command line names, until standard input ends."""
+    role, *arguments = sys.argv[1:]
+    module, function = ROLES[role]
+    hello, works = getattr(importlib.import_module(module), function)(*arguments)
+    _say(hello)
+    for line in sys.stdin:
+        wish = json.loads(line)
+        try:
+            _say({"ok": works[wish.pop("do")](**wish)})
+        except Exception as error:
+            _say({"error": f"{type(error).__name__}: {error}"})
+    leave(0)
+
+
+def _say(answer: Any) -> None:
+    print(json.dumps(answer), flush=True)
+
+
+if __name__ == "__main__":
+    main()

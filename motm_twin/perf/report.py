@@ -140,6 +140,13 @@ def write(target: Path, whole: Mapping[str, Any]) -> None:
     target.write_text(json.dumps(plain(whole), indent=2, allow_nan=False) + "\n", encoding="utf-8")
 
 
+def save_picture(figure: Any, target: Path) -> None:
+    """Write a matplotlib figure of the documentation."""
+    figure.tight_layout()
+    target.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(target, dpi=110)
+
+
 def plain(value: Any) -> Any:
     """The same in JSON's types: lists for arrays and tuples, None for nan and infinity."""
     if isinstance(value, Mapping):
@@ -176,7 +183,7 @@ def grid(*names: str, texts: Collection[str] | None = None, **options: Any) -> T
 class Sheet:
     """A table of rows: how each is written, and which are not good."""
 
-    head: Sequence[str]
+    head: Collection[str]
     cells: Callable[[Any], Sequence[str]]
     texts: Collection[str] | None = None  # columns with text, as in `grid`
     good: Callable[[Any], bool] = lambda _: True
@@ -195,13 +202,15 @@ class Sheet:
         target.write_text("".join(f"| {' | '.join(line)} |\n" for line in lines), encoding="utf-8")
 
 
+VERDICTS = {True: "[green]reached[/green]", False: "[red]MISSED[/red]"}
+
+
 def goal_table(goals: Iterable[Mapping[str, Any]]) -> Table:
     """Every goal as `Limit.judged` gives it: the limit, the measured value, and the verdict."""
     table = grid("number to reach", "goal", "measured", "", texts=("number to reach", ""))
     for goal in goals:
         wanted = f"{goal['relation']} {goal['limit']:g} {goal['unit']}".strip()
-        verdict = "[green]reached[/green]" if goal["reached"] else "[red]MISSED[/red]"
-        table.add_row(goal["name"], wanted, number(goal["value"], goal["decimals"]), verdict)
+        table.add_row(goal["name"], wanted, number(goal["value"], goal["decimals"]), VERDICTS[goal["reached"]])
     return table
 
 

@@ -37,36 +37,22 @@ def router(connect: list[str]) -> str:
     return endpoint
 
 
-class Observed:
-    """Sizes of the messages of one real twin, by key."""
-
-    def __init__(self) -> None:
-        self._lock = threading.Lock()
-        self._sizes: dict[str, list[int]] = collections.defaultdict(list)
-
-    def note(self, sample: zenoh.Sample) -> None:
-        """One message."""
-        attachment = sample.attachment
-        size = len(sample.payload.to_bytes()) + (0 if attachment is None else len(attachment.to_bytes()))
-        with self._lock:
-            self._sizes[str(sample.key_expr).rsplit("/", 1)[-1]].append(size)
-
-    def found(self, seconds: float) -> Sizes:
-        """Rates and sizes by key."""
-        with self._lock:
-            return {key: {"rate": len(sizes) / seconds, "sizes": sizes[:500]} for key, sizes in self._sizes.items()}
-
-
 def observe(endpoint: str, twin: str, seconds: float) -> Sizes:
     """Rates and sizes of everything that a twin sends within some seconds."""
-    observed = Observed()
+    noted: collections.defaultdict[str, list[int]] = collections.defaultdict(list)
+
+    def note(sample: zenoh.Sample) -> None:
+        attachment = sample.attachment
+        size = len(sample.payload.to_bytes()) + (0 if attachment is None else len(attachment.to_bytes()))
+        noted[str(sample.key_expr).rsplit("/", 1)[-1]].append(size)
+
     with open_client(endpoint) as session:
-        handler = zenoh.handlers.Callback(observed.note, indirect=False)
+        handler = zenoh.handlers.Callback(note, indirect=False)
         subscriber = session.declare_subscriber(f"{Keys(twin).tick.rsplit('/', 1)[0]}/*", handler)
         time.sleep(1.0)  # until all links know of it
-        observed._sizes.clear()
+        noted.clear()
         time.sleep(seconds)
-        found = observed.found(seconds)
+        found = {key: {"rate": len(sizes) / seconds, "sizes": sizes[:500]} for key, sizes in list(noted.items())}
         subscriber.undeclare()
     return found
 
@@ -75,19 +61,17 @@ class Twins:
     """Simulated twins: each a session that sends what a real one sends, at its times and of its sizes."""
 
     def __init__(self) -> None:
-        self._stop, self._thread = threading.Event(), threading.Thread(target=self._run, daemon=True)
         self._due: list[tuple[float, int]] = []
         self._streams: list[tuple[Any, list[bytes], float, list[int]]] = []
         self._late: list[float] = []
         self._sent = [0, 0]  # messages, bytes
 
-    def begin(self, endpoint: str, names: list[str], sizes: Sizes) -> int:
+    def begin(self, endpoint: str, names: list[str], sizes: Sizes) -> None:
         """Connect these and let them send."""
         draw, now = random.Random(0), time.monotonic() + 0.5
         for name in names:
             session = open_member(endpoint, wait=30.0)
-            _keep.append(session)
-            self._token(session, name)
+            _keep.extend((session, session.liveliness().declare_token(Keys(name).alive)))
             for key, about in sizes.items():
                 publisher = session.declare_publisher(
                     f"motm/{name}/{key}", congestion_control=zenoh.CongestionControl.DROP
@@ -96,8 +80,7 @@ class Twins:
                 payloads = [bytes(size) for size in about["sizes"]]
                 heapq.heappush(self._due, (now + draw.random() * period, len(self._streams)))
                 self._streams.append((publisher, payloads, period, [0]))
-        self._thread.start()
-        return len(names)
+        threading.Thread(target=self._run, daemon=True).start()
 
     def take(self) -> dict[str, Any]:
         """Number of messages and bytes sent since the last call, and their lateness [ms]."""
@@ -105,11 +88,8 @@ class Twins:
         late, self._late = self._late, []
         return {"messages": sent[0], "bytes": sent[1], "late_ms": percentiles([1000.0 * value for value in late])}
 
-    def _token(self, session: zenoh.Session, name: str) -> None:
-        _keep.append(session.liveliness().declare_token(Keys(name).alive))
-
     def _run(self) -> None:
-        while not self._stop.is_set():
+        while True:
             due, index = self._due[0]
             wait = due - time.monotonic()
             if wait > 0.0:
@@ -133,13 +113,12 @@ class Viewers:
         self._delays: list[float] = []
         self._last: dict[tuple[int, str], int] = {}
 
-    def begin(self, endpoint: str, names: list[str], key: str, timed: str) -> int:
+    def begin(self, endpoint: str, names: list[str], key: str, timed: str) -> None:
         """Connect one viewer for each of these twins ("*": all), for ``key``; delays are those of the key ``timed``."""
         for number, name in enumerate(names):
             session = open_member(endpoint, wait=30.0)
             handler = zenoh.handlers.Callback(self._noted(number, f"/{timed}"), indirect=False)
             _keep.extend((session, session.declare_subscriber(f"motm/{name}/{key}", handler)))
-        return len(names)
 
     def take(self) -> dict[str, Any]:
         """Messages and bytes received since the last call; of timed ones those missed, and their delays [s]."""
@@ -248,8 +227,7 @@ def observed(seconds: float) -> Sizes:
     with tempfile.TemporaryDirectory() as folder, bus.measured("exp1", Path(folder)) as twin:
         restart(twin.client, playing=True)
         with Worker("fleet") as worker:
-            name = twin.client.keys.twin
-            return worker.ask("observe", endpoint=twin.endpoint, twin=name, seconds=seconds)
+            return worker.ask("observe", **twin.where, seconds=seconds)
 
 
 def measured_load(load: Load, sizes: Sizes, seconds: float) -> Row:
@@ -322,6 +300,5 @@ def row_table(rows: Sequence[Row]) -> Table:
     columns = ("twins", "readers", "routers", "put 1/s", "put MB/s", "read 1/s", "read MB/s", "router %", "router MB")
     table = grid(*columns, "p50 ms", "p99 ms", "max ms", "lost", "late ms", "load %")
     for row in rows:
-        cells = [f"{value:,.1f}" if isinstance(value, float) else str(value) for value in asdict(row).values()]
-        table.add_row(*cells)
+        table.add_row(*(f"{each:,.1f}" if isinstance(each, float) else str(each) for each in asdict(row).values()))
     return table

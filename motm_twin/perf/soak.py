@@ -1,5 +1,6 @@
 """Soak benchmark: thousands of clients, malformed messages, starts and stops, and killed recorders."""
 
+import functools
 import re
 import secrets
 import shutil
@@ -9,6 +10,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -17,7 +19,7 @@ from typing import Any
 import msgspec
 from rich.console import Console
 
-from motm_twin.bus import private_folder as running
+from motm_twin.bus import private_folder
 from motm_twin.bus.client import TwinClient
 from motm_twin.bus.commands import Speed
 from motm_twin.bus.connection import LOOPBACK, PortTaken, free_port, require_free_port
@@ -25,7 +27,7 @@ from motm_twin.bus.private_folder import FILE, own_credentials
 from motm_twin.bus.publisher import memory_mb
 from motm_twin.perf import bus, fuzz
 from motm_twin.perf.bus import Measured
-from motm_twin.perf.processes import Worker, act, one_thread, restart, ticks, wait_for
+from motm_twin.perf.processes import Worker, act, one_thread, restart, running, ticks, wait_for
 from motm_twin.perf.report import Limit, Report, Steps, Values, conclude, measure, percentiles
 from motm_twin.sessions.session import Session
 
@@ -46,7 +48,7 @@ MARK = "MOTM_SOAK"  # environment variable that marks our processes
 Say = Callable[[str], None]
 
 
-def clients(twin: Measured, count: int) -> Values:
+def clients(twin: Measured, report: Report, count: int) -> None:
     """Memory [MB] and threads of the server after so many clients have come and gone, against those before.
 
     One in ten does not leave by itself: its process is killed.
@@ -61,13 +63,15 @@ def clients(twin: Measured, count: int) -> Values:
         for _ in range(killed // KILLED_EACH):
             unknowing += _kill_some(twin)
         after = _at_rest(twin)
-    return {
-        "memory_mb": after[0] - before[0],
-        "threads": float(after[1] - before[1]),
+    if unknowing:
+        raise RuntimeError(f"{unknowing} clients did not get the state within 30 s")
+    gained = {"memory_mb": after[0] - before[0], "threads": float(after[1] - before[1])}
+    report.values |= gained
+    report.details["clients"] = gained | {
         "before_mb": before[0],
         "before_threads": float(before[1]),
         "killed": float(killed),
-        "without_state": float(unknowing),
+        "without_state": 0.0,
         "runs_before": float(runs),
     }
 
@@ -97,13 +101,12 @@ def _at_rest(twin: Measured) -> tuple[float, int]:
 
 def _visit(twin: Measured, worker: Worker, count: int) -> int:
     """Clients that leave by themselves; how many never knew the state."""
-    keys = {"endpoint": twin.endpoint, "twin": twin.client.keys.twin}
-    return worker.ask("visit", timeout=60.0 + 3.0 * count, **keys, count=count, parallel=PARALLEL)["knew nothing"]
+    return worker.ask("visit", timeout=60.0 + 3.0 * count, **twin.where, count=count, parallel=PARALLEL)["knew nothing"]
 
 
 def _kill_some(twin: Measured) -> int:
     with Worker(WORKER) as victim:
-        knew = victim.ask("stay", endpoint=twin.endpoint, twin=twin.client.keys.twin, count=KILLED_EACH)
+        knew = victim.ask("stay", **twin.where, count=KILLED_EACH)
         victim.process.kill()
         victim.process.wait()
     return KILLED_EACH - knew
@@ -113,18 +116,15 @@ def _kill_some(twin: Measured) -> int:
 class Attacked:
     """Outcome of malformed messages."""
 
-    sent: dict[str, int] = field(default_factory=dict)
-    accepted: list[str] = field(default_factory=list)
+    sent: Counter[str] = field(default_factory=Counter)
+    accepted: list[str] = field(default_factory=list)  # some of them
     unanswered: list[str] = field(default_factory=list)
-    counts: dict[str, int] = field(default_factory=lambda: {"accepted": 0, "unanswered": 0})
-    period: dict[str, Values] = field(default_factory=dict)  # [ms]
+    counts: Counter[str] = field(default_factory=Counter)  # of all accepted and unanswered ones
 
     def add(self, answer: dict[str, Any]) -> None:
         """One more round."""
-        for how, count in answer["sent"].items():
-            self.sent[how] = self.sent.get(how, 0) + count
-        for name in self.counts:
-            self.counts[name] += answer["counts"][name]
+        self.sent.update(answer["sent"])
+        self.counts.update(answer["counts"])
         self.accepted += answer["accepted"]
         self.unanswered += answer["unanswered"]
 
@@ -143,21 +143,24 @@ def attack_paused(twin: Measured, count: int) -> Attacked:
     """Malformed messages to a paused twin. Raises RuntimeError when its state changed."""
     restart(twin.client, playing=False)
     before, attacked = state(twin.client), Attacked()
+    timeout = 60.0 + count / 50.0
     with Worker(WORKER) as worker:
-        attacked.add(_attack(twin, worker, count))
+        attacked.add(
+            worker.ask("attack", timeout=timeout, **twin.where, clock=twin.clock, count=count, rate=RATE, seed=1)
+        )
     after = state(twin.client)
     if changed := [f"{name}: {before[name]} -> {after[name]}" for name in before if before[name] != after[name]]:
         raise RuntimeError(f"malformed messages have changed {'; '.join(changed)}")
     return attacked
 
 
-def attack_playing(twin: Measured, count: int, other: Measured) -> Attacked:
-    """Malformed messages to a twin that runs, block by block as in `BLOCKS`. Its periods, and its edits after.
+def attack_playing(twin: Measured, count: int, other: Measured, attacked: Attacked) -> dict[str, Values]:
+    """Periods [ms] of a twin that runs and gets malformed messages, block by block as in `BLOCKS`.
 
     Sending and refusing so many keeps the machine busy, which makes any program on it slower: the same messages to the
-    paused ``other`` show by how much. Raises RuntimeError when the log has an edit.
+    paused ``other`` show by how much. ``attacked``: takes what becomes of them. Raises RuntimeError when the log has an
+    edit.
     """
-    attacked = Attacked()
     found: dict[str, list[float]] = {name: [] for name in BLOCKS}
     each = max(1, min(count, round(RATE * BLOCK)))
     restart(other.client, playing=False)
@@ -168,7 +171,7 @@ def attack_playing(twin: Measured, count: int, other: Measured) -> Attacked:
             target = {"attacked": twin, "elsewhere": other}.get(name)
             restart(twin.client, playing=True)
             if target is not None:
-                worker.send("attack", **_where(target), count=each, rate=RATE, seed=2 + block)
+                worker.send("attack", **target.where, clock=target.clock, count=each, rate=RATE, seed=2 + block)
             found[name] += [tick.stage_ms["period"] for tick in ticks(twin.client, each / RATE)]
             if target is not None:
                 answer = worker.answer(timeout=60.0 + each / 50.0)
@@ -178,17 +181,7 @@ def attack_playing(twin: Measured, count: int, other: Measured) -> Attacked:
             block += 1
             if edits := state(twin.client)["edits"]:
                 raise RuntimeError(f"malformed messages became edits: {edits[:3]}")
-    attacked.period = {name: percentiles(periods) for name, periods in found.items()}
-    return attacked
-
-
-def _where(twin: Measured) -> dict[str, Any]:
-    return {"endpoint": twin.endpoint, "twin": twin.client.keys.twin, "clock": twin.clock}
-
-
-def _attack(twin: Measured, worker: Worker, count: int) -> dict[str, Any]:
-    timeout = 60.0 + count / 50.0
-    return worker.ask("attack", timeout=timeout, **_where(twin), count=count, rate=RATE, seed=1)
+    return {name: percentiles(periods) for name, periods in found.items()}
 
 
 def starts(count: int, folder: Path, say: Say) -> dict[str, float]:
@@ -202,39 +195,29 @@ def starts(count: int, folder: Path, say: Say) -> dict[str, float]:
         took.append(_start_and_stop(folder, zenoh_port, early=number % 4 == 3))
         if (number + 1) % 10 == 0:
             say(f"    {number + 1} of {count} starts")
-    spread = percentiles([down for _, down in took])
-    return {"starts": float(count), "start_s": max(up for up, _ in took), "stop_p50_s": spread["p50"]} | {
-        "stop_max_s": spread["max"]
-    }
+    longest, down = max(up for up, _ in took), percentiles([down for _, down in took])
+    return {"starts": float(count), "start_s": longest, "stop_p50_s": down["p50"], "stop_max_s": down["max"]}
 
 
 def _share_password(folder: Path) -> None:
     """Let what is served with this folder for temporary files ask for the password that this process has."""
     own_credentials()
-    private = folder / running.folder().name
+    private = folder / private_folder.folder().name
     private.mkdir(mode=0o700, exist_ok=True)
-    shutil.copy(running.folder() / FILE, private / FILE)
+    shutil.copy(private_folder.folder() / FILE, private / FILE)
 
 
 def _start_and_stop(folder: Path, zenoh_port: int, *, early: bool) -> tuple[float, float]:
     """Time [s] until it was there, and until it had ended."""
     mark = secrets.token_hex(8)
     environment = one_thread(**{MARK: mark, "TMPDIR": str(folder)})
-    command = [
-        sys.executable,
-        "-m",
-        "motm_twin",
-        "serve",
-        "exp1",
-        "--headless",
-        "--zenoh-port",
-        str(zenoh_port),
-    ]
+    command = [sys.executable, "-m", "motm_twin", "serve", "exp1", "--headless", "--zenoh-port", str(zenoh_port)]
     began = time.monotonic()
     process = subprocess.Popen(command, stdout=subprocess.DEVNULL, cwd=folder, env=environment)  # noqa: S603 - ours
     try:
         with TwinClient(f"tcp/{LOOPBACK}:{zenoh_port}") as client:
-            wait_for(lambda: _there(process, client, early), UP, "state of the twin")
+            known = client.status if early else client.tick
+            wait_for(lambda: running(process) and known() is not None, UP, "state of the twin")
         up = time.monotonic() - began
         process.send_signal(signal.SIGINT if early else signal.SIGTERM)
         code = process.wait(DOWN)
@@ -247,12 +230,6 @@ def _start_and_stop(folder: Path, zenoh_port: int, *, early: bool) -> tuple[floa
     if code != 0 or left:
         raise RuntimeError(f"exit code {code}; left behind: {', '.join(left) or 'nothing'}")
     return up, down
-
-
-def _there(process: subprocess.Popen, client: TwinClient, early: bool) -> bool:
-    if process.poll() is not None:
-        raise RuntimeError(f"serve ended with exit code {process.returncode}")
-    return client.status() is not None if early else client.tick() is not None
 
 
 def left_behind(mark: str, folder: Path, port: int) -> list[str]:
@@ -285,6 +262,9 @@ NAME = "soak"
 TITLE = "Long and hostile use of a twin server, Experiment 1; all in one run"
 CLIENTS, MESSAGES, STARTS, KILLS = 1000, 100_000, 200, 100
 ROBOT = 100_000  # malformed messages on the keys of a robot in another program
+COUNTS = {
+    "clients": CLIENTS, "malformed messages": MESSAGES, "on a robot's keys": ROBOT, "starts": STARTS, "kills": KILLS,
+}  # fmt: skip
 PLAYING = 120_000  # messages to a running twin: in 2 minutes 24 periods are above p99, which 12 hardly settle
 KILLER = Path(__file__).parents[2] / "tools" / "kill_recorder.py"  # of a checkout
 KILL_SECONDS = 30.0  # [s] for one kill at most
@@ -308,64 +288,36 @@ def bench_soak(out: Path, share: float, console: Console) -> bool:
     ``share`` of the full counts: 1 takes about half an hour.
     """
     console.print(f"\n[bold]{NAME}[/bold]: {TITLE}")
-    report = Report()
-    report.details["counts"] = {name: _part(count, share) for name, count in _COUNTS.items()}
-
-    def say(text: str) -> None:
-        console.print(text, markup=False)
-
+    counts = {name: max(1, round(share * count)) for name, count in COUNTS.items()}
+    report, say = Report(details={"counts": counts}), functools.partial(console.print, markup=False)
     with tempfile.TemporaryDirectory() as folder:
         with bus.measured("exp1", Path(folder)) as twin:
             steps: Steps = [
-                ("clients", lambda: _clients(twin, report, _part(CLIENTS, share))),
-                ("malformed messages", lambda: _malformed(twin, report, _part(MESSAGES, share), Path(folder))),
+                ("clients", lambda: clients(twin, report, counts["clients"])),
+                ("malformed messages", lambda: _malformed(twin, report, counts["malformed messages"], Path(folder))),
             ]
             measure(steps, report, console)
         steps = [
-            ("malformed messages on a robot's keys", lambda: _robot(report, _part(ROBOT, share))),
-            ("starts and stops", lambda: _starts(report, _part(STARTS, share), say)),
-            ("killed recorders", lambda: _kills(report, _part(KILLS, share))),
+            ("malformed messages on a robot's keys", lambda: _robot(report, counts["on a robot's keys"])),
+            ("starts and stops", lambda: _starts(report, counts["starts"], say)),
+            ("killed recorders", lambda: _kills(report, counts["kills"])),
         ]
         measure(steps, report, console)
     return conclude(NAME, TITLE, LIMITS, report, out, console)
 
 
-_COUNTS = {
-    "clients": CLIENTS,
-    "malformed messages": MESSAGES,
-    "on a robot's keys": ROBOT,
-    "starts": STARTS,
-    "kills": KILLS,
-}
-
-
-def _part(count: int, share: float) -> int:
-    return max(1, round(share * count))
-
-
-def _clients(twin: Measured, report: Report, count: int) -> None:
-    found = clients(twin, count)
-    if found["without_state"]:
-        raise RuntimeError(f"{found['without_state']:.0f} clients did not get the state within 30 s")
-    report.values.update(memory_mb=found["memory_mb"], threads=found["threads"])
-    report.details["clients"] = found
-
-
 def _malformed(twin: Measured, report: Report, count: int, data: Path) -> None:
     """Half of them to a paused twin, for the hash of its state; at least as many while it runs, for its periods."""
-    parts = [attack_paused(twin, count // 2)]
+    attacked = attack_paused(twin, count // 2)
     playing = max(count - count // 2, round(PLAYING * count / MESSAGES))
     with bus.measured("exp1", data) as other:
-        parts.append(attack_playing(twin, playing, other))
-    report.values["accepted"] = float(sum(part.counts["accepted"] for part in parts))
-    report.values["unanswered"] = float(sum(part.counts["unanswered"] for part in parts))
-    period = parts[1].period
+        period = attack_playing(twin, playing, other, attacked)
     for name, reference in (("period", "without"), ("period_own", "elsewhere")):
         report.values[name] = period["attacked"]["p99"] / period[reference]["p99"]
-    report.details["malformed"] = {how: sum(part.sent.get(how, 0) for part in parts) for how in parts[0].sent}
-    report.details["period_ms"] = period
-    for name in ("accepted", "unanswered"):
-        if examples := [text for part in parts for text in getattr(part, name)]:
+    report.details |= {"malformed": attacked.sent, "period_ms": period}
+    for name, examples in (("accepted", attacked.accepted), ("unanswered", attacked.unanswered)):
+        report.values[name] = float(attacked.counts[name])
+        if examples:
             report.details[name] = dict(enumerate(examples))
 
 

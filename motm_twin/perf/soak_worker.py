@@ -2,10 +2,10 @@
 
 import collections
 import contextlib
-import queue
 import socket
 import threading
 import time
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import msgspec
@@ -128,25 +128,14 @@ def attack(endpoint: str, twin: str, clock: float, count: int, rate: float, seed
 
 def visit(endpoint: str, twin: str, count: int, parallel: int) -> dict[str, int]:
     """So many clients that connect, wait until they know the state, and leave, ``parallel`` at a time."""
-    todo: queue.Queue[int] = queue.Queue()
-    for number in range(count):
-        todo.put(number)
-    lost: list[int] = []
 
-    def work() -> None:
-        with contextlib.suppress(queue.Empty):
-            while True:
-                number = todo.get_nowait()
-                with TwinClient(endpoint, twin) as client:
-                    if not _knows(client):
-                        lost.append(number)
+    def knew(_: int) -> bool:
+        with TwinClient(endpoint, twin) as client:
+            return _knows(client)
 
-    threads = [threading.Thread(target=work) for _ in range(parallel)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    return {"left": count, "knew nothing": len(lost)}
+    with ThreadPoolExecutor(parallel) as pool:
+        known = sum(pool.map(knew, range(count)))
+    return {"left": count, "knew nothing": count - known}
 
 
 _staying: list[TwinClient] = []
