@@ -95,21 +95,18 @@ def _sees_furniture(tick: Tick) -> bool:
     return sum(mapped) > 0.2 * int(ahead.sum())
 
 
-def _grasps(tick: Tick) -> bool:
-    return tick.arm[-1].phase == Phase.FINAL
+NOTICEABLE: dict[str, Callable[[Tick], bool]] = {
+    "joint_stuck": _reaches,
+    "base_lag": _speeds_up,
+    "gripper_stuck": lambda tick: tick.arm[-1].phase == Phase.FINAL,
+    "lidar_sector": _sees_furniture,
+    **{name: _looks for name, kind in KINDS.items() if kind.group == "camera"},
+}
 
 
 def noticeable(kind: str) -> Callable[[Tick], bool]:
     """Condition in which a fault of this kind can be noticed: the base drives, the camera looks, the hand reaches."""
-    if kind == "joint_stuck":
-        return _reaches
-    if kind == "base_lag":
-        return _speeds_up
-    if kind == "gripper_stuck":
-        return _grasps
-    if kind == "lidar_sector":
-        return _sees_furniture
-    return _looks if KINDS[kind].group == "camera" else _drives
+    return NOTICEABLE.get(kind, _drives)
 
 
 @dataclass

@@ -217,17 +217,14 @@ def good(row: Mapping[str, Any]) -> bool:
 def cells(row: Mapping[str, Any]) -> tuple[str, ...]:
     """A row as the texts of `HEAD`."""
     shift = [1e3 * one for one in row["shift"]]
+    percent = {name: "-" if row[name] is None else row[name].text(scale=100.0) for name in ("share", "held")}
     felt = row["plant"] == MUJOCO
     return (
         row["setting"], row["plant"], row["method"], str(row["trials"]), f"{row['placed']}/{row['places']}",
-        _percent(row["share"]), str(row["grasps"]), _percent(row["held"]), str(row["contacts"]), str(row["caused"]),
+        percent["share"], str(row["grasps"]), percent["held"], str(row["contacts"]), str(row["caused"]),
         row["time"].text(), number(row["closing"], 3), f"{np.median(shift):.1f}, {max(shift):.1f}" if shift else "-",
         "{}, {}".format(*row["phantoms"]) if felt else "-", number(row["torque"], 1),
     )  # fmt: skip
-
-
-def _percent(share: statistics.Estimate | None) -> str:
-    return "-" if share is None else f"{100 * share.value:.1f} [{100 * share.low:.1f}, {100 * share.high:.1f}]"
 
 
 SHEET = Sheet(head=HEAD, texts=HEAD[:3], cells=cells, good=good)

@@ -1,7 +1,7 @@
 """Groups of trials with numbers to reach: the trials, how they are run, and their tables."""
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -17,6 +17,7 @@ from motm_twin.studies.pool import Lost, local_pool, outcomes
 from motm_twin.studies.spec import TrialSpec, broken, job_of, run_job
 
 Result = dict[str, Any]  # of one trial: what `motm-twin run --json` prints
+Measure = Callable[[list[Result]], float]
 APPROACH = 0.02  # [m/s] approach speed of a contact point that counts as driving into the other
 
 
@@ -37,7 +38,7 @@ class Trial:
 class Goal(Limit):
     """A number to reach, and how it is taken from the results of a group."""
 
-    measure: Callable[[list[Result]], float]
+    measure: Measure
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,11 +58,11 @@ class Group:
         return replace(self, trials=tuple(replace(trial, plant=plant) for trial in self.trials))
 
 
-def _sum_of(key: str) -> Callable[[list[Result]], float]:
-    return lambda results: float(sum(result[key] for result in results))
+def _sum_of(key: str) -> Measure:
+    return lambda results: sum(result[key] for result in results)
 
 
-def _mean_of(key: str) -> Callable[[list[Result]], float]:
+def _mean_of(key: str) -> Measure:
     def mean(results: list[Result]) -> float:
         values = [result[key] for result in results]
         return float(np.mean(values)) if values and None not in values else float("nan")
@@ -69,9 +70,9 @@ def _mean_of(key: str) -> Callable[[list[Result]], float]:
     return mean
 
 
-def _worst(key: str, part: str) -> Callable[[list[Result]], float]:
+def _worst(part: str) -> Measure:
     """The worst over all trials but the first, which may have compiled kernels."""
-    return lambda results: float(np.max([result[key][part] for result in results[1:]]))  # nan stays nan
+    return lambda results: float(np.max([result["tick_ms"][part] for result in results[1:]]))  # nan stays nan
 
 
 def _mean_time(results: list[Result]) -> float:
@@ -79,28 +80,24 @@ def _mean_time(results: list[Result]) -> float:
     return _mean_of("time_s")(results) if all(result["success"] for result in results) else float("nan")
 
 
+def _mean_time_by(key: str) -> Measure:
+    """Mean time as a share of the mean time of the same trials otherwise; nan unless all end."""
+    return lambda results: _mean_time(results) / _mean_of(key)(results)
+
+
 def _first_time(results: list[Result]) -> float:
     first = [result["time_s"] for result in results if result["variant"] == "trial1" and result["success"]]
     return first[0] if first else float("nan")
 
 
-def _share_of_in_process(results: list[Result]) -> float:
-    """Mean time through another process, as a share of the mean time of the same trials in one; nan unless all end."""
-    return _mean_time(results) / _mean_of("in_process_s")(results)
-
-
-def _share_of_kinematic(results: list[Result]) -> float:
-    """Mean time as a share of the mean time of the same trials on the kinematic plant; nan unless all end."""
-    return _mean_time(results) / _mean_of("kinematic_s")(results)
-
-
-def _disagreements(results: list[Result]) -> float:
+def _disagreements(results: list[Result]) -> int:
     """Contacts that the referee's geometry has and the forces have not, and the reverse."""
-    return float(sum(len(result["physics"]["disagreements"]) for result in results if "physics" in result))
+    return sum(len(result["physics"]["disagreements"]) for result in results if "physics" in result)
 
 
-def _contacts(results: list[Result]) -> float:
-    return float(sum(len(result["contacts"]) for result in results))
+def touches(results: Iterable[Result]) -> int:
+    """All contacts, whoever caused them."""
+    return sum(len(result["contacts"]) for result in results)
 
 
 def caused(results: list[Result]) -> int:
@@ -114,33 +111,20 @@ def drove_into(results: list[Result]) -> int:
     return sum(hit["caused_by_robot"] or hit["closing_speed"] > APPROACH for hit in hits)
 
 
-def _drove_into(results: list[Result]) -> float:
-    return float(drove_into(results))
+def _exactly(name: str, limit: float, measure: Measure) -> Goal:
+    return Goal(name=name, unit="", relation="==", limit=limit, measure=measure)
 
 
-def _slowest_factor(results: list[Result]) -> float:
-    """Over all trials but the first, which may have compiled kernels."""
-    return min((result["realtime_factor"] for result in results[1:]), default=float("nan"))
-
-
-def _different_hashes(results: list[Result]) -> float:
-    return float(len({result["state_hash"] for result in results}))
-
-
-def _unfinished(results: list[Result]) -> float:
-    return float(sum(not result["success"] for result in results))
-
-
-def _done(picks: int, contacts: Callable[[list[Result]], float] = _contacts) -> tuple[Goal, ...]:
+def _done(picks: int, hits: Measure = touches) -> tuple[Goal, ...]:
     return (
-        Goal(name="picked", unit="", relation="==", limit=picks, measure=_sum_of("picks_done")),
-        Goal(name="placed", unit="", relation="==", limit=picks, measure=_sum_of("places_done")),
-        Goal(name="contacts", unit="", relation="==", limit=0, measure=contacts),
-        Goal(name="trials not completed", unit="", relation="==", limit=0, measure=_unfinished),
+        _exactly("picked", picks, _sum_of("picks_done")),
+        _exactly("placed", picks, _sum_of("places_done")),
+        _exactly("contacts", 0, hits),
+        _exactly("trials not completed", 0, lambda results: sum(not result["success"] for result in results)),
     )
 
 
-def _published(scene: str, links: tuple[LinkSpec | None, ...] = (None,) * 10) -> tuple[Trial, ...]:
+def _published(scene: str, links: Iterable[LinkSpec | None] = (None,) * 10) -> tuple[Trial, ...]:
     return tuple(Trial(scene=scene, variant=f"trial{number}", link=link) for number, link in enumerate(links, start=1))
 
 
@@ -148,115 +132,96 @@ def _mean_limit(limit: float) -> Goal:
     return Goal(name="mean time", unit="s", limit=limit, measure=_mean_time, decimals=1)
 
 
-GROUPS: dict[str, Group] = {
-    group.name: group
-    for group in (
-        Group(
-            name="exp1",
-            title="Experiment 1, the ten published trials (paper, simulation: mean 95.9 s, trial 1 85.6 s)",
-            trials=_published("exp1"),
-            goals=(
-                *_done(60),
-                _mean_limit(95.9),
-                Goal(name="trial 1", unit="s", limit=85.6, measure=_first_time, decimals=1),
-                Goal(
-                    name="base speed while the fingers close",
-                    unit="m/s",
-                    relation=">=",
-                    limit=0.2,
-                    measure=_mean_of("mean_closing_base_speed_mps"),
-                    decimals=3,
-                ),
-            ),
+def _compared(name: str, key: str) -> Goal:
+    return Goal(name=name, unit="", limit=1.05, measure=_mean_time_by(key), decimals=3)
+
+
+def _at_least(name: str, unit: str, limit: float, measure: Measure, decimals: int) -> Goal:
+    return Goal(name=name, unit=unit, relation=">=", limit=limit, measure=measure, decimals=decimals)
+
+
+def _slowest(results: list[Result]) -> float:
+    """Over all trials but the first, which may have compiled kernels."""
+    return min((result["realtime_factor"] for result in results[1:]), default=float("nan"))
+
+
+_GROUPS = (
+    Group(
+        name="exp1",
+        title="Experiment 1, the ten published trials (paper, simulation: mean 95.9 s, trial 1 85.6 s)",
+        trials=_published("exp1"),
+        goals=(
+            *_done(60),
+            _mean_limit(95.9),
+            Goal(name="trial 1", unit="s", limit=85.6, measure=_first_time, decimals=1),
+            _at_least("base speed while the fingers close", "m/s", 0.2, _mean_of("mean_closing_base_speed_mps"), 3),
         ),
-        Group(
-            name="exp1_random",
-            title="Experiment 1, six of twelve slots at random, seeds 0 to 19",
-            trials=tuple(Trial(scene="exp1", variant="random", seed=seed) for seed in range(20)),
-            goals=_done(120),
+    ),
+    Group(
+        name="exp1_random",
+        title="Experiment 1, six of twelve slots at random, seeds 0 to 19",
+        trials=tuple(Trial(scene="exp1", variant="random", seed=seed) for seed in range(20)),
+        goals=_done(120),
+    ),
+    Group(
+        name="exp1a",
+        title="Experiment 1a, the ten trials with two unmapped boxes",
+        trials=_published("exp1a"),
+        goals=(*_done(60), _mean_limit(107.0)),
+    ),
+    Group(
+        name="exp2",
+        title="Experiment 2, four Temis drive round the table, seeds 0 to 9",
+        trials=tuple(Trial(scene="exp2", variant="random", seed=seed) for seed in range(10)),
+        goals=_done(60, drove_into),
+    ),
+    Group(
+        name="external",
+        title="Experiment 1 with the robot in another process, on a shared clock",
+        trials=_published("exp1", (LinkSpec(),) * 10),
+        goals=(*_done(60), _compared("mean time by in-process", "in_process_s")),
+    ),
+    Group(
+        name="external_bad_link",
+        title="The same through 50 ms latency, 20 ms jitter and 1 % loss in each direction",
+        trials=_published("exp1", (LinkSpec(latency=0.05, jitter=0.02, loss=0.01, seed=k) for k in range(1, 11))),
+        goals=_done(60),
+    ),
+    Group(
+        name="external_outages",
+        title="The same through 20 ms latency, where in every 2 s nothing arrives for 0.25 s, at random times",
+        trials=_published("exp1", (LinkSpec(latency=0.02, outage=0.25, every=2.0, seed=k) for k in range(1, 11))),
+        goals=tuple(goal for goal in _done(60) if goal.name != "picked"),  # what it loses it picks again
+    ),
+    Group(
+        name="physics",
+        title="Experiment 1 under contact dynamics, beside the kinematic plant: fast and motm",
+        trials=tuple(
+            replace(trial, method=method, plant="mujoco", beside=True)
+            for method in ("fast", "motm")
+            for trial in _published("exp1")
         ),
-        Group(
-            name="exp1a",
-            title="Experiment 1a, the ten trials with two unmapped boxes",
-            trials=_published("exp1a"),
-            goals=(*_done(60), _mean_limit(107.0)),
+        goals=(
+            *_done(120),
+            _compared("mean time by the kinematic plant's", "kinematic_s"),
+            _exactly("referee and forces disagree", 0, _disagreements),
+            _at_least("simulated by real time", "x", 2, _slowest, 1),
         ),
-        Group(
-            name="exp2",
-            title="Experiment 2, four Temis drive round the table, seeds 0 to 9",
-            trials=tuple(Trial(scene="exp2", variant="random", seed=seed) for seed in range(10)),
-            goals=_done(60, _drove_into),
+    ),
+    Group(
+        name="period",
+        title="One period from observation to command, one core; the same trial three times, the first to warm up",
+        trials=(Trial(scene="exp1", variant="trial1", seed=0),) * 3,
+        goals=(
+            Goal(name="p50", unit="ms", limit=10, measure=_worst("p50"), decimals=2),
+            Goal(name="p99", unit="ms", limit=25, measure=_worst("p99"), decimals=2),
+            _at_least("simulated by real time", "x", 4, _slowest, 1),
+            _exactly("different state hashes", 1, lambda results: len({each["state_hash"] for each in results})),
         ),
-        Group(
-            name="external",
-            title="Experiment 1 with the robot in another process, on a shared clock",
-            trials=_published("exp1", (LinkSpec(),) * 10),
-            goals=(
-                *_done(60),
-                Goal(
-                    name="mean time by in-process",
-                    unit="",
-                    limit=1.05,
-                    measure=_share_of_in_process,
-                    decimals=3,
-                ),
-            ),
-        ),
-        Group(
-            name="external_bad_link",
-            title="The same through 50 ms latency, 20 ms jitter and 1 % loss in each direction",
-            trials=_published(
-                "exp1", tuple(LinkSpec(latency=0.05, jitter=0.02, loss=0.01, seed=seed) for seed in range(1, 11))
-            ),
-            goals=_done(60),
-        ),
-        Group(
-            name="external_outages",
-            title="The same through 20 ms latency, where in every 2 s nothing arrives for 0.25 s, at random times",
-            trials=_published(
-                "exp1", tuple(LinkSpec(latency=0.02, outage=0.25, every=2.0, seed=seed) for seed in range(1, 11))
-            ),
-            goals=tuple(goal for goal in _done(60) if goal.name != "picked"),  # what it loses it picks again
-        ),
-        Group(
-            name="physics",
-            title="Experiment 1 under contact dynamics, beside the kinematic plant: fast and motm",
-            trials=tuple(
-                replace(trial, method=method, plant="mujoco", beside=True)
-                for method in ("fast", "motm")
-                for trial in _published("exp1")
-            ),
-            goals=(
-                *_done(120),
-                Goal(
-                    name="mean time by the kinematic plant's",
-                    unit="",
-                    limit=1.05,
-                    measure=_share_of_kinematic,
-                    decimals=3,
-                ),
-                Goal(name="referee and forces disagree", unit="", relation="==", limit=0, measure=_disagreements),
-                Goal(
-                    name="simulated by real time", unit="x", relation=">=", limit=2, measure=_slowest_factor, decimals=1
-                ),
-            ),
-        ),
-        Group(
-            name="period",
-            title="One period from observation to command, one core; the same trial three times, the first to warm up",
-            trials=(Trial(scene="exp1", variant="trial1", seed=0),) * 3,
-            goals=(
-                Goal(name="p50", unit="ms", limit=10, measure=_worst("tick_ms", "p50"), decimals=2),
-                Goal(name="p99", unit="ms", limit=25, measure=_worst("tick_ms", "p99"), decimals=2),
-                Goal(
-                    name="simulated by real time", unit="x", relation=">=", limit=4, measure=_slowest_factor, decimals=1
-                ),
-                Goal(name="different state hashes", unit="", relation="==", limit=1, measure=_different_hashes),
-            ),
-            alone=True,
-        ),
-    )
-}
+        alone=True,
+    ),
+)
+GROUPS: dict[str, Group] = {group.name: group for group in _GROUPS}
 
 
 LIMIT_S = 1800.0  # [s] of wall time per group; trials not done by then count as failed
@@ -320,12 +285,6 @@ def failed(trial: Trial, reason: str) -> Result:
     }
 
 
-COLUMNS = (
-    "trial", "seed", "time s", "tour s", "picked", "placed", "contacts", "caused", "base m", "arm m", "path m",
-    "closing m/s", "p50 ms", "p99 ms", "x real", "done",
-)  # fmt: skip
-
-
 def bench_group(group: Group, out: Path, workers: int, console: Console) -> bool:
     """Run a group, print its table, write ``out/<group>.json``; True when every goal was reached."""
     console.print(f"\n[bold]{group.name}[/bold]: {group.title}")
@@ -344,7 +303,7 @@ def bench_group(group: Group, out: Path, workers: int, console: Console) -> bool
 
 def summary(group: Group, results: list[Result]) -> dict[str, Any]:
     """Every goal with its measured value, and the results behind them."""
-    goals = [goal.judged(goal.measure(results)) for goal in group.goals]
+    goals = [goal.judged(float(goal.measure(results))) for goal in group.goals]
     return {
         "group": group.name,
         "title": group.title,
@@ -361,27 +320,27 @@ def progress(result: Result) -> str:
     return name if result["success"] else f"{name}, not completed: {result['reason']}"
 
 
-def row(result: Result) -> list[str]:
-    """One trial as the cells of a table row."""
-    tick = result["tick_ms"]
-    return [
-        f"{result['scene']}/{result['variant']}",
-        str(result["seed"]),
-        f"{result['time_s']:.1f}",
-        f"{result['reference_tour_s']:.1f}",
-        f"{result['picks_done']}/{result['picks_total']}",
-        str(result["places_done"]),
-        str(len(result["contacts"])),
-        str(caused([result])),
-        number(result["min_base_clearance_m"], 3),
-        number(result["min_arm_clearance_m"], 3),
-        number(result["path_length_m"], 1),
-        number(result["mean_closing_base_speed_mps"], 3),
-        number(tick["p50"], 1),
-        number(tick["p99"], 1),
-        f"{result['realtime_factor']:.1f}",
-        "yes" if result["success"] else "NO",
-    ]
-
-
-SHEET = Sheet(head=COLUMNS, cells=row, good=lambda result: result["success"], bad="red")
+COLUMNS: dict[str, Callable[[Result], str]] = {
+    "trial": lambda one: f"{one['scene']}/{one['variant']}",
+    "seed": lambda one: str(one["seed"]),
+    "time s": lambda one: f"{one['time_s']:.1f}",
+    "tour s": lambda one: f"{one['reference_tour_s']:.1f}",
+    "picked": lambda one: f"{one['picks_done']}/{one['picks_total']}",
+    "placed": lambda one: str(one["places_done"]),
+    "contacts": lambda one: str(len(one["contacts"])),
+    "caused": lambda one: str(caused([one])),
+    "base m": lambda one: number(one["min_base_clearance_m"], 3),
+    "arm m": lambda one: number(one["min_arm_clearance_m"], 3),
+    "path m": lambda one: number(one["path_length_m"], 1),
+    "closing m/s": lambda one: number(one["mean_closing_base_speed_mps"], 3),
+    "p50 ms": lambda one: number(one["tick_ms"]["p50"], 1),
+    "p99 ms": lambda one: number(one["tick_ms"]["p99"], 1),
+    "x real": lambda one: f"{one['realtime_factor']:.1f}",
+    "done": lambda one: "yes" if one["success"] else "NO",
+}
+SHEET = Sheet(
+    head=COLUMNS,
+    cells=lambda one: [write(one) for write in COLUMNS.values()],
+    good=lambda one: one["success"],
+    bad="red",
+)

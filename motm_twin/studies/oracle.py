@@ -144,10 +144,8 @@ class OracleController:
             push, why = np.clip(-problem.twist / problem.period, -most, most), Reason(kind=Kind.NOTHING_TO_DO)
             return bare_plan(problem, push, PlanStatus.IDLE, why)
         if self._left == 0:
-            self._push, self._left = (
-                self._search(problem, np.array([*target.position, target.tolerance - INSIDE])),
-                PIECE,
-            )
+            goal = np.array([*target.position, target.tolerance - INSIDE])
+            self._push, self._left = self._search(problem, goal), PIECE
         self._left -= 1
         after = problem.twist + self._push * problem.period
         after = np.clip(after, [-self._limits[1], -self._limits[2]], [self._limits[0], self._limits[2]])

@@ -4,7 +4,7 @@ Agents go the same ways with the same seed as long as nobody makes them change, 
 difference to a run in which they do not see it: contacts of the kinematic plant stop nobody.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +19,7 @@ from motm_twin.methods.registry import FAST, find_method
 from motm_twin.model.geometry import Array
 from motm_twin.model.names import hint
 from motm_twin.model.period import PERIOD
+from motm_twin.model.plant import Truth
 from motm_twin.model.scene import Scene
 from motm_twin.perf.report import grid, load_average, machine, number, write_report
 from motm_twin.plants import make_plant, require_people
@@ -34,7 +35,9 @@ TITLE = "Among people: CrowdNav's circle and square, corridor, doorway, one who 
 TRIALS = 10
 SEEDED = "{}"  # stands for the seed in a scene's name
 Result = dict[str, Any]
+Row = dict[str, tuple[float, float]]  # of each agent: position [m]
 Track = dict[str, Array]  # of each agent: positions after every period [m], shape (n, 2)
+WHO = ("robot", "agent", "both", "nobody")  # made way
 
 
 class Situation(msgspec.Struct, frozen=True):
@@ -107,8 +110,13 @@ def cases(situations: Sequence[str], methods: Sequence[str], trials: int, first:
 
 def meet(case: Case) -> Result:
     """Run one case: its measures, and what the robot imposes on the agents."""
-    scene, track = case.job.scene, Positions()
-    report = run_scene(scene, on_tick=track.add, method=method_of(case))
+    scene, rows = case.job.scene, []
+
+    def on_tick(tick: Tick) -> None:
+        assert tick.truth is not None
+        rows.append(positions(tick.truth))
+
+    report = run_scene(scene, on_tick=on_tick, method=method_of(case))
     measures, contacts = report["measures"], report["contacts"]
     people = measures["among_people"]
     return {
@@ -125,8 +133,8 @@ def meet(case: Case) -> Result:
         "cut_ins": len(measures["cut_ins"]),
         "near_misses": len(measures["near_misses"]),
         **{key: value for key, value in people.items() if key != "conflicts"},
-        "made_way": _made_way(people["conflicts"]),
-        **imposed(track.tracks(), alone(scene, len(track.rows))),
+        "made_way": {who: sum(one["made_way"] == who for one in people["conflicts"]) for who in WHO},
+        **imposed(tracks(rows), alone(scene, len(rows))),
         "path_length_m": report["path_length_m"],
         "reason": report["reason"] or (f"contact with {contacts[0]['other']}" if contacts else ""),
         "state_hash": report["state_hash"],
@@ -143,21 +151,14 @@ def method_of(case: Case) -> Method:
     return oracle(scene, np.concatenate([start[None], np.stack(list(later.values()), axis=1)]))
 
 
-class Positions:
-    """Positions of all agents, period by period."""
+def positions(truth: Truth) -> Row:
+    """Positions of all agents [m] by name."""
+    return {body.name: body.position[:2] for body in truth.agents}
 
-    def __init__(self) -> None:
-        """Nothing yet."""
-        self.rows: list[dict[str, tuple[float, float]]] = []
 
-    def add(self, tick: Tick) -> None:
-        """Take the end of the period of a Tick."""
-        assert tick.truth is not None
-        self.rows.append({body.name: body.position[:2] for body in tick.truth.agents})
-
-    def tracks(self) -> Track:
-        """One track for each agent."""
-        return {name: np.array([row[name] for row in self.rows]) for name in (self.rows[0] if self.rows else ())}
+def tracks(rows: Sequence[Row]) -> Track:
+    """One track for each agent, from its positions after every period."""
+    return {name: np.array([row[name] for row in rows]) for name in (rows[0] if rows else ())}
 
 
 def alone(scene: Scene, periods: int) -> Track:
@@ -166,8 +167,8 @@ def alone(scene: Scene, periods: int) -> Track:
     plant, rows = make_plant(msgspec.structs.replace(scene, agents=agents)), []
     for _ in range(periods):
         plant.step(PERIOD)
-        rows.append([body.position[:2] for body in plant.truth().agents])
-    return {agent.name: np.array([row[index] for row in rows]) for index, agent in enumerate(agents)}
+        rows.append(positions(plant.truth()))
+    return tracks(rows)
 
 
 def imposed(with_robot: Track, without: Track) -> dict[str, float]:
@@ -188,10 +189,6 @@ def imposed(with_robot: Track, without: Track) -> dict[str, float]:
 
 def _length(steps: Array) -> float:
     return float(np.hypot(*steps.T).sum())
-
-
-def _made_way(conflicts: Sequence[Mapping[str, Any]]) -> dict[str, int]:
-    return {who: sum(one["made_way"] == who for one in conflicts) for who in ("robot", "agent", "both", "nobody")}
 
 
 def bench_people(
@@ -232,9 +229,7 @@ def summaries(results: Sequence[Result]) -> list[Result]:
 
 
 SUMS = ("contacts", "contacts_base_moved_towards", "contacts_caused_by_robot", "cut_ins", "near_misses")
-MEANS = (
-    "discomfort_s", "freezing_s", "imposed_path_m", "imposed_velocity_change_mps", "imposed_deviation_m",
-)  # fmt: skip
+MEANS = ("discomfort_s", "freezing_s", "imposed_path_m", "imposed_velocity_change_mps", "imposed_deviation_m")
 LEAST = ("least_gap_m", "least_time_to_collision_s")
 
 
@@ -253,7 +248,7 @@ def _summary(situation: str, method: str, of: Sequence[Result]) -> Result:
         **{key: sum(one[key] for one in of) for key in SUMS},
         **{key: round(float(np.mean([one[key] for one in of])), 3) for key in MEANS},
         **{key: min((one[key] for one in of if one[key] is not None), default=None) for key in LEAST},
-        "made_way": {who: sum(one["made_way"][who] for one in of) for who in ("robot", "agent", "both", "nobody")},
+        "made_way": {who: sum(one["made_way"][who] for one in of) for who in WHO},
     }
 
 

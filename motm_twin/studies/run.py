@@ -13,7 +13,6 @@ from collections.abc import Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Self
 
 import msgspec
@@ -60,9 +59,8 @@ class Store:
             fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError as error:
             self._file.close()
-            raise ValueError(
-                f"{self.path}: another run writes to it now; wait for it, or give another --out"
-            ) from error
+            said = f"{self.path}: another run writes to it now; wait for it, or give another --out"
+            raise ValueError(said) from error
         self._cut_half_line()
         return self
 
@@ -148,7 +146,7 @@ class Bar:
         self._progress.start()
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+    def __exit__(self, *_: object) -> None:
         self._progress.stop()
 
     def add(self, method: str, seconds: float | None) -> None:
@@ -297,14 +295,9 @@ def _missing(
 
 
 def _keep(
-    task: _Task,
-    outcome: Outcome | Lost,
-    stores: Mapping[str, Store],
-    results: Results,
-    source: str,
-    bar: Bar,
+    task: _Task, outcome: Outcome | Lost, stores: Mapping[str, Store], results: Results, source: str, bar: Bar,
     about: Mapping[str, str],
-) -> None:
+) -> None:  # fmt: skip
     """Store a finished trial, and report problems."""
     lost = isinstance(outcome, Lost)
     whole = given_up(task.job, outcome.reason, source) if isinstance(outcome, Lost) else outcome

@@ -28,24 +28,22 @@ class Estimate(msgspec.Struct, frozen=True, kw_only=True):
     high: float
     n: int
 
-    def text(self, decimals: int = 1) -> str:
-        """As in a table: "85.6 [84.9, 86.3]"; "-" for no value."""
+    def text(self, decimals: int = 1, *, scale: float = 1.0, sign: str = "", unit: str = "") -> str:
+        """As in a table: "85.6 [84.9, 86.3]"; "-" for no value. ``sign`` "+": also of what is not negative."""
         if not math.isfinite(self.value):
             return "-"
-        if not (math.isfinite(self.low) and math.isfinite(self.high)):
-            return f"{self.value:.{decimals}f}"
-        return f"{self.value:.{decimals}f} [{self.low:.{decimals}f}, {self.high:.{decimals}f}]"
+        value, low, high = (f"{scale * each:{sign}.{decimals}f}" for each in (self.value, self.low, self.high))
+        known = math.isfinite(self.low) and math.isfinite(self.high)
+        return f"{value} [{low}, {high}]{unit}" if known else value + unit
 
 
 def mean(values: Iterable[float], confidence: float = CONFIDENCE) -> Estimate:
     """Mean with Student's t interval: m -+ t_{n-1} s / sqrt(n)."""
     sample = _sample(values)
     n = len(sample)
-    if n == 0:
-        return Estimate(value=math.nan, low=math.nan, high=math.nan, n=0)
-    centre = float(sample.mean())
-    if n == 1:
-        return Estimate(value=centre, low=math.nan, high=math.nan, n=1)
+    centre = float(sample.mean()) if n else math.nan
+    if n < 2:
+        return Estimate(value=centre, low=math.nan, high=math.nan, n=n)
     half = float(stats.t.ppf(0.5 + 0.5 * confidence, n - 1)) * float(sample.std(ddof=1)) / math.sqrt(n)
     return Estimate(value=centre, low=centre - half, high=centre + half, n=n)
 
@@ -62,11 +60,9 @@ def bootstrap(values: Iterable[float], statistic: Callable[[Array], Array], *, r
     """
     sample = _sample(values)
     n = len(sample)
-    if n == 0:
-        return Estimate(value=math.nan, low=math.nan, high=math.nan, n=0)
-    value = float(statistic(sample))
-    if n == 1:
-        return Estimate(value=value, low=math.nan, high=math.nan, n=1)
+    value = float(statistic(sample)) if n else math.nan
+    if n < 2:
+        return Estimate(value=value, low=math.nan, high=math.nan, n=n)
     drawn = np.random.default_rng(SEED).integers(0, n, size=(resamples, n))
     tail = 0.5 * (1.0 - CONFIDENCE)
     low, high = np.quantile(statistic(sample[drawn]), [tail, 1.0 - tail])

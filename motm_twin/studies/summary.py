@@ -23,10 +23,9 @@ COMPLETED = "Completed: every object placed (picked, where that is all), contact
 TOUCHED = "A time got with contacts that the robot caused compares with nothing."
 CAPTION = (
     "Times are means over the trials that were completed, with 95 % intervals (Student's t); differences are paired by "
-    f"arrangement and seed, over those that both completed. {COMPLETED} {TOUCHED} "
-    "Success: completed, nothing left dropped, and no contact that the robot caused; with Clopper and Pearson's "
-    "interval. "
-    "'driven into': contacts in which the robot moved into the other."
+    f"arrangement and seed, over those that both completed. {COMPLETED} {TOUCHED} Success: completed, nothing left "
+    "dropped, and no contact that the robot caused; with Clopper and Pearson's interval. 'driven into': contacts in "
+    "which the robot moved into the other."
 )
 
 
@@ -115,13 +114,12 @@ def _by_seed(results: list[Result]) -> dict[int, float]:
 
 def summary_table(found: Sequence[Row], beside: Sequence[Published] = ()) -> Table:
     """Rows, then the published times, marked as such."""
+    printed = [_cells(row) for row in found]
     several = len({row.scene for row in found}) > 1
-    columns = ("scene", "method", "setting", "trials", "success", "placed", "contacts", "caused", "driven into")
-    columns += ("time s", "median s", "to motm s", "to exp1")
-    shown = [name for name in columns if _wanted(name, found, several=several)]
+    used = [name for name in (printed[0] if printed else ()) if any(cells[name] for cells in printed)]
+    shown = [name for name in used if several or name != "scene"]
     table = grid(*shown, texts=("scene", "method", "setting"), caption=CAPTION, caption_justify="left")
-    for row in found:
-        cells = _cells(row)
+    for row, cells in zip(found, printed, strict=True):
         table.add_row(*(cells[name] for name in shown), style=None if row.success.value == 1.0 else "yellow")
     for entry in beside:
         cells = {
@@ -144,21 +142,10 @@ def reasons_table(results: Sequence[Result]) -> Table | None:
     return table
 
 
-def _wanted(name: str, found: Sequence[Row], *, several: bool) -> bool:
-    """Columns that would be empty, or the same in every row, are left out."""
-    if name == "scene":
-        return several
-    if name == "setting":
-        return any(row.setting for row in found)
-    if name == "to motm s":
-        return any(row.to_motm is not None for row in found)
-    return name != "to exp1" or any(row.to_exp1 is not None for row in found)
-
-
 def _cells(row: Row) -> dict[str, str]:
+    """Cells of a row by column; a column that is empty in all rows is left out."""
     done = round(row.success.value * row.trials)
     interval = f"[{100 * row.success.low:.0f}, {100 * row.success.high:.0f}] %"
-    ratio = row.to_exp1
     return {
         "scene": row.scene,
         "method": row.method,
@@ -171,18 +158,9 @@ def _cells(row: Row) -> dict[str, str]:
         "driven into": str(row.driven_into),
         "time s": row.time.text(),
         "median s": f"{row.median.value:.1f}" if math.isfinite(row.median.value) else "-",
-        "to motm s": "" if row.to_motm is None else _signed(row.to_motm, 1.0, ""),
-        "to exp1": "" if ratio is None else _signed(ratio, 100.0, " %"),
+        "to motm s": "" if row.to_motm is None else row.to_motm.text(sign="+"),
+        "to exp1": "" if row.to_exp1 is None else row.to_exp1.text(scale=100.0, sign="+", unit=" %"),
     }
-
-
-def _signed(found: Estimate, scale: float, unit: str) -> str:
-    if not math.isfinite(found.value):
-        return "-"
-    text = f"{scale * found.value:+.1f}"
-    if math.isfinite(found.low):
-        text += f" [{scale * found.low:+.1f}, {scale * found.high:+.1f}]"
-    return text + unit
 
 
 def published_beside(results: Sequence[Result]) -> list[Published]:

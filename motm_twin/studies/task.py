@@ -5,7 +5,7 @@ The paper's experiments, a faster robot, and scenes that the code was not tuned 
 """
 
 import math
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 import numpy as np
@@ -96,10 +96,8 @@ def bench_task(out: Path, share: float, workers: int, console: Console) -> bool:
 def values(results: Results, method: str) -> dict[str, float]:
     """Every number of `WANTED` for one method. A mean time is nan unless all trials were completed."""
     of = {name: results.of(name, method=method) for name in results.trials}
-    ten, paper = (
-        of["exp1"],
-        [result for name in ("exp1", "exp1a", "exp1_random", "exp2", "one_temi") for result in of[name]],
-    )
+    ten, quick = of["exp1"], of["quick_robot"]
+    paper = [result for name in ("exp1", "exp1a", "exp1_random", "exp2", "one_temi") for result in of[name]]
     every = [result for these in of.values() for result in these]
     return {
         "exp1": _mean_time(ten),
@@ -108,11 +106,7 @@ def values(results: Results, method: str) -> dict[str, float]:
         "four": _over_exp1(of["exp2"]),
         "one": _over_exp1(of["one_temi"]),
         "closing": float(np.mean([result["mean_closing_base_speed_mps"] or 0.0 for result in ten])),
-        "quick": float(
-            np.mean([result["time_s"] / result["reference_tour_s"] for result in of["quick_robot"]])
-            if all(result["success"] for result in of["quick_robot"])
-            else math.nan
-        ),
+        "quick": _mean_time(quick, lambda result: result["time_s"] / result["reference_tour_s"]),
         "further": _completed(of["further_scenes"]),
         "generated": _completed(of["generated"]),
         "paper": _completed(paper),
@@ -159,10 +153,8 @@ def parts_table(spent: dict[str, dict[str, dict[str, float]]]) -> Table:
     return table
 
 
-def _mean_time(results: list[Result]) -> float:
-    if not all(result["success"] for result in results):
-        return math.nan
-    return float(np.mean([result["time_s"] for result in results]))
+def _mean_time(results: list[Result], time: Callable[[Result], float] = lambda result: result["time_s"]) -> float:
+    return float(np.mean(list(map(time, results)))) if all(result["success"] for result in results) else math.nan
 
 
 def _over_exp1(results: Iterable[Result]) -> float:

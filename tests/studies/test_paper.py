@@ -21,38 +21,21 @@ from motm_twin.studies.paper import (
     time_figures,
 )
 from motm_twin.studies.paper.data import Store, origin
-from motm_twin.studies.paper.episode import Episode, Moment, watch_trial
+from motm_twin.studies.paper.episode import watch_trial
 from motm_twin.studies.paper.part import Drawn, Missing, save
 from motm_twin.studies.paper.parts import NAMES, PARTS, Context, make_part
 from motm_twin.studies.paper.plan import TEN
 from motm_twin.studies.paper.report import write
 from motm_twin.studies.spec import TrialSpec, job_of
 
-
-def result(method="motm", variant="trial1", time_s=80.0, **changes):
-    good = {
-        "scene": "exp1", "method": method, "variant": variant, "seed": 0, "success": True, "time_s": time_s,
-        "picks_done": 6, "picks_total": 6, "places_done": 6, "places_total": 6, "contacts": [],
-        "contacts_caused_by_robot": 0, "path_length_m": 40.0, "parameters": {}, "changes": {}, "reason": "",
-        "measures": {
-            "phases_s": {"driving": time_s - 10.0, "closing": 5.0, "waiting_for_arm": 3.0, "stationary": 2.0},
-            "moving_share": 0.9, "retries": 0, "cut_ins": [], "near_misses": [], "evasive_manoeuvres": [],
-        },
-    }  # fmt: skip
-    return good | changes
-
-
-def trials(method, seconds):
-    return [result(method, variant, value) for variant, value in zip(TEN, seconds, strict=False)]
-
+from .made_results import drawn, episode, moment, result, trials
 
 OURS = trials("motm", [80.0, 82.0, 84.0, 86.0, 88.0, 90.0])
 THEIRS = trials("sequential", [160.0, 164.0, 168.0, 172.0, 176.0, 180.0])
 
 
 def test_the_results_table_has_our_means_and_marks_the_published_rows():
-    part = tables.draw_results(Store({"exp1": [*OURS, *THEIRS]}))
-    assert isinstance(part, Drawn)
+    part = drawn(tables.draw_results(Store({"exp1": [*OURS, *THEIRS]})))
     ours = next(
         row for row in part.rows if row["experiment"] == "1, published arrangements" and row["method"] == "motm"
     )
@@ -66,8 +49,7 @@ def test_the_results_table_has_our_means_and_marks_the_published_rows():
 
 def test_a_trial_that_was_not_completed_has_no_time_but_is_counted():
     broken = result("motm", "trial7", 12.0, places_done=2, success=False, reason="lost")
-    part = tables.draw_results(Store({"exp1": [*OURS, broken]}))
-    assert isinstance(part, Drawn)
+    part = drawn(tables.draw_results(Store({"exp1": [*OURS, broken]})))
     ours = next(row for row in part.rows if row["experiment"] == "1, published arrangements")
     assert ours["mean_s"] == pytest.approx(85.0)
     assert (ours["trials"], ours["completed"], ours["placed"]) == (7, 6, "38/42")
@@ -76,8 +58,7 @@ def test_a_trial_that_was_not_completed_has_no_time_but_is_counted():
 def test_box_plots_show_published_numbers_only_where_there_are_any():
     boxes = [each | {"scene": "exp1a"} for each in (*OURS, *THEIRS)]
     store = Store({"exp1": [*OURS, *THEIRS], "exp1a": boxes})
-    part = time_figures.draw_box_plots(store)
-    assert isinstance(part, Drawn)
+    part = drawn(time_figures.draw_box_plots(store))
     assert part.figure is not None
     diamonds = [
         [tuple(line.get_xdata()) for line in axes.lines if line.get_marker() == "D" and len(line.get_xdata())]
@@ -89,8 +70,7 @@ def test_box_plots_show_published_numbers_only_where_there_are_any():
 
 
 def test_reductions_are_paired_and_the_published_one_stands_beside_them():
-    part = time_figures.draw_reductions(Store({"exp1": [*OURS, *THEIRS]}))
-    assert isinstance(part, Drawn)
+    part = drawn(time_figures.draw_reductions(Store({"exp1": [*OURS, *THEIRS]})))
     (row,) = part.rows
     assert row["reduction"] == pytest.approx(0.5, abs=1e-9)
     assert row["saved_s"] == pytest.approx(85.0)
@@ -102,8 +82,7 @@ def test_reductions_are_paired_and_the_published_one_stands_beside_them():
 def test_a_modification_without_a_shown_effect_is_said_to_have_none():
     slower = trials("no_bezier", [90.0, 91.0, 95.0, 96.0, 97.0, 101.0])
     same = trials("no_arm_avoidance", [81.0, 81.0, 85.0, 85.0, 89.0, 89.0])
-    part = modifications.draw_ablations(Store({"exp1": OURS, "ablations": [*slower, *same]}))
-    assert isinstance(part, Drawn)
+    part = drawn(modifications.draw_ablations(Store({"exp1": OURS, "ablations": [*slower, *same]})))
     verdicts = {row["method"]: row["verdict"] for row in part.rows}
     assert verdicts == {"no_bezier": "saves time", "no_arm_avoidance": "no effect on time shown"}
     assert any(METHODS["no_arm_avoidance"].title in note for note in part.notes)
@@ -113,8 +92,7 @@ def test_modifications_are_compared_within_published_and_within_random_arrangeme
     slower = trials("no_bezier", [90.0, 91.0, 95.0, 96.0, 97.0, 101.0])
     ours = [result(variant="random", seed=seed, time_s=80.0 + seed) for seed in range(3)]
     quicker = [result(method="no_bezier", variant="random", seed=seed, time_s=70.0 + seed) for seed in range(3)]
-    part = modifications.draw_ablations(Store({"exp1": [*OURS, *ours], "ablations": [*slower, *quicker]}))
-    assert isinstance(part, Drawn)
+    part = drawn(modifications.draw_ablations(Store({"exp1": [*OURS, *ours], "ablations": [*slower, *quicker]})))
     said = [(row["experiment"], row["pairs"], row["verdict"]) for row in part.rows]
     assert said == [("1, published arrangements", 6, "saves time"), ("1, random", 3, "costs time here")]
     assert part.rows[1]["slower_s"] == pytest.approx(-10.0)
@@ -126,8 +104,7 @@ def swept(value, variant, time_s, parameter="next_weight", **changes):
 
 def test_a_sweep_is_compared_with_the_shipped_value():
     found = [swept(0.0, variant, value) for variant, value in zip(TEN, (90.0, 93.0), strict=False)]
-    part = modifications.draw_sweeps(Store({"exp1": OURS, "sweep_next_weight": found}))
-    assert isinstance(part, Drawn)
+    part = drawn(modifications.draw_sweeps(Store({"exp1": OURS, "sweep_next_weight": found})))
     (row,) = part.rows
     assert (row["value"], row["slower_s"], row["pairs"]) == (0.0, pytest.approx(10.5), 2)
 
@@ -135,8 +112,7 @@ def test_a_sweep_is_compared_with_the_shipped_value():
 def test_a_sweep_among_boxes_is_compared_with_experiment_1a():
     boxes = [each | {"scene": "exp1a", "time_s": 100.0} for each in OURS]
     found = [swept(0.7, variant, 110.0, "radius_max", scene="exp1a") for variant in TEN[:3]]
-    part = modifications.draw_sweeps(Store({"exp1": OURS, "exp1a": boxes, "sweep_radius_max": found}))
-    assert isinstance(part, Drawn)
+    part = drawn(modifications.draw_sweeps(Store({"exp1": OURS, "exp1a": boxes, "sweep_radius_max": found})))
     (row,) = part.rows
     assert (row["scene"], row["value"], row["slower_s"], row["pairs"]) == ("exp1a", 0.7, pytest.approx(10.0), 3)
 
@@ -250,15 +226,10 @@ def test_the_report_is_one_file_that_loads_nothing(tmp_path):
 
 def watched_trial(cut_ins):
     """A made-up episode of 60 periods in which a Temi is near."""
-    moments = tuple(
-        Moment(time=0.05 * k, pose=(1.0 + 0.02 * k, 0.0, 0.0), task="place drop1", phase="reach", distance=0.5,
-               static=False, agents=(("temi_1", 2.0, 0.6 - 0.02 * k, -1.57),), plan=((1.0, 0.0, 0.0),) * 4,
-               path=((1.0, 0.0), (3.0, 0.0)), goal=(3.0, 0.0), target=(4.25, -1.29))
-        for k in range(60)
-    )  # fmt: skip
-    measures = {"cut_ins": cut_ins, "below_d_s": [], "approach_excess_mps": None, "advance_excess_mps": None}
-    return Episode(spec=TrialSpec("exp2", "random", 3, "motm"), source=made_with()[SOURCE], moments=moments,
-                   result={}, measures=measures)  # fmt: skip
+    shown = {"task": "place drop1", "phase": "reach", "plan": ((1.0, 0.0, 0.0),) * 4, "path": ((1.0, 0.0), (3.0, 0.0)),
+             "goal": (3.0, 0.0), "target": (4.25, -1.29)}  # fmt: skip
+    moments = [moment(k, (2.0, 0.6 - 0.02 * k, -1.57), pose=(1.0 + 0.02 * k, 0.0, 0.0), **shown) for k in range(60)]
+    return episode(moments, made_with()[SOURCE], cut_ins=cut_ins)
 
 
 def report_among_temis(out, monkeypatch, cut_ins):
@@ -311,11 +282,11 @@ def test_a_watched_trial_of_another_source_says_so(tmp_path):
 
 
 def test_an_episode_of_the_source_of_the_trials_is_taken_from_the_folder(tmp_path):
-    episode = msgspec.structs.replace(watched_trial([]), source="0123456789ab")
-    name = f"{job_of(episode.spec).key(episode.source)}.json"
-    (tmp_path / name).write_bytes(msgspec.json.encode(episode))
-    assert watch_trial(episode.spec, tmp_path, "0123456789ab") == episode
-    part = snapshots.draw(episode)
+    kept = msgspec.structs.replace(watched_trial([]), source="0123456789ab")
+    name = f"{job_of(kept.spec).key(kept.source)}.json"
+    (tmp_path / name).write_bytes(msgspec.json.encode(kept))
+    assert watch_trial(kept.spec, tmp_path, "0123456789ab") == kept
+    part = snapshots.draw(kept)
     assert isinstance(part, Missing)
     assert "another source (0123456789ab)" in part.reason
 
@@ -331,8 +302,7 @@ def test_results_to_cite_name_version_source_seeds_parameters_and_machine():
 
 
 def test_every_figure_comes_with_png_svg_csv_and_json(tmp_path):
-    part = time_figures.draw_reductions(Store({"exp1": [*OURS, *THEIRS]}))
-    assert isinstance(part, Drawn)
+    part = drawn(time_figures.draw_reductions(Store({"exp1": [*OURS, *THEIRS]})))
     save(part, tmp_path)
     assert sorted(path.suffix for path in tmp_path.iterdir()) == [".csv", ".json", ".png", ".svg"]
     assert (tmp_path / "reductions.csv").read_text().splitlines()[0].startswith("experiment,rival,reduction")
@@ -363,8 +333,7 @@ def test_a_world_without_errors_stands_at_zero_in_every_sweep():
 def test_a_missed_grasp_has_no_time_and_counts_against_success():
     trials = [pick("open_loop", 9.0, **{"faults.grasp_delay": 0.0}),
               pick("open_loop", 9.0, picked=0, **{"faults.grasp_delay": 5.0})]  # fmt: skip
-    part = robustness.draw_grasp_delay(Store({"grasp_delay": trials}))
-    assert isinstance(part, Drawn)
+    part = drawn(robustness.draw_grasp_delay(Store({"grasp_delay": trials})))
     assert [row["value"] for row in part.rows] == [0.0]
     assert [row["estimate"] for row in robustness.points(trials, success=True)] == [1.0, 0.0]
 
@@ -376,8 +345,7 @@ def test_every_error_that_is_swept_has_a_label_for_people():
 def test_success_with_errors_is_compared_by_seed():
     trials = [pick(method, 10.0, picked=int(method == "motm" or value < 2.0 + seed), seed=seed, a=value)
               for method in ("motm", "open_loop") for seed in range(2) for value in (0.0, 1.0, 2.0)]  # fmt: skip
-    part = robustness.draw_robustness(Store({"robustness": trials}))
-    assert isinstance(part, Drawn)
+    part = drawn(robustness.draw_robustness(Store({"robustness": trials})))
     ours, theirs = part.notes
     assert "4 of 4 trials with an error" in ours
     assert "3 of 4 trials with an error" in theirs

@@ -20,30 +20,16 @@ from motm_twin.studies.paper import (
 )
 from motm_twin.studies.paper import episode as watched
 from motm_twin.studies.paper.data import Store
-from motm_twin.studies.paper.episode import Episode, Moment
 from motm_twin.studies.paper.goals import LINE
-from motm_twin.studies.paper.part import ORANGE, Drawn, Missing, styled
+from motm_twin.studies.paper.part import ORANGE, Missing, styled
 from motm_twin.studies.paper.plan import TEN
-from motm_twin.studies.spec import TrialSpec
 from motm_twin.studies.statistics import proportion
 
-
-def result(method="motm", variant="trial1", seed=0, time_s=80.0, scene="exp1", excess=None, hits=0, **changes):
-    return {
-        "scene": scene, "method": method, "variant": variant, "seed": seed, "success": not hits, "time_s": time_s,
-        "picks_done": 6, "picks_total": 6, "places_done": 6, "places_total": 6, "contacts": [],
-        "contacts_caused_by_robot": hits, "path_length_m": 40.0, "parameters": {}, "changes": {}, "reason": "",
-        "measures": {"moving_share": 0.9, "retries": 0, "cut_ins": [], "approach_excess_mps": excess},
-    } | changes  # fmt: skip
+from .made_results import drawn, episode, moment, result
 
 
 def ten(method="motm", **changes):
     return [result(method, variant, **changes) for variant in TEN]
-
-
-def drawn(part):
-    assert isinstance(part, Drawn)
-    return part
 
 
 def by_group(part):
@@ -83,8 +69,11 @@ def test_trials_over_the_damper_line_are_counted_and_a_line_that_nobody_was_near
     trials = [result(scene="exp2", variant="random", seed=seed, excess=excess)
               for seed, excess in enumerate([over, -0.1, None, 0.5 * LINE])]  # fmt: skip
     part = drawn(tables.draw_measures(Store({"exp1": ten(), "exp2": trials})))
-    assert str(LINE) in part.header[-1]
-    assert {cells[0]: cells[-1] for cells in part.cells} == {"1, published arrangements": "-", "2, four Temis": "1/4"}
+    over_line = f"Trials over the damper line by {LINE} m/s"
+    assert {cells["Experiment"]: cells[over_line] for cells in part.cells} == {
+        "1, published arrangements": "-",
+        "2, four Temis": "1/4",
+    }
     assert by_group(part)["2, four Temis", "motm"]["over_line"] == 1
 
 
@@ -125,7 +114,7 @@ def test_success_is_counted_over_trials_not_over_their_objects():
     trials[4] = result(variant=TEN[4], hits=2)
     part = drawn(tables.draw_results(Store({"exp1": trials})))
     index = next(k for k, row in enumerate(part.rows) if row["experiment"] == "1, published arrangements")
-    cells = dict(zip(part.header, part.cells[index], strict=True))
+    cells = part.cells[index]
     share = proportion(8, 10)
     assert cells["Trials with success [95 % CI]"] == f"8/10 [{100 * share.low:.0f}, {100 * share.high:.0f}] %"
     assert cells["Objects placed"] == "59/60"
@@ -165,10 +154,10 @@ def test_a_reduction_against_a_rival_with_contacts_is_open_and_said_to_compare_w
     rows = {row["rival"]: row for row in part.rows}
     assert (rows["motm2022"]["contacts"], rows["motm2022"]["comparable"]) == (80, False)
     assert (rows["irm"]["contacts"], rows["irm"]["comparable"]) == (0, True)
-    cells = {each[1]: each for each in part.cells}
-    assert cells[data.title("motm2022")][2].endswith("with contacts")
-    assert cells[data.title("motm2022")][5] == "80, 0"
-    assert not cells[data.title("irm")][2].endswith("with contacts")
+    cells = {each["Rival"]: each for each in part.cells}
+    assert cells[data.title("motm2022")]["Reduction, mean [95 % CI]"].endswith("with contacts")
+    assert cells[data.title("motm2022")]["Contacts caused by the rival, by ours"] == "80, 0"
+    assert not cells[data.title("irm")]["Reduction, mean [95 % CI]"].endswith("with contacts")
     faces = marks(part)
     assert faces[60.0] == "white"
     assert faces[20.0] != "white"
@@ -207,30 +196,21 @@ def test_a_trial_with_contacts_is_an_open_point_among_the_boxes():
     assert sum(faces[:, 3].sum() for faces in clouds) == 19
 
 
-def moment(time, distance, x=0.0, temi=0.0):
-    return Moment(
-        time=time, pose=(x, 0.0, 0.0), task="", phase="stow", distance=distance, static=False,
-        agents=(("temi_1", 1.0, temi, 0.0),), plan=(), path=(), goal=(0.0, 0.0), target=None,
-    )  # fmt: skip
-
-
-def episode(distances=(1.0,) * 100, **measures):
-    moments = tuple(moment(0.05 * k, each, temi=0.02 * k) for k, each in enumerate(distances))
-    found = {"below_d_s": [], "cut_ins": [], "approach_excess_mps": None, "advance_excess_mps": None}
-    return Episode(spec=TrialSpec("exp2", "random", 3, "motm"), source="abc", moments=moments, result={},
-                   measures=found | measures)  # fmt: skip
+def watched_trial(distances=(1.0,) * 100, **measures):
+    moments = [moment(k, (1.0, 0.02 * k, 0.0), distance=each) for k, each in enumerate(distances)]
+    return episode(moments, **measures)
 
 
 def test_the_distance_figure_says_what_is_cut_off_and_what_is_not_seen():
-    caption = drawn(watched.draw_distance(episode([1.0] * 50 + [3.0] * 30 + [None] * 20))).caption
+    caption = drawn(watched.draw_distance(watched_trial([1.0] * 50 + [3.0] * 30 + [None] * 20))).caption
     assert "Distances above 2 m are cut off (30 % of the time)" in caption
     assert "where no obstacle is seen there is no line (20 %)" in caption
-    caption = drawn(watched.draw_distance(episode([1.0] * 50 + [3.0] * 50))).caption
+    caption = drawn(watched.draw_distance(watched_trial([1.0] * 50 + [3.0] * 50))).caption
     assert "no obstacle is seen" not in caption
 
 
 def test_the_region_below_d_s_is_red_and_differs_from_the_orange_one_in_grey_too():
-    part = drawn(watched.draw_distance(episode()))
+    part = drawn(watched.draw_distance(watched_trial()))
     below, influence = part.figure.axes[0].patches[:2]
     shown = [_on_white(patch) for patch in (below, influence)]
     red, green, blue = shown[0]
@@ -257,15 +237,15 @@ CUTS = [
 
 
 def test_the_cut_in_that_came_nearest_is_drawn_a_second_before_it_began():
-    part = drawn(watched.draw_cutting_in(episode(cut_ins=CUTS), episode(cut_ins=CUTS[:1])))
+    part = drawn(watched.draw_cutting_in(watched_trial(cut_ins=CUTS), watched_trial(cut_ins=CUTS[:1])))
     assert part.facts["shown"] == {"time_s": pytest.approx(3.0), "agent": "temi_1"}
     assert "at 4.00 s would touch the robot in 0.60 m and 1.5 s" in part.caption
     assert [row["least_gap_m"] for row in part.rows] == [0.50, 0.20, 0.50]
 
 
 def test_beside_it_stands_the_meeting_with_the_same_agent_of_the_method_that_predicts():
-    away = episode(cut_ins=CUTS[:1])
-    part = drawn(watched.draw_cutting_in(episode(cut_ins=CUTS), away))
+    away = watched_trial(cut_ins=CUTS[:1])
+    part = drawn(watched.draw_cutting_in(watched_trial(cut_ins=CUTS), away))
     nearest = min(away.moments, key=lambda each: math.dist(each.pose[:2], each.agents[0][1:3]))
     assert part.facts["after"]["time_s"] == pytest.approx(max(0.0, nearest.time - 1.0), abs=0.5)
     assert part.n == "two trials, 2 and 1 cut-ins"
@@ -273,7 +253,7 @@ def test_beside_it_stands_the_meeting_with_the_same_agent_of_the_method_that_pre
 
 
 def test_where_nobody_was_cut_in_on_the_report_says_so():
-    part = watched.draw_cutting_in(episode(), episode())
+    part = watched.draw_cutting_in(watched_trial(), watched_trial())
     assert isinstance(part, Missing)
     assert "in none of the completed trials" in part.reason
     assert part.larger

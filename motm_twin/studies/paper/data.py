@@ -95,11 +95,6 @@ def contacts(results: Iterable[Result]) -> int:
     return sum(int(result["contacts_caused_by_robot"]) for result in results)
 
 
-def touches(results: Iterable[Result]) -> int:
-    """All contacts, whoever caused them."""
-    return sum(len(result["contacts"]) for result in results)
-
-
 def measure(result: Result, *names: str) -> float | None:
     """One of the trial's further measures, entered by name; of a list its length; None when it was not taken."""
     value: Any = result.get("measures")

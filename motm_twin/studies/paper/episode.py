@@ -157,9 +157,6 @@ def _rounded(values: Any) -> Any:
 DISTANCE_NAME, DISTANCE_TITLE = "gripper_distance", "Distance from gripper to the nearest seen obstacle"
 SHOWN = 2.0  # [m] of the axis
 DEEP_RED = "#C1121F"  # the region of the paper is red; that of `style` is nearer to orange, and beside it looks like it
-STRETCH_HEADER = (
-    "From [s]", "For [s]", "Least distance [m]", "To", "Gripper moved there [m]", "It moved here [m]", "Cause",
-)  # fmt: skip
 JUMP = 0.10  # [m] by which the distance falls in a period when something comes into view
 
 
@@ -190,7 +187,6 @@ def draw_distance(episode: Episode) -> Drawn:
             "d_s": p.d_s, "d_i": p.d_i, "xi": p.xi, "stretches_below_d_s": close,
             **{name: episode.measures[name] for name in excess},
         },
-        header=STRETCH_HEADER,
         cells=[_stretch(each) for each in close],
         figure=_distance_figure(episode, distance, p),
         notes=[_line(episode)],
@@ -227,12 +223,17 @@ def _distance_figure(episode: Episode, distance: Array, p: AvoidanceParameters) 
     return fig
 
 
-def _stretch(each: dict[str, Any]) -> tuple[str, ...]:
+def _stretch(each: dict[str, Any]) -> dict[str, str]:
     """A stretch below d_s as a row of the table."""
-    numbers = (each[name] for name in ("time", "duration_s", "min_m"))
-    moved = (each[name] for name in ("gripper_moved_m", "other_moved_m"))
-    cause = each["cause"] + (", beside what stands: its d_s gives way" if each["static"] else "")
-    return (*(f"{one:.2f}" for one in numbers), each["other"], *(f"{one:.2f}" for one in moved), cause)
+    return {
+        "From [s]": f"{each['time']:.2f}",
+        "For [s]": f"{each['duration_s']:.2f}",
+        "Least distance [m]": f"{each['min_m']:.2f}",
+        "To": each["other"],
+        "Gripper moved there [m]": f"{each['gripper_moved_m']:.2f}",
+        "It moved here [m]": f"{each['other_moved_m']:.2f}",
+        "Cause": each["cause"] + (", beside what stands: its d_s gives way" if each["static"] else ""),
+    }
 
 
 def _gaps(distance: Array) -> str:
@@ -249,9 +250,8 @@ def _line(episode: Episode) -> str:
     if most is None:
         return "The gripper was never below d_i of anything that moves."
     return (
-        f"Below d_i of what moves, the gripper's own true approach speed (over 50 ms) was at most {most:.3f} m/s "
-        "above the damper "
-        f"line, and at most {forward:.3f} m/s above it or above 0 where it asks to retreat."
+        f"Below d_i of what moves, the gripper's own true approach speed (over 50 ms) was at most {most:.3f} m/s above "
+        f"the damper line, and at most {forward:.3f} m/s above it or above 0 where it asks to retreat."
     )
 
 

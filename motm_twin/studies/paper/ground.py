@@ -1,7 +1,6 @@
 """Drawing on the floor plan of a scene, and the first period of a scene to draw."""
 
 import functools
-import math
 from collections.abc import Iterable, Sequence
 from typing import Any, NamedTuple
 
@@ -11,7 +10,7 @@ from matplotlib.patches import Circle, Polygon, Rectangle
 from matplotlib.patheffects import Normal, Stroke
 
 from motm_twin.methods.registry import MOTM
-from motm_twin.model.geometry import Array
+from motm_twin.model.geometry import Array, from_frame
 from motm_twin.model.known import KnownWorld, known_world
 from motm_twin.model.profile import Footprint
 from motm_twin.model.scene import Bin, Cylinder, Scene, Solid
@@ -46,16 +45,12 @@ def occupancy(axes: Axes, world: WorldMap) -> Any:
 
 def furniture(axes: Axes, solids: Iterable[Solid], *, face: str = "#E8E2D6", hatch: str | None = None) -> None:
     """Outlines of furniture, low things first."""
-    for solid in sorted(solids, key=lambda each: each.z_max):
-        _solid(axes, solid, face, hatch)
-
-
-def _solid(axes: Axes, solid: Solid, face: str, hatch: str | None) -> None:
     look: dict[str, Any] = {"facecolor": face, "edgecolor": GREY, "linewidth": 0.6, "hatch": hatch, "zorder": 1}
-    if isinstance(solid.shape, Cylinder):
-        axes.add_patch(Circle(solid.shape.centre, solid.shape.radius, **look))
-    else:
-        axes.add_patch(Polygon(outline(solid.shape), closed=True, **look))
+    for solid in sorted(solids, key=lambda each: each.z_max):
+        if isinstance(solid.shape, Cylinder):
+            axes.add_patch(Circle(solid.shape.centre, solid.shape.radius, **look))
+        else:
+            axes.add_patch(Polygon(outline(solid.shape), closed=True, **look))
 
 
 def bins(axes: Axes, scene_bins: Iterable[Bin]) -> None:
@@ -76,17 +71,13 @@ def robot(
     axes: Axes, pose: Array, footprint: Footprint, *, colour: str = BLUE, alpha: float = 1.0, fill: bool = True
 ) -> None:
     """The base as its rectangle, with an arrow forwards."""
-    x, y, heading = (float(value) for value in pose[:3])
-    c, s = math.cos(heading), math.sin(heading)
     b, w = 0.5 * footprint.length, 0.5 * footprint.width
     corners = np.array([[b, w], [-b, w], [-b, -w], [b, -w]]) + np.array([footprint.offset_x, 0.0])
-    world = corners @ np.array([[c, s], [-s, c]]) + np.array([x, y])
+    tip = np.array([[0.8 * b, 0.0], [0.2 * b, 0.5 * w], [0.2 * b, -0.5 * w]])
+    body, arrow = (from_frame(pose, points) for points in (corners, tip))
     face = colour if fill else "none"
-    axes.add_patch(Polygon(world, closed=True, facecolor=face, edgecolor=BLACK, lw=0.6, alpha=alpha, zorder=5))
-    tip = np.array([[0.8 * b, 0.0], [0.2 * b, 0.5 * w], [0.2 * b, -0.5 * w]]) @ np.array([[c, s], [-s, c]]) + np.array(
-        [x, y]
-    )
-    axes.add_patch(Polygon(tip, closed=True, facecolor="white", edgecolor=BLACK, lw=0.5, alpha=alpha, zorder=6))
+    axes.add_patch(Polygon(body, closed=True, facecolor=face, edgecolor=BLACK, lw=0.6, alpha=alpha, zorder=5))
+    axes.add_patch(Polygon(arrow, closed=True, facecolor="white", edgecolor=BLACK, lw=0.5, alpha=alpha, zorder=6))
 
 
 def temi(axes: Axes, x: float, y: float, radius: float, *, colour: str, alpha: float = 1.0) -> None:

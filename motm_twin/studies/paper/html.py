@@ -49,8 +49,7 @@ def page(title: str, lead: str, sections: Iterable[Section], folder: Path) -> st
     return (
         f'<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n<title>{text(title)}</title>\n'
         '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-        f"<style>{CSS}</style>\n</head>\n<body>\n<h1>{text(title)}</h1>\n{lead}\n<nav><ul>{links}</ul></nav>\n"
-        f"{body}\n</body>\n</html>\n"
+        f"<style>{CSS}</style>\n</head>\n<body>\n<h1>{text(title)}</h1>\n{lead}\n<nav><ul>{links}</ul></nav>\n{body}\n</body>\n</html>\n"
     )
 
 
@@ -96,7 +95,8 @@ def _part(part: Part, folder: Path) -> str:
     shown = _picture(part, folder) if part.figure is not None or part.picture is not None else ""
     caption = f"<figcaption>{text(part.caption)}</figcaption>"
     figure = f"<figure>{shown}{caption}</figure>"
-    cells = table(part.header, part.cells, part.marked) if part.header and part.cells else ""
+    rows = [tuple(row.values()) for row in part.cells]
+    cells = table(tuple(part.cells[0]), rows, part.marked) if rows else ""
     return (
         f'<div id="{part.name}"><h3>{text(part.title)}</h3>\n{figure}\n{cells}\n{paragraphs(part.notes)}\n'
         f'<p class="about">n: {text(part.n)}. Made by <code>{text(part.command)}</code>. '

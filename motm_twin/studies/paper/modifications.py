@@ -6,6 +6,7 @@ from typing import NamedTuple
 from motm_twin.control.tuning import parameter
 from motm_twin.methods.registry import METHODS
 from motm_twin.studies import statistics
+from motm_twin.studies.groups import touches
 from motm_twin.studies.paper import data
 from motm_twin.studies.paper.data import Result, Store
 from motm_twin.studies.paper.part import (
@@ -19,6 +20,7 @@ from motm_twin.studies.paper.part import (
     Missing,
     Part,
     figure,
+    rows_down,
     styled,
 )
 from motm_twin.studies.paper.plan import LITERAL, SWEEPS, swept_scenes
@@ -27,16 +29,6 @@ from motm_twin.studies.statistics import Estimate
 
 ABLATIONS_NAME, ABLATIONS_TITLE = "ablations", "Each modification of the paper switched off alone"
 OURS = "motm"
-HEADER = (
-    "Without",
-    "Paper",
-    "Experiment",
-    "Slower by, mean [95 % CI] [s]",
-    "Pairs",
-    "Objects placed",
-    "Contacts, caused",
-    "What it shows",
-)
 
 
 class Ablation(NamedTuple):
@@ -69,9 +61,8 @@ def draw_ablations(store: Store) -> Part:
     """A dot with its interval for each modification, and the verdict."""
     found = compared(store)
     if not found:
-        return Missing(
-            name=ABLATIONS_NAME, title=ABLATIONS_TITLE, reason="no modification, or not motm itself, was run"
-        )
+        reason = "no modification, or not motm itself, was run"
+        return Missing(name=ABLATIONS_NAME, title=ABLATIONS_TITLE, reason=reason)
     with styled():
         fig = figure(ONE_COLUMN, 16.0 + 6.0 * len(found))
         axes = fig.add_subplot()
@@ -84,21 +75,17 @@ def draw_ablations(store: Store) -> Part:
         axes.axvline(0.0, color=BLACK, lw=0.6)
         several = len({each.group for each in found}) > 1
         named = [f"{each.title} ({each.group})" if several else each.title for each in found]
-        axes.set_yticks(range(len(found)), named)
-        axes.set_ylim(len(found) - 0.5, -0.5)
-        axes.set_xlabel("slower than the whole method by [s]")
+        rows_down(axes, named, "slower than the whole method by [s]")
         axes.grid(axis="x")
     return Drawn(
         name=ABLATIONS_NAME,
         title=ABLATIONS_TITLE,
         caption=(
             "Paired by arrangement and seed on Experiment 1, with Student's 95 % interval; right of zero: the "
-            "modification "
-            "saves time. Filled: the interval excludes zero. Open: no effect is shown by these trials."
+            "modification saves time. Filled: the interval excludes zero. Open: no effect is shown by these trials."
         ),
         n="; ".join(f"{name}: {each.slower.n} pairs" for name, each in zip(named, found, strict=True)),
         rows=[_ablation_row(each) for each in found],
-        header=HEADER,
         cells=[_cells(each) for each in found],
         figure=fig,
         notes=_notes(found),
@@ -130,41 +117,39 @@ def _ablation_row(found: Ablation) -> dict:
         "method": method, "experiment": group,
         "slower_s": slower.value, "low_s": slower.low, "high_s": slower.high, "pairs": slower.n,
         "placed": placed, "wanted": wanted, "contacts": data.contacts(results),
-        "all_contacts": data.touches(results), "verdict": verdict(slower, results),
+        "all_contacts": touches(results), "verdict": verdict(slower, results),
     }  # fmt: skip
 
 
-def _cells(found: Ablation) -> tuple[str, ...]:
+def _cells(found: Ablation) -> dict[str, str]:
     method, group, results, slower = found
     placed, wanted = data.placed(results)
-    source = METHODS[method].source if method in METHODS else ""
-    return (
-        found.title, source, group, slower.text(1), str(slower.n), f"{placed}/{wanted}",
-        f"{data.touches(results)}, {data.contacts(results)}",
-        verdict(slower, results),
-    )  # fmt: skip
+    return {
+        "Without": found.title,
+        "Paper": METHODS[method].source if method in METHODS else "",
+        "Experiment": group,
+        "Slower by, mean [95 % CI] [s]": slower.text(1),
+        "Pairs": str(slower.n),
+        "Objects placed": f"{placed}/{wanted}",
+        "Contacts, caused": f"{touches(results)}, {data.contacts(results)}",
+        "What it shows": verdict(slower, results),
+    }
 
 
 def _notes(found: list[Ablation]) -> list[str]:
     several = len({each.group for each in found}) > 1
-    silent = [
-        f"{each.title} in {each.group}" if several else each.title
-        for each in found
-        if each.slower.n >= 2 and not shown(each.slower)
-    ]
+    silent = [each for each in found if each.slower.n >= 2 and not shown(each.slower)]
+    names = [f"{each.title} in {each.group}" if several else each.title for each in silent]
     if not silent:
         return []
     return [
-        f"No effect on the task time is shown for: {', '.join(silent)}. That is not proof that there is none: the "
-        "intervals "
-        "say how large it may be. Experiment 1 has no obstacle that only the lidar sees, so what acts on obstacles "
-        "can show "
-        "nothing there."
+        f"No effect on the task time is shown for: {', '.join(names)}. That is not proof that there is none: the "
+        "intervals say how large it may be. Experiment 1 has no obstacle that only the lidar sees, so what acts on "
+        "obstacles can show nothing there."
     ]  # fmt: skip
 
 
 SWEEPS_NAME, SWEEPS_TITLE = "sweeps", "Task time against the parameters of placement and heuristic"
-SWEPT_METHOD = "motm"
 SCENES = {  # title, marker, line, colour, share of the axis by which it is moved aside
     "exp1": ("Experiment 1", "o", "-", BLUE, 0.0),
     "exp1a": ("Experiment 1a", "D", "--", ORANGE, 0.012),
@@ -178,23 +163,22 @@ def points(store: Store, experiment: str) -> list[dict]:
 
 
 def _of_scene(store: Store, experiment: str, name: str, scene: str) -> list[dict]:
-    swept = store.of(experiment, scene=scene, method=SWEPT_METHOD)
+    swept = store.of(experiment, scene=scene, method=OURS)
     shipped = [each for each in swept if not each["parameters"]]  # `bench` keeps it beside the other values
-    ours = data.times([*shipped, *store.of(scene, method=SWEPT_METHOD)])
+    ours = data.times([*shipped, *store.of(scene, method=OURS)])
     found: dict[float, list[Result]] = {}
     for result in swept:
         if name in result["parameters"]:
             found.setdefault(float(result["parameters"][name]), []).append(result)
-    return [_sweep_row(name, scene, value, these, ours) for value, these in sorted(found.items())]
-
-
-def _sweep_row(name: str, scene: str, value: float, results: list[Result], ours: dict) -> dict:
-    slower = statistics.paired_difference(data.times(results), ours)
-    placed, wanted = data.placed(results)
-    return {
-        "parameter": name, "scene": scene, "value": value, "slower_s": slower.value, "low_s": slower.low,
-        "high_s": slower.high, "pairs": slower.n, "placed": placed, "wanted": wanted,
-    }  # fmt: skip
+    rows = []
+    for value, results in sorted(found.items()):
+        slower = statistics.paired_difference(data.times(results), ours)
+        placed, wanted = data.placed(results)
+        rows.append(
+            {"parameter": name, "scene": scene, "value": value, "slower_s": slower.value, "low_s": slower.low,
+             "high_s": slower.high, "pairs": slower.n, "placed": placed, "wanted": wanted}
+        )  # fmt: skip
+    return rows
 
 
 def draw_sweeps(store: Store) -> Part:

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import matplotlib as mpl
+from matplotlib.axes import Axes
 from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
 
@@ -103,6 +104,13 @@ def figure(width: float, height: float) -> Figure:
     return Figure(figsize=(width * MM, height * MM), layout="constrained")
 
 
+def rows_down(axes: Axes, names: Sequence[str], label: str) -> None:
+    """Names of rows down the side, the first on top; ``label`` of the axis below."""
+    axes.set_yticks(range(len(names)), names)
+    axes.set_ylim(len(names) - 0.5, -0.5)
+    axes.set_xlabel(label)
+
+
 Row = Mapping[str, Any]
 
 
@@ -119,8 +127,7 @@ class Drawn:
     facts: Mapping[str, Any] = field(default_factory=dict)  # more numbers, for the JSON
     figure: Figure | None = None
     picture: bytes | None = None  # PNG of what is not drawn here: photographs of the page
-    header: Sequence[str] = ()  # a table: its columns, and its cells as they are printed
-    cells: Sequence[Sequence[str]] = ()
+    cells: Sequence[Mapping[str, str]] = ()  # a table: its rows as they are printed, by column
     marked: Sequence[int] = ()  # rows of the table that are published, not measured
     notes: Sequence[str] = ()
 
@@ -159,16 +166,11 @@ def write_csv(path: Path, rows: Sequence[Row]) -> None:
     """Rows with the columns of all of them, in the order in which they come; nan and None are empty."""
     columns = list(dict.fromkeys(key for row in rows for key in row))
     with path.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file)
-        writer.writerow(columns)
-        writer.writerows([_cell(row.get(column)) for column in columns] for row in rows)
+        writer = csv.DictWriter(file, columns)
+        writer.writeheader()
+        writer.writerows(map(plain, rows))
 
 
 def write_json(path: Path, document: Any) -> None:
     """JSON without nan and infinity, which it does not have: null instead."""
     path.write_text(json.dumps(plain(document), indent=1, allow_nan=False) + "\n", encoding="utf-8")
-
-
-def _cell(value: Any) -> Any:
-    value = plain(value)
-    return "" if value is None else value

@@ -13,15 +13,7 @@ from rich.console import Console
 
 from motm_twin.methods.registry import FORESIGHT
 from motm_twin.sessions.session import SOURCE, made_with
-from motm_twin.studies.paper import (
-    data,
-    modifications,
-    planning_figures,
-    robustness,
-    snapshots,
-    tables,
-    time_figures,
-)
+from motm_twin.studies.paper import data, modifications, planning_figures, robustness, snapshots, tables, time_figures
 from motm_twin.studies.paper import episode as watched
 from motm_twin.studies.paper.data import Store
 from motm_twin.studies.paper.episode import Episode, watch_trial
@@ -125,15 +117,12 @@ def needed(experiments: Iterable[Experiment], names: Collection[str]) -> tuple[E
     needs = [need for source in PARTS if source.name in names for need in source.needs]
     found = []
     for experiment in whole.values():
-        these = [need for need in needs if need.experiment == experiment.name]
-        compared = [
-            {arrangement(spec) for name in need.beside if name in whole for spec in whole[name].specs} for need in these
+        these = [
+            (need, {arrangement(spec) for name in need.beside if name in whole for spec in whole[name].specs})
+            for need in needs
+            if need.experiment == experiment.name
         ]
-        specs = [
-            spec
-            for spec in experiment.specs
-            if any(need.has(spec, beside) for need, beside in zip(these, compared, strict=True))
-        ]
+        specs = [spec for spec in experiment.specs if any(need.has(spec, compared) for need, compared in these)]
         if specs:
             found.append(Experiment(experiment.name, experiment.title, tuple(specs)))
     return tuple(found)
@@ -179,43 +168,24 @@ def _pages(context: Context) -> Part:
 
 
 COMPARED = (Need("exp1"), Need("exp1a"), Need("exp2"))
+TIMED = (Need("exp1", variants=TEN), Need("exp1a", variants=TEN))
+ABLATED = (Need("ablations"), Need("exp1", ("motm", LITERAL), beside=("ablations",)))
+SHIPPED = tuple(Need(name, ("motm",), beside=tuple(SWEEPS)) for name in ("exp1", "exp1a"))
+SWEPT = (*(Need(name) for name in SWEEPS), *SHIPPED)
 WATCHED = (Need("exp2", ("motm",), ("random",)),)
-SWEPT = (
-    *(Need(name) for name in SWEEPS),
-    *(Need(name, ("motm",), beside=tuple(SWEEPS)) for name in ("exp1", "exp1a")),
-)
+_distance = _watched(watched.DISTANCE_NAME, watched.DISTANCE_TITLE, watched.draw_distance)
 
 PARTS: tuple[Source, ...] = (
     Source("results", "comparison", COMPARED, lambda c: tables.draw_results(c.store)),
-    Source("box_plots", "comparison", (Need("exp1"), Need("exp1a")), lambda c: time_figures.draw_box_plots(c.store)),
+    Source("box_plots", "comparison", COMPARED[:2], lambda c: time_figures.draw_box_plots(c.store)),
     Source("reductions", "comparison", COMPARED, lambda c: time_figures.draw_reductions(c.store)),
-    Source(
-        "time_split",
-        "comparison",
-        (Need("exp1", variants=TEN), Need("exp1a", variants=TEN)),
-        lambda c: time_figures.draw_time_split(c.store),
-    ),
+    Source("time_split", "comparison", TIMED, lambda c: time_figures.draw_time_split(c.store)),
     Source("measures", "comparison", COMPARED, lambda c: tables.draw_measures(c.store)),
-    Source(
-        "ablations",
-        "worth",
-        (Need("ablations"), Need("exp1", ("motm", LITERAL), beside=("ablations",))),
-        lambda c: modifications.draw_ablations(c.store),
-    ),
+    Source("ablations", "worth", ABLATED, lambda c: modifications.draw_ablations(c.store)),
     Source("sweeps", "worth", SWEPT, lambda c: modifications.draw_sweeps(c.store)),
-    Source(
-        "gripper_distance",
-        "temis",
-        WATCHED,
-        _watched(watched.DISTANCE_NAME, watched.DISTANCE_TITLE, watched.draw_distance),
-    ),
+    Source("gripper_distance", "temis", WATCHED, _distance),
     Source("snapshots", "temis", WATCHED, _pages),
-    Source(
-        "cutting_in",
-        "temis",
-        WATCHED,
-        _cutting_in,
-    ),
+    Source("cutting_in", "temis", WATCHED, _cutting_in),
     Source("robustness", "robust", (Need("robustness"),), lambda c: robustness.draw_robustness(c.store)),
     Source("grasp_delay", "robust", (Need("grasp_delay"),), lambda c: robustness.draw_grasp_delay(c.store)),
     Source("layout", "method", (), lambda _: planning_figures.draw_layout()),

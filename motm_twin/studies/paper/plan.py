@@ -12,6 +12,7 @@ COMPARED = ("motm", "staa", "motm2022", "holistic", "fixed_set", "irm", "greedy"
 OURS = ("motm", "fast")  # what is judged: the paper's method, and our own
 ALL = (*COMPARED, "fast")
 LITERAL, OVERLAP = "paper_literal", "sequential_overlap"  # besides, on Experiment 1
+WITH_ERRORS = (catalogue.REACTIVE, catalogue.PLANNED)  # methods that are compared under every error
 ABLATIONS = NAMES_OF_ABLATIONS
 TEN = tuple(f"trial{k}" for k in range(1, 11))  # the published arrangements
 FIVE = TEN[:5]  # those of a sweep by default
@@ -67,7 +68,7 @@ def default() -> Plan:
             Experiment("exp2", EXP2, _seeds("exp2", ALL, "random", range(5))),
             Experiment("ablations", OFF, _trials("exp1", ABLATIONS, TEN)),
             *sweeps(FIVE),
-            *errors((catalogue.REACTIVE, catalogue.PLANNED), seeds=10, late=5),
+            *errors(WITH_ERRORS, seeds=10, late=5),
         ),
     )
 
@@ -100,6 +101,7 @@ def full() -> Plan:
 def quick() -> Plan:
     """A complete run in five minutes. Its numbers say little, and the report says so."""
     one, few = TEN[:1], ("motm", "fast", "irm", "sequential")
+    levels = {name: values[QUICK_LEVEL] for name, values in catalogue.ERRORS.items()} | {catalogue.DELAY: QUICK_DELAY}
     return Plan(
         name="quick",
         experiments=(
@@ -108,7 +110,7 @@ def quick() -> Plan:
             Experiment("exp2", EXP2, _seeds("exp2", OURS, "random", range(1))),
             Experiment("ablations", OFF, _trials("exp1", ABLATIONS, one)),
             *sweeps(one, last=True),
-            *_some_errors(),
+            *errors(WITH_ERRORS, seeds=1, late=1, levels=levels),
         ),
         notes=(
             "A quick report: one trial each of all methods and modifications on Experiment 1, of motm, fast, irm and "
@@ -122,33 +124,27 @@ def quick() -> Plan:
 PLANS = {"quick": quick, "default": default, "full": full}  # each has more trials than the one before
 
 
-def errors(methods: Sequence[str], *, seeds: int, late: int) -> tuple[Experiment, ...]:
-    """Robustness for these methods with so many seeds; late, missed and slipped grasps for all of its own."""
-    return _errors(
-        catalogue.robustness_specs(methods, seeds), catalogue.grasp_delay_specs(catalogue.COMPARED_METHODS, late)
-    )
+def errors(
+    methods: Sequence[str], *, seeds: int, late: int, levels: Mapping[str, float] | None = None
+) -> tuple[Experiment, ...]:
+    """Robustness for these methods with so many seeds; late, missed and slipped grasps for all of its own.
 
+    ``levels``: the only one of each error, besides none.
+    """
 
-def _some_errors() -> tuple[Experiment, ...]:
-    """The same with one seed, and one level besides none."""
-    chosen = {name: values[QUICK_LEVEL] for name, values in catalogue.ERRORS.items()}
-    chosen[catalogue.DELAY] = QUICK_DELAY
-    alone, late = (
-        catalogue.robustness_specs((catalogue.REACTIVE, catalogue.PLANNED), 1),
-        catalogue.grasp_delay_specs(catalogue.COMPARED_METHODS, 1),
-    )
-    return _errors(*([each for each in specs if _in(each, chosen)] for specs in (alone, late)))
+    def chosen(specs: Iterable[TrialSpec]) -> tuple[TrialSpec, ...]:
+        return tuple(spec for spec in specs if levels is None or _has(spec, levels))
 
-
-def _in(spec: TrialSpec, chosen: Mapping[str, float]) -> bool:
-    return all(name in chosen and value in (0.0, chosen[name]) for name, value in spec.changes.items())
-
-
-def _errors(alone: Iterable[TrialSpec], late: Iterable[TrialSpec]) -> tuple[Experiment, ...]:
+    alone = chosen(catalogue.robustness_specs(methods, seeds))
+    grasps = chosen(catalogue.grasp_delay_specs(catalogue.COMPARED_METHODS, late))
     return (
-        Experiment("robustness", "One error at a time", tuple(alone)),
-        Experiment("grasp_delay", "Grasps that are late, miss or slip", tuple(late)),
+        Experiment("robustness", "One error at a time", alone),
+        Experiment("grasp_delay", "Grasps that are late, miss or slip", grasps),
     )
+
+
+def _has(spec: TrialSpec, levels: Mapping[str, float]) -> bool:
+    return all(name in levels and value in (0.0, levels[name]) for name, value in spec.changes.items())
 
 
 def sweeps(variants: Sequence[str], seeds: Iterable[int] = (), *, last: bool = False) -> tuple[Experiment, ...]:

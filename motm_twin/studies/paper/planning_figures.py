@@ -51,13 +51,12 @@ def draw_layout() -> Drawn:
         _labels(axes, boxes)
         _measures(axes)
         ground.metres(axes, (-1.0, 6.4), (-2.1, 3.1))
-    rows = [{"what": "slot", "name": name, "x_m": x, "y_m": y} for name, (x, y) in places.items()]
-    rows += [{"what": "drop", "name": each.name, "x_m": each.centre[0], "y_m": each.centre[1]} for each in scene.bins]
-    rows += [
-        {"what": "box of 1a", "name": box.name, "x_m": box.shape.centre[0], "y_m": box.shape.centre[1]}  # type: ignore[union-attr]
-        for box in boxes
+    shown = [
+        *(("slot", name, at) for name, at in places.items()),
+        *(("drop", each.name, each.centre) for each in scene.bins),
+        *(("box of 1a", box.name, box.shape.centre) for box in boxes),  # type: ignore[union-attr]
+        ("start", "robot", start),
     ]
-    rows.append({"what": "start", "name": "robot", "x_m": start[0], "y_m": start[1]})
     return Drawn(
         name="layout",
         title="Layout of Experiments 1, 1a and 2",
@@ -67,7 +66,7 @@ def draw_layout() -> Drawn:
             "In Experiment 2 the Temis drive round the object table."
         ),
         n="no trial: drawn from the shipped scenes",
-        rows=rows,
+        rows=[{"what": what, "name": name, "x_m": at[0], "y_m": at[1]} for what, name, at in shown],
         figure=fig,
     )
 
@@ -160,8 +159,7 @@ def draw_placement() -> Drawn:
         title="Base placement for one object and two drop locations",
         caption=(
             f"72 candidates round {OBJECT}; small and grey: rejected. Solid red: path to the best candidate; dashed "
-            "cyan: "
-            "from it to the next target (star). "
+            "cyan: from it to the next target (star). "
             + " ".join(
                 f"{drop}: C = {placement.cost[placement.chosen]:.1f} s at {placement.radius:.2f} m."
                 for drop, (placement, _) in found.items()

@@ -11,6 +11,7 @@ from motm_twin.measures.gripper import STATIC_AFTER
 from motm_twin.methods.registry import METHODS
 from motm_twin.perception.movers import MoverParameters
 from motm_twin.sessions.session import SOURCE
+from motm_twin.studies.groups import touches
 from motm_twin.studies.paper import data, goals, html
 from motm_twin.studies.paper.data import COMMAND, MACHINE, NOT_RECORDED, PLAN, Origin, Result, Store, current_origin
 from motm_twin.studies.paper.html import Section, paragraphs, table, text
@@ -69,7 +70,7 @@ def _counts(results: list[Result]) -> dict[str, Any]:
         "trials": len(results), "completed": sum(map(data.completed, results)),
         "success": sum(bool(result["success"]) for result in results),
         "placed": placed, "wanted": wanted, "contacts_caused": data.contacts(results),
-        "contacts": data.touches(results),
+        "contacts": touches(results),
     }  # fmt: skip
 
 
@@ -122,30 +123,24 @@ OPEN = (
 )
 CHANGED = (
     "The termination of motm is not the printed one: a node finishes the search when the job is predicted to be done "
-    "on the "
-    "way past, and nodes after it are judged by their way on to the next target. paper_literal has the printed one; "
-    "both are "
-    "in the tables.",
+    "on the way past, and nodes after it are judged by their way on to the next target. paper_literal has the printed "
+    "one; both are in the tables.",
     "The proximity penalty of motm is 0.3 s over 0.12 m of clearance; STAA*'s grid over 0.6 m costs about 6 s per "
-    "trial beside a "
-    "table. paper_literal has the grid.",
+    "trial beside a table. paper_literal has the grid.",
     "Besides the gripper's centre (Sec. V), elbow, forearm and wrist keep off what the lidar sees, and the whole arm "
-    "keeps off "
-    "mapped furniture.",
+    "keeps off mapped furniture.",
     "A static obstacle beside the target lets its d_s shrink during the grasp: else the object could not be reached. "
     f"Static is what was never seen to move and has been in the same place for {STATIC_AFTER:g} s, or was seen to move "
     f"and has rested for {MoverParameters().waits:g} s since. Others keep {AvoidanceParameters().d_s} m.",
     "The damper line bounds the speed of approach. As printed it reads as a bound of the distance's rate.",
 )
 CANNOT = (
-    "Reister et al. ran their methods on ARMAR-6, with 1.55 m of reach. Here they run on Frankie with 0.855 m, on "
-    "the same base "
-    "controller and limits as the paper's method: our rivals, at their best, are not their systems. The published "
-    "reductions "
-    "compare published times; ours compare methods on one robot. Both are shown, and neither replaces the other.",
-    "The paper simulated in Unity, and measured ten trials on a real robot. This is another simulation, with "
-    "contacts judged by "
-    "a referee that shares no code with the controller; it says nothing of a real gripper's grasp.",
+    "Reister et al. ran their methods on ARMAR-6, with 1.55 m of reach. Here they run on Frankie with 0.855 m, on the "
+    "same base controller and limits as the paper's method: our rivals, at their best, are not their systems. The "
+    "published reductions compare published times; ours compare methods on one robot. Both are shown, and neither "
+    "replaces the other.",
+    "The paper simulated in Unity, and measured ten trials on a real robot. This is another simulation, with contacts "
+    "judged by a referee that shares no code with the controller; it says nothing of a real gripper's grasp.",
     "Box plots of the paper have no numbers. None were read off: only what Table I prints is drawn as published.",
 )
 
@@ -274,8 +269,7 @@ def _failed(record: dict) -> str:
     ]
     note = (
         "None is dropped: means of times are over completed trials, and the number of the others stands beside them. "
-        "Each has "
-        "its session in EXPERIMENT/sessions, which motm-twin rerun repeats."
+        "Each has its session in EXPERIMENT/sessions, which motm-twin rerun repeats."
     )
     return html.paragraphs([note]) + html.table(("Experiment", "Scene", "Seed", "Method", "Changed", "Reason"), rows)
 
@@ -290,11 +284,9 @@ def _made(record: dict, parts: dict[str, Part]) -> str:
     ]
     missing = [part.title for part in parts.values() if isinstance(part, Missing)]
     said = [
-        "Cite the version, the source hash, the command, and the machine: results.json beside this file has them "
-        "with all "
-        "parameters and seeds, and EXPERIMENT/results.jsonl has every trial. The same source, seeds and versions of "
-        "the numeric "
-        "libraries give the same trials, bit for bit.",
+        "Cite the version, the source hash, the command, and the machine: results.json beside this file has them with "
+        "all parameters and seeds, and EXPERIMENT/results.jsonl has every trial. The same source, seeds and versions "
+        "of the numeric libraries give the same trials, bit for bit.",
     ]
     if missing:
         said.append(f"Not in this report: {', '.join(missing)}.")

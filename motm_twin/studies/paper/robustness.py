@@ -10,7 +10,7 @@ from motm_twin.studies.catalogue import DELAY
 from motm_twin.studies.paper import data
 from motm_twin.studies.paper.data import Result, Store
 from motm_twin.studies.paper.part import BLACK, RED, TWO_COLUMNS, Drawn, Missing, Part, figure, look, styled
-from motm_twin.studies.statistics import Estimate
+from motm_twin.studies.paper.tables import successes
 
 COLUMNS = 3  # panels beside each other
 LABELS = {  # field of the scene: what it is, and what its number is multiplied with
@@ -67,24 +67,13 @@ def points(results: list[Result], *, success: bool) -> list[dict]:
     for title, methods in sweeps_of(results).items():
         for method, values in methods.items():
             for value, these in sorted(values.items()):
-                estimate = _success(these) if success else statistics.mean(list(data.times(these).values()))
+                estimate = successes(these) if success else statistics.mean(list(data.times(these).values()))
                 rows.append(
-                    {
-                        "sweep": title,
-                        "method": method,
-                        "value": value,
-                        "estimate": estimate.value,
-                        "low": estimate.low,
-                        "high": estimate.high,
-                        "trials": len(these),
-                        "completed": sum(map(data.completed, these)),
-                    }
-                )
+                    {"sweep": title, "method": method, "value": value, "estimate": estimate.value,
+                     "low": estimate.low, "high": estimate.high, "trials": len(these),
+                     "completed": sum(map(data.completed, these))}
+                )  # fmt: skip
     return rows
-
-
-def _success(results: list[Result]) -> Estimate:
-    return statistics.proportion(sum(bool(result["success"]) for result in results), len(results))
 
 
 def draw_robustness(store: Store) -> Part:
@@ -120,7 +109,7 @@ def compared(results: list[Result]) -> list[str]:
     for method in dict.fromkeys(result["method"] for result in results):
         these = [each for each in results if each["method"] == method and any(varied(each).values())]
         by_seed = {seed: [each for each in these if each["seed"] == seed] for seed in {each["seed"] for each in these}}
-        shares[method] = {seed: _success(trials).value for seed, trials in by_seed.items()}
+        shares[method] = {seed: successes(trials).value for seed, trials in by_seed.items()}
         if not these:
             continue
         done = sum(bool(each["success"]) for each in these)

@@ -73,12 +73,8 @@ def draw(episode: Episode) -> Part:
         command=command_of(episode.spec, "serve") + " --expansions-only",
         n="one trial",
         rows=[
-            {
-                "time_s": episode.moments[k].time,
-                "distance_m": episode.moments[k].distance,
-                "task": episode.moments[k].task,
-            }
-            for k in chosen
+            {"time_s": each.time, "distance_m": each.distance, "task": each.task}
+            for each in (episode.moments[k] for k in chosen)
         ],
         figure=fig,
     )

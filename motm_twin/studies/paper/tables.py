@@ -2,11 +2,12 @@
 
 import math
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from motm_twin.measures import agents
-from motm_twin.measures.published import TABLE_I
+from motm_twin.measures.published import TABLE_I, TableRow
 from motm_twin.studies import statistics
+from motm_twin.studies.groups import touches
 from motm_twin.studies.paper import data
 from motm_twin.studies.paper.data import Result, Store
 from motm_twin.studies.paper.goals import LINE
@@ -27,6 +28,7 @@ HEADER = (
 )
 TRIAL_1, ALL_PUBLISHED = "1, trial 1", "1, published arrangements"
 Choose = Callable[[list[Result]], list[Result]]
+Line = tuple[dict[str, Any], dict[str, str]]  # of a table: its numbers, and its cells as they are printed
 GROUPS: tuple[tuple[str, str, Choose], ...] = (  # every trial is in one at most; means are taken within one
     ("exp1", ALL_PUBLISHED, data.ten),
     ("exp1", "1, random", data.random),
@@ -67,71 +69,56 @@ def successes(results: list[Result]) -> Estimate:
 
 def draw_results(store: Store) -> Part:
     """One row per group and method; trial 1 has its own besides, and no other where it is all there is."""
-    rows, cells, marked = [], [], []
-    for published in TABLE_I:
-        marked.append(len(rows))
-        rows.append(
-            {"experiment": published.experiment, "method": published.method, "published": True,
-             "mean_s": published.seconds, "placed": published.success, "source": published.source}
-        )  # fmt: skip
-        cells.append(
-            (published.experiment, f"{published.method} (published)", f"{published.seconds:.1f}", "-", "-",
-             "not given", published.success or "not given", "not given")
-        )  # fmt: skip
     found = grouped(store)
-    alone = [(TRIAL_1, method, first(results)) for name, method, results in found if name == ALL_PUBLISHED]
-    more = [each for each in found if each[0] != ALL_PUBLISHED or each[2] != first(each[2])]
-    for name, method, results in (*alone, *more):
-        if results:
-            rows.append(_result_row(name, method, results))
-            cells.append(_result_cells(name, method, results))
     if not found:
         return Missing(name=RESULTS_NAME, title=RESULTS_TITLE, reason="no trial of Experiments 1, 1a or 2 was run")
+    alone = [(TRIAL_1, method, first(results)) for name, method, results in found if name == ALL_PUBLISHED]
+    more = [each for each in found if each[0] != ALL_PUBLISHED or each[2] != first(each[2])]
+    lines = [*map(_published, TABLE_I), *(_result(*each) for each in (*alone, *more) if each[2])]
     return Drawn(
         name=RESULTS_NAME,
         title=RESULTS_TITLE,
         caption=(
             "Times are means over the completed trials, with Student's 95 % interval; medians with a bootstrap "
             f"interval are in the CSV. {COMPLETED} Contacts: all that the referee counts, and of these those that the "
-            "robot caused. "
-            f"{TOUCHED} Success, as motm-twin run says it: completed, and no such contact; with Clopper and "
-            "Pearson's interval over trials. The objects of a trial are not independent, so their share has none. "
+            f"robot caused. {TOUCHED} Success, as motm-twin run says it: completed, and no such contact; with Clopper "
+            "and Pearson's interval over trials. The objects of a trial are not independent, so their share has none. "
             "Shaded rows are published numbers, not measured here."
         ),
         n=f"{sum(len(results) for *_, results in found)} trials; of each row in its column",
-        rows=rows,
-        header=HEADER,
-        cells=cells,
-        marked=marked,
+        rows=[row for row, _ in lines],
+        cells=[cells for _, cells in lines],
+        marked=range(len(TABLE_I)),
     )
 
 
-def _result_row(name: str, method: str, results: list[Result]) -> dict:
-    time, median = data.mean_time(results), data.statistics.median(list(data.times(results).values()))
+def _published(row: TableRow) -> Line:
+    name, placed = f"{row.method} (published)", row.success or "not given"
+    cells = (row.experiment, name, f"{row.seconds:.1f}", "-", "-", "not given", placed, "not given")
+    return (
+        {"experiment": row.experiment, "method": row.method, "published": True, "mean_s": row.seconds,
+         "placed": row.success, "source": row.source},
+        dict(zip(HEADER, cells, strict=True)),
+    )  # fmt: skip
+
+
+def _result(name: str, method: str, results: list[Result]) -> Line:
+    time, median = data.mean_time(results), statistics.median(list(data.times(results).values()))
     share, (placed, wanted) = successes(results), data.placed(results)
-    return {
+    row = {
         "experiment": name, "method": method, "published": False, "mean_s": time.value, "mean_low_s": time.low,
         "mean_high_s": time.high, "median_s": median.value, "median_low_s": median.low, "median_high_s": median.high,
         "trials": len(results), "completed": time.n, "success": share.value, "success_low": share.low,
         "success_high": share.high, "placed": f"{placed}/{wanted}", "contacts": data.contacts(results),
-        "all_contacts": data.touches(results),
+        "all_contacts": touches(results),
     }  # fmt: skip
-
-
-def _result_cells(name: str, method: str, results: list[Result]) -> tuple[str, ...]:
-    time, median = data.mean_time(results), data.statistics.median(list(data.times(results).values()))
-    placed, wanted = data.placed(results)
-    share = successes(results)
-    return (
-        name,
-        data.title(method),
-        time.text(1),
-        "-" if not median.n else f"{median.value:.1f}",
-        f"{time.n} of {len(results)}",
-        f"{round(share.value * share.n)}/{share.n} [{100 * share.low:.0f}, {100 * share.high:.0f}] %",
-        f"{placed}/{wanted}",
-        f"{data.touches(results)}, {data.contacts(results)}",
-    )
+    interval = f"[{100 * share.low:.0f}, {100 * share.high:.0f}] %"
+    cells = (
+        name, data.title(method), time.text(1), f"{median.value:.1f}" if median.n else "-",
+        f"{time.n} of {len(results)}", f"{round(share.value * share.n)}/{share.n} {interval}", f"{placed}/{wanted}",
+        f"{touches(results)}, {data.contacts(results)}",
+    )  # fmt: skip
+    return row, dict(zip(HEADER, cells, strict=True))
 
 
 MEASURES_NAME, MEASURES_TITLE = "measures", "Motion, retries, and behaviour among others"
@@ -162,19 +149,16 @@ COLUMNS = (
 )
 OVER = f"Trials over the damper line by {LINE} m/s"
 DEFINITIONS = (
-    f"Cut-in: by its own motion, not by the agent's turning, the base gets in front of an agent that drives, within "
+    "Cut-in: by its own motion, not by the agent's turning, the base gets in front of an agent that drives, within "
     f"{agents.CUT_DISTANCE:g} m and {agents.CUT_TIME:g} s of being touched while they close; once per agent, until "
-    f"they are {agents.PARTED:g} m apart. "
-    f"Near miss: an agent is less than {agents.NEAR:.2f} m from the base while it moves, until "
-    f"{agents.NEAR_END:.2f} m. "
-    f"Evasive manoeuvre: had both gone on, the gap would have become less than {agents.CONFLICT:.2f} m within "
-    f"{agents.HORIZON:g} s, and the base became {agents.SLOWED} m/s slower or turned off by "
-    f"{math.degrees(agents.TURNED):.0f}°. "
-    "Retries: attempts at a pick or a place after the first. "
-    f"Over the damper line: below d_i of what moves, the gripper's own true approach speed was ever more than {LINE} "
-    "m/s above it; '-': it was never there. "
-    "Phases of a trial: fingers closing; else the base drives, or stands and waits for the arm (it is at work, or the "
-    "target in its reach), or is stationary for another reason. docs/results.md has the definitions in full."
+    f"they are {agents.PARTED:g} m apart. Near miss: an agent is less than {agents.NEAR:.2f} m from the base while it "
+    f"moves, until {agents.NEAR_END:.2f} m. Evasive manoeuvre: had both gone on, the gap would have become less than "
+    f"{agents.CONFLICT:.2f} m within {agents.HORIZON:g} s, and the base became {agents.SLOWED} m/s slower or turned "
+    f"off by {math.degrees(agents.TURNED):.0f}°. Retries: attempts at a pick or a place after the first. Over the "
+    f"damper line: below d_i of what moves, the gripper's own true approach speed was ever more than {LINE} m/s above "
+    "it; '-': it was never there. Phases of a trial: fingers closing; else the base drives, or stands and waits for "
+    "the arm (it is at work, or the target in its reach), or is stationary for another reason. docs/results.md has the "
+    "definitions in full."
 )
 
 
@@ -214,11 +198,10 @@ def draw_measures(store: Store) -> Part:
              **dict(zip(("over_line", "over_line_n"), over_line(results) or (None, None), strict=True))}
             for name, method, results, estimates in found
         ],
-        header=("Experiment", "Method", "Trials", *(column.title for column in COLUMNS), OVER),
         cells=[
-            (name, data.title(method), str(len(results)),
-             *(estimates[column.key].text(column.decimals) for column in COLUMNS),
-             "/".join(map(str, over_line(results) or ())) or "-")
+            {"Experiment": name, "Method": data.title(method), "Trials": str(len(results)),
+             **{column.title: estimates[column.key].text(column.decimals) for column in COLUMNS},
+             OVER: "/".join(map(str, over_line(results) or ())) or "-"}
             for name, method, results, estimates in found
         ],
     )  # fmt: skip

@@ -8,6 +8,7 @@ import numpy as np
 
 from motm_twin.measures.published import REDUCTIONS, TABLE_I
 from motm_twin.studies import statistics
+from motm_twin.studies.groups import touches
 from motm_twin.studies.paper import data
 from motm_twin.studies.paper.data import Result, Store
 from motm_twin.studies.paper.part import (
@@ -25,6 +26,7 @@ from motm_twin.studies.paper.part import (
     Part,
     figure,
     look,
+    rows_down,
     styled,
 )
 from motm_twin.studies.paper.tables import GROUPS
@@ -51,11 +53,8 @@ def draw_box_plots(store: Store) -> Part:
     ]
     panels = [panel for panel in panels if len(panel[2]) > 1]
     if not panels:
-        return Missing(
-            name=BOXES_NAME,
-            title=BOXES_TITLE,
-            reason="no trial of Experiments 1 or 1a was completed by two methods",
-        )
+        reason = "no trial of Experiments 1 or 1a was completed by two methods"
+        return Missing(name=BOXES_NAME, title=BOXES_TITLE, reason=reason)
     methods = list(dict.fromkeys(method for *_, found in panels for method in found))
     with styled():
         fig = figure(TWO_COLUMNS, 22.0 + 5.2 * len(methods) * ((len(panels) + 1) // 2))
@@ -66,31 +65,23 @@ def draw_box_plots(store: Store) -> Part:
         for unused in list(axes.flat)[len(panels) :]:
             unused.set_axis_off()
             axes[-2][-1].tick_params(labelbottom=True)  # the one above it has no shared numbers below
-        handles = [h for h in _handles(axes.flat[0])]
-        fig.legend(handles=handles, loc="outside lower center", ncols=3)
+        fig.legend(handles=_handles(axes.flat[0]), loc="outside lower center", ncols=3)
     rows = [
-        {
-            "panel": title,
-            "method": method,
-            "variant": key[0],
-            "seed": key[1],
-            "time_s": value,
-            "with_contacts": (method, key) in _touched(store, experiment),
-        }
+        {"panel": title, "method": method, "variant": key[0], "seed": key[1], "time_s": value,
+         "with_contacts": (method, key) in _touched(store, experiment)}
         for title, experiment, found in panels
         for method, values in found.items()
         for key, value in values.items()
-    ]
+    ]  # fmt: skip
     return Drawn(
         name=BOXES_NAME,
         title=BOXES_TITLE,
         caption=(
-            "Boxes: quartiles and median; whiskers: the furthest trial within 1.5 times the box; every completed "
-            f"trial is a point, open where the robot caused contacts, and with fewer than {FEW} there is no box. "
-            f"{COMPLETED} {TOUCHED} Diamonds: published numbers of the simulated "
-            "Experiment 1 (Table I; Reister's include 40 s for grasping). The paper's own box plots have no numbers "
-            "that "
-            "could be drawn, and of Experiment 1a none are published at all."
+            "Boxes: quartiles and median; whiskers: the furthest trial within 1.5 times the box; every completed trial "
+            f"is a point, open where the robot caused contacts, and with fewer than {FEW} there is no box. {COMPLETED} "
+            f"{TOUCHED} Diamonds: published numbers of the simulated Experiment 1 (Table I; Reister's include 40 s for "
+            "grasping). The paper's own box plots have no numbers that could be drawn, and of Experiment 1a none are "
+            "published at all."
         ),
         n="; ".join(
             f"{title}: " + ", ".join(f"{data.title(name)} {len(each)}" for name, each in found.items())
@@ -134,16 +125,17 @@ def _panel(
             for each in TABLE_I:
                 if each.like == method and not each.real and not each.single:
                     axes.plot(each.seconds, row, "D", mfc="white", mec=RED, mew=1.4, ms=5.5, zorder=5)
-    axes.set_yticks(range(len(methods)), [data.title(method) for method in methods])
-    axes.set_ylim(len(methods) - 0.5, -0.5)
-    axes.set_xlabel("task time [s]")
+    rows_down(axes, [data.title(method) for method in methods], "task time [s]")
     axes.grid(axis="x")
 
 
-def _handles(axes):
-    yield axes.plot([], [], "D", mfc="white", mec=RED, mew=1.4, ms=5.5, label="published, Table I")[0]
-    yield axes.plot([], [], "o", mfc=BLACK, mec=BLACK, mew=0.5, ms=2.6, ls="", label="one trial")[0]
-    yield axes.plot([], [], "o", mfc="none", mec=BLACK, mew=0.5, ms=2.6, ls="", label="one trial, with contacts")[0]
+def _handles(axes) -> list:
+    dot = {"mec": BLACK, "mew": 0.5, "ms": 2.6, "ls": ""}
+    return [
+        *axes.plot([], [], "D", mfc="white", mec=RED, mew=1.4, ms=5.5, label="published, Table I"),
+        *axes.plot([], [], "o", mfc=BLACK, label="one trial", **dot),
+        *axes.plot([], [], "o", mfc="none", label="one trial, with contacts", **dot),
+    ]
 
 
 SPLIT_NAME, SPLIT_TITLE = "time_split", "Where the time goes"
@@ -188,8 +180,7 @@ def draw_time_split(store: Store) -> Part:
                     left += width
             panel.set_title(EXPERIMENTS[experiment])
             panel.set_xlabel("time [s]")
-        axes[0].set_yticks(range(len(names)), [data.title(name) for name in names])
-        axes[0].set_ylim(len(names) - 0.5, -0.5)
+        rows_down(axes[0], [data.title(name) for name in names], "time [s]")
         handles = [
             axes[0].barh(0, 0, color=c, hatch=h, edgecolor=BLACK, lw=0.4, label=t) for c, h, t in PHASES.values()
         ]
@@ -204,8 +195,7 @@ def draw_time_split(store: Store) -> Part:
         title=SPLIT_TITLE,
         caption=(
             "Mean times of the completed trials. The base may move while the fingers close: 'closing' is taken from "
-            "the rest, "
-            "whatever the base does meanwhile."
+            "the rest, whatever the base does meanwhile."
         ),
         n="; ".join(
             f"{EXPERIMENTS[experiment]}: "
@@ -220,20 +210,7 @@ def draw_time_split(store: Store) -> Part:
 NAME, TITLE = "reductions", "Reduction of the task time against every rival"
 OURS = "motm"
 MARKS = dict(zip((name for _, name, _ in GROUPS), "ov*s<^X", strict=True))
-GROUP_WIDTH, BETWEEN = (
-    0.8,
-    0.16,
-)  # of the distance between two rivals: all marks of one, and from one to the next at most
-HEADER = (
-    "Experiment",
-    "Rival",
-    "Reduction, mean [95 % CI]",
-    "Seconds saved, mean [95 % CI]",
-    "Pairs",
-    "Contacts caused by the rival, by ours",
-    "All contacts",
-    "Published reduction",
-)
+GROUP_WIDTH, BETWEEN = 0.8, 0.16  # of the distance between two rivals: all marks of one, from one to the next at most
 
 
 class Compared(NamedTuple):
@@ -274,8 +251,8 @@ def _compared(experiment: str, group: str, rival: str, ours: list[Result], their
     own, other = data.times(ours), data.times(theirs)
     share, saved = turned(statistics.paired_ratio(own, other)), turned(statistics.paired_difference(own, other))
     ours, theirs = ([each for each in these if data.key(each) in own.keys() & other.keys()] for these in (ours, theirs))
-    touches = data.touches(theirs), data.touches(ours)
-    return Compared(experiment, group, rival, share, saved, data.contacts(theirs), data.contacts(ours), touches)
+    hits = touches(theirs), touches(ours)
+    return Compared(experiment, group, rival, share, saved, data.contacts(theirs), data.contacts(ours), hits)
 
 
 def turned(estimate: Estimate) -> Estimate:
@@ -304,9 +281,7 @@ def draw_reductions(store: Store) -> Part:
             if each.published is not None and each is last[each.experiment]:
                 axes.plot(100 * each.published, at, "D", mfc="white", mec=RED, mew=1.4, ms=4.5)
         axes.axvline(0.0, color=BLACK, lw=0.6)
-        axes.set_yticks(range(len(rivals)), [data.title(rival) for rival in rivals])
-        axes.set_ylim(len(rivals) - 0.5, -0.5)
-        axes.set_xlabel("reduction of the task time [%]")
+        rows_down(axes, [data.title(rival) for rival in rivals], "reduction of the task time [%]")
         axes.grid(axis="x")
         for name in groups:
             axes.plot([], [], MARKS[name], mfc=GREY, mec=BLACK, mew=0.6, ms=5, ls="", label=f"Experiment {name}")
@@ -328,7 +303,6 @@ def draw_reductions(store: Store) -> Part:
         n=f"{sum(each.share.n for each in found)} pairs of trials; of each rival in its row",
         rows=[_row(each) for each in found],
         facts={"published": {name: share for name, (share, _) in REDUCTIONS.items()}},
-        header=HEADER,
         cells=[_cells(each) for each in found],
         figure=fig,
         notes=[*touched(found), *why(store)],
@@ -346,14 +320,17 @@ def _row(each: Compared) -> dict:
     }  # fmt: skip
 
 
-def _cells(each: Compared) -> tuple[str, ...]:
-    return (
-        each.group, data.title(each.rival), data.percent(each.share) + ("" if each.clean else ", with contacts"),
-        each.saved.text(1), str(each.share.n),
-        f"{each.contacts}, {each.own}",
-        f"{each.touches[0]}, {each.touches[1]}",
-        "-" if each.published is None else f"{100 * each.published:.0f} %",
-    )  # fmt: skip
+def _cells(each: Compared) -> dict[str, str]:
+    return {
+        "Experiment": each.group,
+        "Rival": data.title(each.rival),
+        "Reduction, mean [95 % CI]": data.percent(each.share) + ("" if each.clean else ", with contacts"),
+        "Seconds saved, mean [95 % CI]": each.saved.text(1),
+        "Pairs": str(each.share.n),
+        "Contacts caused by the rival, by ours": f"{each.contacts}, {each.own}",
+        "All contacts": f"{each.touches[0]}, {each.touches[1]}",
+        "Published reduction": "-" if each.published is None else f"{100 * each.published:.0f} %",
+    }
 
 
 def touched(found: list[Compared]) -> list[str]:
@@ -389,8 +366,7 @@ def why(store: Store) -> list[str]:
         share = 100 * (1 - single[0][0] / single[1][0])
         sentences.append(
             f"On the arrangement of trial 1 ours takes {single[0][0]:.1f} s and the sequential method "
-            f"{single[1][0]:.1f} s here, "
-            f"{share:.0f} % less; published on real robots: 91 s and 176 s, 48 % less."
+            f"{single[1][0]:.1f} s here, {share:.0f} % less; published on real robots: 91 s and 176 s, 48 % less."
         )
     literal = data.mean_time(data.ten(store.of("exp1", method="paper_literal")))
     paper = next(row.seconds for row in TABLE_I if row.like == OURS and not row.single and not row.real)
@@ -414,8 +390,7 @@ def _rival(name: str, method: str, published: float, here: Estimate) -> str:
         return text
     return text + (
         " Ours is quicker because it is built to be: the same base controller and limits as the paper's method, a "
-        "grasp "
-        "as quick as a stationary one can be instead of the 40 s that the paper adds for six, no time for computing, "
-        "and a map, objects and a robot that a simulation has and a laboratory has not. How fast the robot of Reister "
-        "et al. drove is not in the paper, so how much of the difference is speed cannot be said."
+        "grasp as quick as a stationary one can be instead of the 40 s that the paper adds for six, no time for "
+        "computing, and a map, objects and a robot that a simulation has and a laboratory has not. How fast the robot "
+        "of Reister et al. drove is not in the paper, so how much of the difference is speed cannot be said."
     )

@@ -1,0 +1,48 @@
+"""Made-up results of trials, of which everything is known, and parts of the report."""
+
+from motm_twin.studies.paper.episode import Episode, Moment
+from motm_twin.studies.paper.part import Drawn
+from motm_twin.studies.paper.plan import TEN
+from motm_twin.studies.spec import TrialSpec
+
+
+def result(method="motm", variant="trial1", time_s=80.0, *, hits=0, excess=None, **changes):
+    """A trial of Experiment 1 that was completed, with ``hits`` contacts that the robot caused."""
+    made = {
+        "scene": "exp1", "method": method, "variant": variant, "seed": 0, "success": not hits, "time_s": time_s,
+        "picks_done": 6, "picks_total": 6, "places_done": 6, "places_total": 6, "contacts": [],
+        "contacts_caused_by_robot": hits, "path_length_m": 40.0, "parameters": {}, "changes": {}, "reason": "",
+        "measures": {
+            "phases_s": {"driving": time_s - 10.0, "closing": 5.0, "waiting_for_arm": 3.0, "stationary": 2.0},
+            "moving_share": 0.9, "retries": 0, "cut_ins": [], "near_misses": [], "evasive_manoeuvres": [],
+            "approach_excess_mps": excess,
+        },
+    }  # fmt: skip
+    return made | changes
+
+
+def trials(method, seconds):
+    """The published arrangements in turn."""
+    return [result(method, variant, value) for variant, value in zip(TEN, seconds, strict=False)]
+
+
+def drawn(part):
+    """The part, which is not missing."""
+    assert isinstance(part, Drawn)
+    return part
+
+
+def moment(index, temi, **changes):
+    """A period of Experiment 2 with one Temi at x, y and yaw."""
+    made = {
+        "time": 0.05 * index, "pose": (0.0, 0.0, 0.0), "task": "", "phase": "stow", "distance": 0.5, "static": False,
+        "agents": (("temi_1", *temi),), "plan": (), "path": (), "goal": (0.0, 0.0), "target": None,
+    }  # fmt: skip
+    return Moment(**made | changes)
+
+
+def episode(moments, source="abc", **measures):
+    """A watched trial with these measures."""
+    found = {"below_d_s": [], "cut_ins": [], "approach_excess_mps": None, "advance_excess_mps": None}
+    return Episode(spec=TrialSpec("exp2", "random", 3, "motm"), source=source, moments=tuple(moments), result={},
+                   measures=found | measures)  # fmt: skip
