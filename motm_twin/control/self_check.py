@@ -164,9 +164,8 @@ class SelfCheck(Stateful[SelfCheckState]):
         events = [
             Event(time=time, kind="fault", text=str(one.told)) for key, one in now.items() if key not in state.told
         ]
-        over = [(kind.replace("_", " "), subject) for kind, subject in state.told if (kind, subject) not in now]
-        texts = [f"{kind} of {subject} is over" for kind, subject in over]
-        events += [Event(time=time, kind="fault", text=text) for text in texts]
+        ended = [(kind.replace("_", " "), subject) for kind, subject in state.told if (kind, subject) not in now]
+        events += [Event(time=time, kind="fault", text=f"ended: {kind} ({subject})") for kind, subject in ended]
         state.told = tuple(now)
         return events
 

@@ -19,7 +19,7 @@ from motm_twin.bus.commands import AddObstacle, Command, HandOver, MoveBody, Rec
 from motm_twin.bus.messages import TickMessage
 from motm_twin.model.period import PERIOD
 from motm_twin.perf import bus_participants
-from motm_twin.perf.processes import Worker, act, cpu_seconds, open_place, restart, ticks, wait_for
+from motm_twin.perf.processes import Worker, act, children, cpu_seconds, open_place, restart, ticks, wait_for
 from motm_twin.perf.report import Limit, Report, Steps, Values, conclude, measure, percentiles
 
 READER = "readers"
@@ -254,9 +254,7 @@ def _start_recording(twin: Measured) -> Path:
 
 def _recorder_seconds(twin: Measured) -> float:
     """Processor time [s] of the recorder, 0 when none runs."""
-    children = Path(f"/proc/{twin.server.pid}/task").glob("*/children")
-    pids = [int(pid) for path in children for pid in path.read_text().split()]
-    return sum(cpu_seconds(pid) for pid in pids)
+    return sum(cpu_seconds(pid) for pid, _ in children(twin.server.pid))
 
 
 NAME = "bus"

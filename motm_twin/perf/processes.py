@@ -59,14 +59,9 @@ class Served:
 
     def pid(self, module: str) -> int:
         """Number of the child process that runs a module. Raises RuntimeError when there is none."""
-        for path in Path("/proc").glob("[0-9]*"):
-            try:
-                parent = int((path / "stat").read_text().rsplit(")", 1)[1].split()[1])
-                words = (path / "cmdline").read_bytes().decode().split("\0")
-            except (OSError, ValueError):
-                continue
-            if parent == self.process.pid and module in words:
-                return int(path.name)
+        for pid, words in children(self.process.pid):
+            if module in words:
+                return pid
         raise RuntimeError(f"no process of {module} under {self.process.pid}")
 
     @property
@@ -85,6 +80,18 @@ class Served:
         self.process.send_signal(signal.SIGINT)
         self.process.wait(STOP)
         return time.monotonic() - started
+
+
+def children(of: int) -> Iterator[tuple[int, list[str]]]:
+    """Number and command line of each child of a process, the same on every Linux kernel."""
+    for path in Path("/proc").glob("[0-9]*"):
+        try:
+            parent = int((path / "stat").read_text().rsplit(")", 1)[1].split()[1])
+            words = (path / "cmdline").read_bytes().decode().split("\0")
+        except (OSError, ValueError):
+            continue
+        if parent == of:
+            yield int(path.name), words
 
 
 @contextmanager
