@@ -215,14 +215,18 @@ class WhatIf:
             with tempfile.TemporaryDirectory(prefix="motm-what-if-") as folder:
                 file = Path(folder) / "session.json"
                 file.write_bytes(data)
-                own = self._own_method
-                is_own = own and msgspec.json.decode(data, type=_Driven).method == own[0]
-                method = ["--method", own[1]] if own and is_own else []
-                self._run(job, [str(file), *arguments(values, from_index), *method])
+                self._run(job, [str(file), *arguments(values, from_index), *self._method_of(data)])
         except Exception as error:
             if not isinstance(error, (OSError, ValueError, RuntimeError)):
                 traceback.print_exc()
             self._set(job, phase="failed", text=f"{error}" or type(error).__name__)
+
+    def _method_of(self, session: bytes) -> list[str]:
+        """The option that tells where the method of a session is, when it is not shipped."""
+        own = self._own_method
+        if own is None or msgspec.json.decode(session, type=_Driven).method != own[0]:
+            return []
+        return ["--method", own[1]]
 
     def _run(self, job: int, options: list[str]) -> None:
         with self._lock:

@@ -15,7 +15,7 @@ from motm_twin.perf.page_reader import PageReader
 from motm_twin.ui.panel.overlay import ASK
 from motm_twin.ui.scene.plan_view import drive_points
 
-pytestmark = [pytest.mark.browser, pytest.mark.timeout(600)]
+pytestmark = [pytest.mark.browser, pytest.mark.timeout(600)]  # also the test without one, for its served twin
 LITTLE = {"width": 720, "height": 440}  # less than the panel is high; drawing takes time
 FLOOR = (2.6, -1.0, 0.0)  # [m] free
 POINTER = "([x, y]) => getComputedStyle(document.elementFromPoint(x, y)).cursor"

@@ -380,7 +380,7 @@ class Visibility:
         ray = point - self._eye
         edge = _SIGHT_EDGE * self._half * float(ray @ self._forward)
         across, high = float(ray @ right), float(ray @ np.cross(right, self._forward))
-        if edge <= 0.0 or abs(high) >= edge or abs(across) >= edge * self._aspect:
+        if not (edge > 0.0 and abs(high) < edge and abs(across) < edge * self._aspect):
             return False
         hit = self._surroundings.solid(Ray.through(self._eye, point), self._tick)
         return hit is None or hit.distance >= float(np.linalg.norm(ray)) - _OWN
