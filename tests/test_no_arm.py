@@ -6,6 +6,7 @@ from fakes_of_viser import Scene as Drawn
 
 from motm_twin.bus.encode import tick_message
 from motm_twin.model.edits import InsertTask
+from motm_twin.model.kinematics import Frankie
 from motm_twin.model.known import known_world
 from motm_twin.model.scene import Pick, Scene
 from motm_twin.model.scene_error import SceneError
@@ -76,8 +77,7 @@ def test_its_session_reruns_to_the_same_state(tmp_path):
 def test_the_page_draws_the_base_alone(tmp_path):
     drawn = Drawn()
     view, ghosts, twin = RobotView(drawn.server), GhostView(drawn.server), Twin(scene_of(tmp_path))
-    for part in (view, ghosts):
-        part.configure(twin.scene.robot)
+    view.kinematics = ghosts.kinematics = Frankie(twin.scene.robot)
     for _ in range(40):
         tick = twin.advance()
     message = tick_message(tick, 1, 0.0)

@@ -36,6 +36,7 @@ from motm_twin.model.period import PERIODS_PER_SECOND
 from motm_twin.planning.types import SearchBudget
 from motm_twin.program import BAD_INPUT, FAILED, OK, THREADS
 from motm_twin.record.replay import begin
+from motm_twin.record.what_if_lines import AS_IT_WAS, CHANGED, Outcome, Sample
 from motm_twin.sessions.branches import Log
 from motm_twin.sessions.session import Session, SessionError, decode_session, encode_session, load_session
 from motm_twin.twin import Twin
@@ -44,7 +45,6 @@ from motm_twin.warm_up import compile_kernels, parts_of
 _SWITCH = {"true": True, "on": True, "yes": True, "false": False, "off": False, "no": False}
 Changes = dict[str, ParameterValue]
 MOVERS = ("temi", "person")  # kinds of bodies that drive or walk by themselves
-AS_IT_WAS, CHANGED = "as it was", "changed"
 SAMPLE_PERIODS = 2  # 10 Hz of simulated time
 PATIENCE = 30.0  # [s] without progress in the tasks, after the last recorded period
 
@@ -84,34 +84,6 @@ def _value(name: str, text: str) -> ParameterValue:
         with contextlib.suppress(ValueError):  # what is no number is refused by `check`, which knows the range
             value = float(text)
     return check(name, value)
-
-
-class Sample(msgspec.Struct, frozen=True, kw_only=True):
-    """Pose of the robot at one time."""
-
-    run: str  # "as it was" | "changed"
-    time: float  # [s] simulated
-    pose: tuple[float, ...]  # true base pose x, y, heading, world
-    q: tuple[float, ...]  # arm joints [rad], 7
-    gripper: float  # [m] between the finger pads
-    movers: tuple[tuple[float, float, float, float], ...] = ()  # Temis and persons: x, y, radius, height [m]
-
-
-class Outcome(msgspec.Struct, frozen=True, kw_only=True):
-    """The end of a run."""
-
-    run: str
-    done: bool = True  # the last line of this run
-    time_s: float  # [s] of the work, as of `motm-twin run`: until it was done, or until the run ended without that
-    picks: int
-    places: int
-    contacts: int  # caused by the robot
-    all_contacts: int = 0  # whoever caused them
-    path_length: float  # [m] driven by the base
-    success: bool
-    reason: str  # why not, one sentence; "" after success
-    skipped: tuple[str, ...] = ()  # recorded edits that the changed run could not take, and why
-    forecast_from_s: float | None = None  # [s] `time_s` is a forecast that begins here; None: it is as recorded
 
 
 def run_one(
@@ -237,10 +209,11 @@ def _doing(tick: Tick) -> str:
 
 def _sample(name: str, tick: Tick) -> Sample:
     assert tick.truth is not None
+    x, y, heading = np.round(tick.truth.pose, 4).tolist()
     return Sample(
         run=name,
         time=round(tick.time, 3),
-        pose=tuple(np.round(tick.truth.pose, 4).tolist()),
+        pose=(x, y, heading),
         q=tuple(np.round(tick.observation.q, 4).tolist()),
         gripper=round(float(tick.observation.gripper_width), 4),
         movers=tuple(

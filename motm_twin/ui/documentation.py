@@ -7,6 +7,7 @@ installed wheel has neither, and then no term is a link.
 import functools
 import http
 import mimetypes
+from collections.abc import Mapping
 from pathlib import Path
 from urllib.parse import unquote
 
@@ -16,6 +17,7 @@ from websockets.http11 import Response
 from motm_twin.model.data_dirs import web_assets_dir
 
 PATH = "/docs/"
+PLAIN, CHECKED = "text/plain; charset=utf-8", {"Cache-Control": "no-cache"}
 TERMS = {  # page, and the heading on it
     "method": ("method", "all-methods"),
     "place": ("method", "sec-iv-base-placement"),
@@ -53,13 +55,17 @@ def answer(path: str) -> Response | None:
     """The file under `PATH` that a browser asks for; None for what is none of its business."""
     if not path.startswith(PATH):
         return None
-    place = _place()
-    wanted = None if place is None else (place[0] / (unquote(path.removeprefix(PATH)) or "index.html")).resolve()
-    if place is None or wanted is None or not wanted.is_relative_to(place[0].resolve()) or not wanted.is_file():
-        body, kind, status = b"no such page", "text/plain; charset=utf-8", http.HTTPStatus.NOT_FOUND
-    else:
-        body, status = wanted.read_bytes(), http.HTTPStatus.OK
-        known = mimetypes.guess_type(wanted.name)[0] or "application/octet-stream"
-        kind = "text/plain; charset=utf-8" if wanted.suffix == ".md" else known
-    headers = Headers({"Content-Type": kind, "Content-Length": str(len(body)), "Cache-Control": "no-cache"})
-    return Response(status.value, status.phrase, headers, body)
+    if (place := _place()) is not None:
+        folder = place[0].resolve()
+        wanted = (folder / (unquote(path.removeprefix(PATH)) or "index.html")).resolve()
+        if wanted.is_relative_to(folder) and wanted.is_file():
+            known = mimetypes.guess_type(wanted.name)[0] or "application/octet-stream"
+            kind = PLAIN if wanted.suffix == ".md" else known
+            return response(http.HTTPStatus.OK, wanted.read_bytes(), {"Content-Type": kind, **CHECKED})
+    return response(http.HTTPStatus.NOT_FOUND, b"no such page", CHECKED)
+
+
+def response(status: http.HTTPStatus, body: bytes, headers: Mapping[str, str]) -> Response:
+    """An answer with these headers besides its length; plain text unless they tell another type."""
+    told = {"Content-Type": PLAIN, "Content-Length": str(len(body)), **headers}
+    return Response(status.value, status.phrase, Headers(told), body)

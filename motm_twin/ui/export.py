@@ -10,6 +10,7 @@ import gzip
 import hashlib
 import html
 import io
+import itertools
 import os
 import secrets
 import subprocess
@@ -178,11 +179,7 @@ def page(serializer: StateSerializer, scene: Scene, ticks: list[TickMessage]) ->
     recorded = [(round(first + time, 3), packer.message(message)) for time, message in serializer._messages]
     ground, buffers = packer.ground, packer.buffers
     height, width = ground.size
-    said: list[tuple[float, str]] = []
-    for tick in ticks:
-        sentence = says(tick, scene)
-        if not said or said[-1][1] != sentence:
-            said.append((round(tick.time, 2), sentence))
+    sentences = itertools.groupby(ticks, lambda tick: says(tick, scene))  # each from when it is said
     content = {
         "first": first,
         "last": last,
@@ -190,7 +187,7 @@ def page(serializer: StateSerializer, scene: Scene, ticks: list[TickMessage]) ->
         "messages": recorded,
         "ground": packer.plain({"height": height, "width": width, "palette": ground.palette, "steps": ground.steps}),
         "lengths": [len(buffer) for buffer in buffers],
-        "says": said,
+        "says": [(round(next(same).time, 2), sentence) for sentence, same in sentences],
         "aspect": ASPECT,
         "legend": [layer for layer in LAYERS if layer.on],
         "names": names_of(scene),

@@ -12,6 +12,7 @@ import time
 import zlib
 from collections import namedtuple
 from dataclasses import dataclass
+from functools import lru_cache
 from operator import attrgetter
 from typing import NamedTuple, Protocol
 
@@ -20,7 +21,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from motm_twin.bus.client import Grid
-from motm_twin.bus.messages import GRID_VERSION, TICK_VERSION, EventMessage, GridInfo, MaybeNumber, TickMessage, Vector
+from motm_twin.bus.messages import (
+    GRID_VERSION,
+    TICK_VERSION,
+    EventMessage,
+    ForcesMessage,
+    GridInfo,
+    MaybeNumber,
+    TickMessage,
+    Vector,
+)
 from motm_twin.model.period import PERIOD
 
 PERIODS = 2400  # 120 s
@@ -41,12 +51,6 @@ class _Arm(msgspec.Struct, frozen=True):
     obstacle_distance: MaybeNumber
 
 
-class _Forces(msgspec.Struct, frozen=True):
-    fingers: Vector
-    external_torque: Vector
-    wrist: Vector
-
-
 class Part(msgspec.Struct, frozen=True):
     """The fields of a TickMessage that are needed."""
 
@@ -62,7 +66,7 @@ class Part(msgspec.Struct, frozen=True):
     began: float = 0.0
     first: int = 0
     past: int = -1
-    forces: _Forces | None = None
+    forces: ForcesMessage | None = None
 
 
 JOINTS = tuple(f"dq{k}" for k in range(1, 8))
@@ -85,27 +89,19 @@ def sample(part: Part) -> Sample:
     dq = [*part.robot.dq, *[math.nan] * 7][:7]
     distances = [step.obstacle_distance for step in part.arm if step.obstacle_distance is not None]
     slacks = [step.slack for step in part.arm if len(step.slack) == 6 and None not in step.slack]
-    ms = part.stage_ms
+    ms, felt = part.stage_ms, part.forces
+    torque = math.nan if felt is None else max(map(abs, felt.external_torque), default=math.nan)
     return Sample(
         part.time,
-        part.robot.twist[0],
-        part.robot.twist[1],
+        *part.robot.twist,
         *dq,
         min(distances, default=math.nan),
         max((math.hypot(*slack[:3]) for slack in slacks), default=math.nan),  # type: ignore[arg-type]
         max((math.hypot(*slack[3:]) for slack in slacks), default=math.nan),  # type: ignore[arg-type]
         *(ms.get(stage, math.nan) for stage in STAGES),
         ms.get("period", math.nan),
-        *_felt(part.forces),
+        *((math.nan,) * 4 if felt is None else (*felt.fingers, torque, felt.wrist[0])),
     )
-
-
-def _felt(forces: _Forces | None) -> tuple[float, float, float, float]:
-    """Forces of a sample; nan without contact dynamics."""
-    if forces is None:
-        return (math.nan,) * 4
-    torque = max(map(abs, forces.external_torque), default=math.nan)
-    return forces.fingers[0], forces.fingers[1], torque, forces.wrist[0]
 
 
 class Span(NamedTuple):
@@ -117,7 +113,7 @@ class Span(NamedTuple):
     last_time: float
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class _Entry:
     index: int
     time: float
@@ -126,7 +122,7 @@ class _Entry:
     sample: NDArray[np.float64]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class _Map:
     stamp: float
     info: GridInfo
@@ -150,15 +146,14 @@ class History:
     def __init__(self, *, periods: int = PERIODS, max_bytes: int = MAX_BYTES) -> None:
         self._periods, self._max_bytes = periods, max_bytes
         self._lock = threading.Lock()
-        self._read_part = msgspec.json.Decoder(Part).decode
-        self._read = msgspec.json.Decoder(TickMessage).decode
+        self._read_part, read = msgspec.json.Decoder(Part).decode, msgspec.json.Decoder(TickMessage).decode
+        self._read = lru_cache(1)(lambda entry: read(zlib.decompress(entry.payload)))  # of what is looked at
+        self._unpack = lru_cache(1)(lambda kept: unpacked(kept.info, kept.cells))
         self._entries: list[_Entry] = []
         self._bytes, self._map_bytes = 0, 0
         self._run, self._began = -1, 0.0
         self._maps: list[_Map] = []
         self._aside: _Tail | None = None
-        self._shown: tuple[_Entry, TickMessage] | None = None
-        self._shown_map: tuple[_Map, Grid] | None = None
 
     def add(self, payload: bytes) -> None:
         """Take a raw tick. A lower or equal period replaces everything from it on.
@@ -208,11 +203,7 @@ class History:
         """
         with self._lock:
             entry = self._find(index)
-            if entry is None:
-                return None
-            if self._shown is None or self._shown[0] is not entry:
-                self._shown = entry, self._read(zlib.decompress(entry.payload))
-            return self._shown[1]
+            return None if entry is None else self._read(entry)
 
     def payload_at(self, index: int) -> bytes | None:
         """The bytes of `at`."""
@@ -225,12 +216,7 @@ class History:
         with self._lock:
             entry = self._find(index)
             number = -1 if entry is None else bisect.bisect_right(self._maps, entry.time + 1e-9, key=_STAMP) - 1
-            if number < 0 and not self._maps:
-                return None
-            found = self._maps[max(number, 0)]
-            if self._shown_map is None or self._shown_map[0] is not found:
-                self._shown_map = found, unpacked(found.info, found.cells)
-            return self._shown_map[1]
+            return self._unpack(self._maps[max(number, 0)]) if self._maps else None
 
     @property
     def span(self) -> Span | None:
@@ -318,16 +304,12 @@ class History:
         del self._maps[keep:]
 
     def _shorten(self) -> None:
-        gone = 0
-        while len(self._entries) - gone > 1 and (
-            len(self._entries) - gone > self._periods or self._bytes > self._max_bytes
-        ):
-            self._bytes -= len(self._entries[gone].payload)
-            gone += 1
-        if gone == 0:
+        entries, before = self._entries, len(self._entries)
+        while len(entries) > 1 and (len(entries) > self._periods or self._bytes > self._max_bytes):
+            self._bytes -= len(entries.pop(0).payload)
+        if len(entries) == before:
             return
-        del self._entries[:gone]
-        old = bisect.bisect_right(self._maps, self._entries[0].time + 1e-9, key=_STAMP) - 1  # still in force
+        old = bisect.bisect_right(self._maps, entries[0].time + 1e-9, key=_STAMP) - 1  # still in force
         if old > 0:
             self._map_bytes -= sum(len(kept.cells) for kept in self._maps[:old])
             del self._maps[:old]

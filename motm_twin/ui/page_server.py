@@ -220,25 +220,18 @@ class Guard:
             return _response(http.HTTPStatus.FORBIDDEN, "this name is not served: use the printed address")
         if any(urlsplit(origin).netloc != host for origin in request.headers.get_all("Origin")):
             return _response(http.HTTPStatus.FORBIDDEN, "another web page may not use the twin")
-        if self._token is None:
-            return self._full(request, split.path)
-        offered = parse_qs(split.query).get("token", [""])[0]
-        if offered and self._equal(offered):
-            query = urlencode([(key, value) for key, value in parse_qsl(split.query) if key != "token"])
-            cookie = f"{_cookie_name(host)}={self._token}; Path=/; HttpOnly; SameSite=Strict"
-            return _response(
-                http.HTTPStatus.SEE_OTHER, "", {"Location": f"/?{query}" if query else "/", "Set-Cookie": cookie}
-            )
-        if self._equal(_cookie(request, _cookie_name(host))):
-            return self._full(request, split.path)
-        return _response(http.HTTPStatus.UNAUTHORIZED, "open the printed address, which carries the token")
-
-    def _full(self, request: Request, path: str) -> Response | None:
-        """The refusal for one page too many."""
-        wanted = path == "/" or request.headers.get("Upgrade", "").lower() == "websocket"
-        if not self._limit.full or not wanted:
-            return None
-        return _response(http.HTTPStatus.SERVICE_UNAVAILABLE, self._limit.text(), {"Retry-After": "10"})
+        if self._token is not None:
+            if _equal(parse_qs(split.query).get("token", [""])[0], self._token):
+                query = urlencode([(key, value) for key, value in parse_qsl(split.query) if key != "token"])
+                cookie = f"{_cookie_name(host)}={self._token}; Path=/; HttpOnly; SameSite=Strict"
+                more = {"Location": f"/?{query}" if query else "/", "Set-Cookie": cookie}
+                return _response(http.HTTPStatus.SEE_OTHER, "", **more)
+            if not _equal(_cookie(request, _cookie_name(host)), self._token):
+                return _response(http.HTTPStatus.UNAUTHORIZED, "open the printed address, which carries the token")
+        opens = split.path == "/" or request.headers.get("Upgrade", "").lower() == "websocket"
+        if opens and self._limit.full:
+            return _response(http.HTTPStatus.SERVICE_UNAVAILABLE, self._limit.text(), **{"Retry-After": "10"})
+        return None
 
     def _serves(self, host: str) -> bool:
         """The page may be asked for under this name; an IP address always passes: it is nobody's domain."""
@@ -247,9 +240,6 @@ class Guard:
         except ValueError:
             return False
         return name in self._names or (self._far and _is_address(name))
-
-    def _equal(self, offered: str) -> bool:
-        return self._token is not None and hmac.compare_digest(offered.encode(), self._token.encode())
 
 
 def open_page(
@@ -331,13 +321,12 @@ def _cookie(request: Request, name: str) -> str:
     return cookies[name].value if name in cookies else ""
 
 
-def _response(status: http.HTTPStatus, text: str, extra: dict[str, str] | None = None) -> Response:
-    body = text.encode()
-    headers = Headers(
-        {"Content-Type": "text/plain; charset=utf-8", "Content-Length": str(len(body)), "Cache-Control": "no-store"}
-    )
-    headers.update(extra or {})
-    return Response(status.value, status.phrase, headers, body)
+def _equal(offered: str, token: str) -> bool:
+    return hmac.compare_digest(offered.encode(), token.encode())
+
+
+def _response(status: http.HTTPStatus, text: str, **more: str) -> Response:
+    return documentation.response(status, text.encode(), {"Cache-Control": "no-store", **more})
 
 
 class LoopEvent(asyncio.Event):

@@ -13,6 +13,7 @@ import threading
 import time
 import traceback
 from collections.abc import Callable
+from functools import partial
 
 import msgspec
 import viser
@@ -85,12 +86,10 @@ class Viewer:
 
     def _tell_audience(self, shown: Shown, now: float) -> None:
         """Tell a twin that wants to know it how many pages have a picture."""
-        pages, known = (
-            sum(visitor.looks for visitor in self._hub.visitors),
-            -1 if shown.status is None else shown.status.pages,
-        )
-        ready = shown.tick is not None and shown.state in ("playing", "paused", "done")
-        if ready and known not in (-1, pages) and now >= self._told + TELL:
+        pages, status = sum(visitor.looks for visitor in self._hub.visitors), shown.status
+        if status is None or shown.tick is None or shown.state not in ("playing", "paused", "done"):
+            return
+        if status.pages not in (-1, pages) and now >= self._told + TELL:
             self._told = now
             self._hub.send(None, Audience(pages=pages))
 
@@ -132,9 +131,11 @@ class HistoryWriter:
     """Fills the history of one twin until `stop`, in its own thread: Zenoh's must not wait for compression."""
 
     def __init__(self, client: TwinClient, history: History) -> None:
-        self._history = history
-        self._waiting: queue.Queue[tuple[bytes, bytes | None] | None] = queue.Queue()
-        self._forget = [client.on_tick(lambda payload: self._take(payload, None)), client.on_grid(self._take)]
+        self._waiting: queue.Queue[Callable[[], None] | None] = queue.Queue()
+        self._forget = [
+            client.on_tick(lambda payload: self._take(partial(history.add, payload))),
+            client.on_grid(lambda cells, info: self._take(partial(history.add_grid, cells, info))),
+        ]
         self._worker = threading.Thread(target=self._work, name="history", daemon=True)
         self._worker.start()
 
@@ -145,19 +146,15 @@ class HistoryWriter:
         self._waiting.put(None)
         self._worker.join(1.0)
 
-    def _take(self, payload: bytes, info: bytes | None) -> None:
+    def _take(self, add: Callable[[], None]) -> None:
         if self._waiting.qsize() > ROOM:
             self._waiting.get_nowait()
-        self._waiting.put((payload, info))
+        self._waiting.put(add)
 
     def _work(self) -> None:
-        while (item := self._waiting.get()) is not None:
-            payload, info = item
+        while (add := self._waiting.get()) is not None:
             try:
-                if info is None:
-                    self._history.add(payload)
-                else:
-                    self._history.add_grid(payload, info)
+                add()
             except Exception:  # of another version, or broken: the page tells it when it draws the same message
                 traceback.print_exc()
 

@@ -22,8 +22,8 @@ import msgspec
 
 from motm_twin.model.edits import ParameterValue
 from motm_twin.model.period import PERIOD
+from motm_twin.record.what_if_lines import RUNS, Mover, Outcome, Sample
 
-RUNS = ("as it was", "changed")
 ERROR_LINES = 12  # of the standard error of the process that are kept
 WATCH_SPEED = 3.0  # times real time
 WATCH_END = 3.0  # [s] the ends are shown before both follow the twin again
@@ -32,37 +32,6 @@ EARLIER = " (run before)"  # robots of a comparison that began before a branch o
 MOST_SAMPLES = 72_000  # of one run, two hours; what comes after is left out
 Values = Mapping[str, ParameterValue]
 OwnMethod = tuple[str, str]  # name of a method that is not shipped, and its FILE.py:NAME from the command line
-Mover = tuple[float, float, float, float]  # a Temi or a person: x, y, radius, height [m]
-
-
-class Sample(msgspec.Struct, frozen=True, kw_only=True):
-    """The robot of one run at one moment, and other dynamic bodies there."""
-
-    time: float  # [s] simulated
-    pose: tuple[float, float, float]
-    q: tuple[float, ...]  # 7 arm joints [rad]
-    gripper: float  # [m]
-    movers: tuple[Mover, ...] = ()
-
-
-class Outcome(msgspec.Struct, frozen=True, kw_only=True):
-    """The end of one run."""
-
-    time_s: float
-    picks: int
-    places: int
-    contacts: int  # caused by the robot
-    all_contacts: int = 0  # whoever caused them
-    path_length: float = 0.0  # [m]
-    success: bool = False
-    reason: str = ""
-    skipped: tuple[str, ...] = ()
-    forecast_from_s: float | None = None  # [s] from when on the time is a forecast; None: as recorded
-
-    @property
-    def clock(self) -> str:
-        """The time, with a word when it is a forecast."""
-        return f"{self.time_s:.1f} s" + ("" if self.forecast_from_s is None else " (forecast)")
 
 
 class _Driven(msgspec.Struct):
@@ -177,14 +146,8 @@ class WhatIf:
         self._session, self._own_method, self._now = session, own_method, now
         self._watch_from: float | None = None  # on that clock
         self._lock = threading.Lock()
-        self._runs, self._state, self._job = Runs(), State(), 0
+        self._runs, self.state, self._job = Runs(), State(), 0
         self._process: subprocess.Popen[bytes] | None = None
-
-    @property
-    def state(self) -> State:
-        """The state of the comparison now."""
-        with self._lock:
-            return self._state
 
     def others(self, time: float, run: int = -1) -> list[Other]:
         """The robots to be shown beside the twin's at a time [s] of its run of this number, at most two.
@@ -193,13 +156,13 @@ class WhatIf:
         only then with who else is about in them.
         """
         with self._lock:
-            if self._state.phase in ("idle", "failed"):
+            if self.state.phase in ("idle", "failed"):
                 return []
             watched = self._watched()
             known = self._runs.common()
             found = self._runs.at(min(known, time if watched is None else watched))
-            late = watched is None and self._state.busy and time - known > BEHIND
-            earlier = EARLIER if run > self._state.run >= 0 else ""
+            late = watched is None and self.state.busy and time - known > BEHIND
+            earlier = EARLIER if run > self.state.run >= 0 else ""
             words = earlier + (f" at {known:.0f} s" if late else "")
             found = [replace(other, label=other.label + words) for other in found]
             return found if watched is not None else [replace(other, movers=()) for other in found]
@@ -218,7 +181,7 @@ class WhatIf:
     def _watched(self) -> float | None:
         if self._watch_from is None:
             return None
-        time = self._state.start + WATCH_SPEED * (self._now() - self._watch_from)
+        time = self.state.start + WATCH_SPEED * (self._now() - self._watch_from)
         if time > self._runs.common() + WATCH_SPEED * WATCH_END:
             self._watch_from = None
         return None if self._watch_from is None else min(time, self._runs.common())
@@ -230,11 +193,11 @@ class WhatIf:
         Raises ValueError while another comparison runs.
         """
         with self._lock:
-            if self._state.busy:
+            if self.state.busy:
                 raise ValueError("another comparison is being computed: stop it first")
             self._job += 1
             self._runs, self._watch_from = Runs(), None
-            self._state = State(phase="starting", run=run, start=from_index * PERIOD, values=dict(values))
+            self.state = State(phase="starting", run=run, start=from_index * PERIOD, values=dict(values))
             job = (self._job, dict(values), from_index)
         threading.Thread(target=self._compute, args=job, name="what if", daemon=True).start()
 
@@ -242,7 +205,7 @@ class WhatIf:
         """End the computation and show nothing any more."""
         with self._lock:
             self._job += 1
-            self._state, self._runs, self._watch_from = State(), Runs(), None
+            self.state, self._runs, self._watch_from = State(), Runs(), None
             process, self._process = self._process, None
         _end(process)
 
@@ -308,7 +271,7 @@ class WhatIf:
         with self._lock:
             if job != self._job:
                 return False
-            self._state = State(**{**vars(self._state), **changes})  # type: ignore[arg-type]
+            self.state = State(**{**vars(self.state), **changes})  # type: ignore[arg-type]
             return True
 
 

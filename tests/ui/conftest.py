@@ -4,6 +4,7 @@ from pathlib import Path
 
 import msgspec
 import pytest
+import viser
 
 for folder in (Path(__file__).parent, Path(__file__).parent.parent / "bus"):
     sys.path.insert(0, str(folder))
@@ -30,6 +31,14 @@ def pytest_runtest_teardown(nextitem):
     if _open and (nextitem is None or not nextitem.get_closest_marker("browser")):
         _open.pop("close")()
         _open.clear()
+
+
+@pytest.fixture
+def server():
+    """Viser's, as it is, without visitors."""
+    made = viser.ViserServer("127.0.0.1", 0, verbose=False)
+    yield made
+    made.stop()
 
 
 @pytest.fixture(scope="session")

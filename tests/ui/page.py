@@ -99,11 +99,15 @@ _stayed = {}  # by browser: the visitor of the last test, whose page goes on; to
 
 @contextmanager
 def visiting(browser, twin, view=VIEW):
-    """The page of a served twin, left from the last test unless that failed; yields its visitor, who can drive."""
+    """The page of a served twin, left from the last test unless that failed; yields its visitor, who can drive.
+
+    Fails in the end for errors of scripts.
+    """
     visitor = _stayed.pop(browser, None) or Visitor.enter(browser, twin, view)
     try:
         visitor.anew(view)
         yield visitor
+        assert visitor.errors == []
     except BaseException:
         visitor.page.close()
         raise

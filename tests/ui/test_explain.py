@@ -14,10 +14,7 @@ from motm_twin.model.joint_limits import DQ_MAX, READY
 from motm_twin.model.reason import Kind, Reason
 from motm_twin.ui.panel import explain
 from motm_twin.ui.panel.explain import avoided, gripper, limited_by, unmapped
-from motm_twin.ui.panel.why_tab import (
-    headline,
-    now_card,
-)
+from motm_twin.ui.panel.why_tab import headline, now_card
 
 replace = msgspec.structs.replace
 PHASES = ("stow", "transit", "final", "closing", "lift", "carry", "release", "retry")
@@ -26,14 +23,7 @@ SCENE = fake_scene()
 
 def test_the_sentence_tells_for_whom_the_robot_waits_and_on_which_side_it_passes(driving):
     here = driving.robot.true_pose[:2]
-    walker = BodyMessage(
-        name="Ann",
-        kind="person",
-        position=[here[0] + 1.0, here[1], 0.0],
-        yaw=0.0,
-        state="walking",
-        size=[0.5, 0.5, 1.7],
-    )
+    walker = body("Ann", here[0] + 1.0, here[1], "person")
     tracks = [
         TrackMessage(track=number, position=[here[0] + x, here[1]], velocity=[0.0, 0.5], radius=0.25, position_sd=0.02,
                      expected=[])
@@ -58,10 +48,8 @@ def test_the_sentence_tells_for_whom_the_robot_waits_and_on_which_side_it_passes
     assert said(met, encounters=[other(3, passes="in front")]) == "passing in front of Ann"
     assert said(met, encounters=[other(3, yields="other")]) == "Ann gives way"
     assert said(met, encounters=[other(3, passes="in front"), other(7, yields="robot")]) == "giving way to person 7"
-    assert said(met, encounters=[replace(other(7, passes="behind"), time=6.0)]) == said(
-        met
-    )  # much may change until then
-    assert said(met, encounters=[other(7)]) == said(met)
+    late = replace(other(7, passes="behind"), time=6.0)  # much may change until then
+    assert said(met, encounters=[late]) == said(met, encounters=[other(7)]) == said(met)
 
 
 @pytest.mark.parametrize("kind", ["pick", "place"])

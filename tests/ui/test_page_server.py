@@ -17,7 +17,6 @@ from motm_twin.bus.connection import PortTaken, free_port
 from motm_twin.perf.page_reader import PageReader
 from motm_twin.ui.documentation import link
 from motm_twin.ui.page_server import (
-    LOOPBACK,
     Guard,
     LoopEvent,
     check_token,
@@ -47,11 +46,12 @@ def secret():
     server.stop()
 
 
-def get(server, path="/", **headers):
-    connection = http.client.HTTPConnection("127.0.0.1", server.get_port(), timeout=10)
+def get(server, path="/", address="127.0.0.1", **headers):
+    """The answer, with its body."""
+    connection = http.client.HTTPConnection(address, server.get_port(), timeout=10)
     connection.request("GET", path, headers={name.replace("_", "-"): value for name, value in headers.items()})
     response = connection.getresponse()
-    response.read()
+    response.body = response.read()
     connection.close()
     return response
 
@@ -230,14 +230,6 @@ def test_the_printed_address_carries_the_token():
     assert page_url("127.0.0.1", 8080, None) == "http://127.0.0.1:8080/"
 
 
-def get_at(address, port):
-    connection = http.client.HTTPConnection(address, port, timeout=10)
-    connection.request("GET", "/")
-    status = connection.getresponse().status
-    connection.close()
-    return status
-
-
 @pytest.fixture
 def version_6():
     """Whether this machine has it; where it has not, that is said."""
@@ -256,9 +248,9 @@ def test_the_page_is_served_by_version_6_of_ip(version_6):
         return
     server = open_page("::1", 0)
     port = server.get_port()
-    assert get_at("::1", port) == 200
+    assert get(server, address="::1").status == 200
     with pytest.raises(ConnectionRefusedError):
-        get_at("127.0.0.1", port)
+        get(server)
     assert page_url("::1", port, None) == f"http://[::1]:{port}/"
     with pytest.raises(PortTaken):
         open_page("::1", port)
@@ -270,7 +262,7 @@ def test_all_addresses_are_those_of_both_versions(version_6):
         return
     server = open_page("::", 0, TOKEN)
     port = server.get_port()
-    assert [get_at(address, port) for address in ("::1", "127.0.0.1")] == [401, 401]
+    assert [get(server, address=address).status for address in ("::1", "127.0.0.1")] == [401, 401]
     assert page_url("::", port, TOKEN).startswith("http://127.0.0.1:")
     server.stop()
     with socket.socket() as holder:
@@ -287,27 +279,19 @@ def test_an_address_of_another_machine_is_told():
 
 def test_every_address_of_the_loopback_is_this_machine():
     server = open_page("127.0.0.2", 0)
-    assert get_at("127.0.0.2", server.get_port()) == 200
+    assert get(server, address="127.0.0.2").status == 200
     server.stop()
 
 
 @pytest.mark.parametrize("accepted", ["identity", "gzip"])
-def test_the_page_carries_our_scripts_whole_and_once(accepted):
-    server = open_page("127.0.0.1", 0)
-    try:
-        for _ in range(2):
-            connection = http.client.HTTPConnection("127.0.0.1", server.get_port(), timeout=10)
-            connection.request("GET", "/", headers={"Accept-Encoding": accepted})
-            answer = connection.getresponse()
-            body = answer.read()
-            connection.close()
-            assert answer.getheader("Content-Encoding") == accepted
-            assert int(answer.getheader("Content-Length")) == len(body)
-            page = gzip.decompress(body) if accepted == "gzip" else body
-            assert page.count(scripts().encode()) == 1
-            assert page.rstrip().endswith(b"</html>")
-    finally:
-        server.stop()
+def test_the_page_carries_our_scripts_whole_and_once(local, accepted):
+    for _ in range(2):
+        answer = get(local, Accept_Encoding=accepted)
+        assert answer.getheader("Content-Encoding") == accepted
+        assert int(answer.getheader("Content-Length")) == len(answer.body)
+        page = gzip.decompress(answer.body) if accepted == "gzip" else answer.body
+        assert page.count(scripts().encode()) == 1
+        assert page.rstrip().endswith(b"</html>")
 
 
 def test_another_thread_does_not_set_the_event_past_the_loop():
@@ -353,10 +337,5 @@ def test_what_threads_write_wakes_every_page_that_waits():
     loop.close()
 
 
-def test_the_page_is_opened_with_such_events():
-    server = open_page(LOOPBACK, 0)
-    try:
-        buffer = server._websock_server.get_message_buffer()
-        assert isinstance(buffer.message_event, LoopEvent)
-    finally:
-        server.stop()
+def test_the_page_is_opened_with_such_events(local):
+    assert isinstance(local._websock_server.get_message_buffer().message_event, LoopEvent)

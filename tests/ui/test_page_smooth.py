@@ -7,6 +7,7 @@ from page import leave
 
 from motm_twin.model.data_dirs import web_assets_dir
 
+pytestmark = pytest.mark.browser
 FRAME = 16  # [ms] between two frames of the clock that the test moves on
 # A worker that hands on what it is sent, as Viser's does with messages of the server, and a page that writes down
 # what is shown: [ms, type of the message, its value].
@@ -68,7 +69,6 @@ def film(browser):
     return Film(page)
 
 
-@pytest.mark.browser
 def test_a_body_glides_from_picture_to_picture_and_the_rest_stays_of_one(film):
     for k in range(21):
         film.picture(0.05 * (k + 1), 0.1 * k)
@@ -86,7 +86,6 @@ def test_a_body_glides_from_picture_to_picture_and_the_rest_stays_of_one(film):
         assert 0.1 * (time / 0.05 - 1) - 0.06 <= x <= 0.1 * time / 0.05
 
 
-@pytest.mark.browser
 def test_what_was_put_elsewhere_and_another_run_or_an_earlier_time_are_shown_at_once(film):
     film.picture(1.0, 0)
     film.picture(1.05, 3)
@@ -96,7 +95,6 @@ def test_what_was_put_elsewhere_and_another_run_or_an_earlier_time_are_shown_at_
     assert [value[0] for _, value in film.shown()["/robot/link/base"]] == [0, 3, 1, 1]
 
 
-@pytest.mark.browser
 def test_the_camera_glides_but_its_first_move_is_at_once(film):
     for x in (5, 6):
         film.arrives({"type": "SetCameraPositionMessage", "position": [x, 0, 0]})

@@ -5,7 +5,6 @@ import time
 from types import SimpleNamespace
 
 import pytest
-import viser
 from hypothesis import given
 from hypothesis import strategies as st
 from page import until
@@ -87,35 +86,27 @@ def test_notes_do_not_pile_up_and_the_same_is_not_shown_twice(hub):
     assert page.removed == ["one", "one", "two"]
 
 
-def test_a_long_list_of_tasks_has_a_dozen_rows_and_says_how_many_more_there_are():
+def test_a_long_list_of_tasks_has_a_dozen_rows_and_says_how_many_more_there_are(server):
     """A hundred rows of buttons made the page too slow to close its card."""
-    server = viser.ViserServer("127.0.0.1", 0, verbose=False)
-    try:
-        block = TaskBlock(server.gui, SimpleNamespace(driving=lambda act: act), None)
-        for count, rows, more in ((99, 12, "and 87 more"), (12, 12, ""), (3, 3, "")):
-            block._show(jobs([task("drive_to", f"place {k}") for k in range(count)]))
-            assert sum(row.visible for row in block._rows) == rows
-            assert more in block._more.content
-            assert bool(block._more.content) == bool(more)
-    finally:
-        server.stop()
+    block = TaskBlock(server.gui, SimpleNamespace(driving=lambda act: act), None)
+    for count, rows, more in ((99, 12, "and 87 more"), (12, 12, ""), (3, 3, "")):
+        block._show(jobs([task("drive_to", f"place {k}") for k in range(count)]))
+        assert sum(row.visible for row in block._rows) == rows
+        assert more in block._more.content
+        assert bool(block._more.content) == bool(more)
 
 
-def test_rows_of_buttons_turn_grey_too():
-    server = viser.ViserServer("127.0.0.1", 0, verbose=False)
-    try:
-        block = Block(server.gui, SimpleNamespace(driving=lambda act: act), None)
-        row, button = block.row(("a", "b"), print), block.button("c", print)
-        sent = []
-        row._queue_update = lambda name, value: sent.append((name, value))
-        for on in (False, False, True):
-            block.enable(on)
-            assert button.disabled is not on
-        assert sent == [("disabled", True), ("disabled", False)]
-        block.enable(False)
-        assert block.row(("d",), print)._impl.props.disabled
-    finally:
-        server.stop()
+def test_rows_of_buttons_turn_grey_too(server):
+    block = Block(server.gui, SimpleNamespace(driving=lambda act: act), None)
+    row, button = block.row(("a", "b"), print), block.button("c", print)
+    sent = []
+    row._queue_update = lambda name, value: sent.append((name, value))
+    for on in (False, False, True):
+        block.enable(on)
+        assert button.disabled is not on
+    assert sent == [("disabled", True), ("disabled", False)]
+    block.enable(False)
+    assert block.row(("d",), print)._impl.props.disabled
 
 
 class TestWheel:

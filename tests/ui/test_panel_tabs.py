@@ -6,7 +6,7 @@ from importlib.util import find_spec
 import msgspec
 import pytest
 import viser
-from person import Client, Person, grey_, label, status
+from person import Person, grey_, label, status
 
 from motm_twin.bus.commands import (
     AddObstacle,
@@ -38,7 +38,7 @@ from motm_twin.methods.registry import FAST
 from motm_twin.model.furniture import pieces
 from motm_twin.model.scene_file import load_scene
 from motm_twin.twin import Twin
-from motm_twin.ui.hub import BLIND, Hub, Shown
+from motm_twin.ui.hub import BLIND, Shown
 from motm_twin.ui.legend import LAYERS, STAA
 from motm_twin.ui.panel.overlay import ASK, MARK
 from motm_twin.ui.panel.why_tab import headline
@@ -57,13 +57,11 @@ def ticks(scene):
 
 
 @pytest.fixture
-def person(scene, ticks):
-    server = viser.ViserServer("127.0.0.1", 0, verbose=False)
+def person(server, scene, ticks):
     made = Person(server, scene, ticks)
     made.shows()
     yield made
     made.hub.stop()
-    server.stop()
 
 
 def test_it_can_be_shown_before_there_is_a_twin(person):
@@ -305,27 +303,19 @@ def overlaid(person, mark):
     return json.loads(next(content for content in contents if content.startswith(start)).removeprefix(start))
 
 
-def test_the_timeline_knows_what_is_kept_and_the_legend_what_is_drawn(person):
+def test_the_timeline_knows_what_is_kept_and_the_legend_what_is_drawn(person, server):
     now = overlaid(person, "now")
     assert (now["state"], now["live"], now["mine"], now["t"]) == ("playing", True, True, 1.45)
     assert now["span"] == [0.0, 1.45]
     assert {layer["key"] for layer in overlaid(person, "legend")} == {layer.key for layer in LAYERS}
-    drawn = {name for name in nodes_of_a_view() if not name.startswith(("/scene", "/light", "/furniture"))}
+    SceneView(server, person.hub).stop()
+    drawn = {
+        name for name in server.scene._handle_from_node_name if not name.startswith(("/scene", "/light", "/furniture"))
+    }
     for layer in LAYERS:
         for node in layer.nodes:
             assert node == "/map" or any(f"{name}/".startswith(f"{node}/") for name in drawn), node
     assert [name for name, *_ in overlaid(person, "names")["bins"]] == [box.name for box in person.scene.bins]
-
-
-def nodes_of_a_view():
-    server = viser.ViserServer("127.0.0.1", 0, verbose=False)
-    hub = Hub(Client())
-    view = SceneView(server, hub)
-    names = set(server.scene._handle_from_node_name)
-    view.stop()
-    hub.stop()
-    server.stop()
-    return names
 
 
 def test_the_timeline_plays_steps_and_looks_back(person):

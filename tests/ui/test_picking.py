@@ -15,7 +15,6 @@ from motm_twin.ui.hub import View
 from motm_twin.ui.scene.drag import Drag, on_plane, spot_of, throw
 from motm_twin.ui.scene.picking import CANDIDATES, Clicks, Ray, Surroundings, drawn_candidates, waiting_job
 
-SCENE = fake_scene()
 TABLE = (4.2, 1.77)
 
 

@@ -7,7 +7,6 @@ import msgspec
 import numpy as np
 import pytest
 import trimesh
-import viser
 from fake_twin import fake_scene
 
 from motm_twin.bus.client import TwinClient
@@ -47,29 +46,19 @@ FIXED = ("/scene/", "/light/", "/furniture/")
 
 
 @pytest.fixture
-def view():
+def view(server):
     """A view on a page that nobody looks at, with no twin behind it."""
-    server = viser.ViserServer(host="127.0.0.1", port=0, verbose=False)
     with TwinClient(f"tcp/127.0.0.1:{free_port()}") as client:
         hub = Hub(client)
         drawn = SceneView(server, hub)
         yield drawn
         drawn.stop()
         hub.stop()
-    server.stop()
 
 
 def show(view, tick, scene):
-    shown = Shown(
-        state="playing",
-        status=None,
-        scene=scene,
-        tick=tick,
-        newest=tick,
-        live=True,
-        view=view._hub.view,
-        grid=None,
-    )
+    looks = view._hub.view
+    shown = Shown(state="playing", status=None, scene=scene, tick=tick, newest=tick, live=True, view=looks)
     view.draw(shown, 0.03, slow=True)
 
 

@@ -1,5 +1,7 @@
 """Sliders and the twin's parameters: what is sent, what is followed, what a comparison takes."""
 
+from types import SimpleNamespace
+
 import pytest
 from person import status
 
@@ -25,22 +27,14 @@ def driven_by(method):
     return status(method=method.name, methods=MethodLibrary().choices())
 
 
-class Clock:
-    def __init__(self):
-        self.now = 100.0
-
-    def __call__(self):
-        return self.now
-
-
 @pytest.fixture
 def clock():
-    return Clock()
+    return SimpleNamespace(now=100.0)
 
 
 @pytest.fixture
 def values(clock):
-    return TuningValues(clock)
+    return TuningValues(lambda: clock.now)
 
 
 def test_the_last_value_wins_and_five_a_second_are_sent(values, clock):

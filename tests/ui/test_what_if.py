@@ -16,6 +16,7 @@ from motm_twin.ui.panel.tune_tab import begun_since, result
 from motm_twin.ui.scene.robot_view import labels
 from motm_twin.ui.what_if import RUNS, Other, Outcome, Runs, State, WhatIf, arguments
 
+replace = msgspec.structs.replace
 HOSTILE = "<script>alert(1)</script>"
 
 
@@ -24,12 +25,14 @@ def sample(run, time, x=0.0, heading=0.0, movers=()):
     return msgspec.json.encode(line)
 
 
-def outcome(run, seconds, success=True, reason="", contacts=0):
-    line = {
-        "run": run, "done": True, "time_s": seconds, "picks": 6, "places": 6, "contacts": contacts,
-        "path_length": 20.0, "success": success, "reason": reason, "skipped": [],
-    }  # fmt: skip
-    return msgspec.json.encode(line)
+def ended_run(run, seconds, success=True, reason=""):
+    return Outcome(
+        run=run, time_s=seconds, picks=6, places=6, contacts=0, path_length=20.0, success=success, reason=reason
+    )
+
+
+def outcome(run, seconds):
+    return msgspec.json.encode(ended_run(run, seconds))
 
 
 class TestRuns:
@@ -98,19 +101,19 @@ class TestLabels:
     def test_a_time_that_is_a_forecast_says_so(self):
         runs = Runs()
         runs.add(sample("changed", 1.0))
-        runs.add(outcome("changed", 1.0).replace(b'"skipped"', b'"forecast_from_s": 0.5, "skipped"'))
+        runs.add(msgspec.json.encode(replace(ended_run("changed", 1.0), forecast_from_s=0.5)))
         assert runs.at(1.0)[0].label == "changed: 1.0 s (forecast)"
 
 
 class TestResult:
     def test_texts_are_escaped(self):
         assert HOSTILE not in result(State(phase="failed", text=HOSTILE))
-        ended = {run: Outcome(time_s=1.0, picks=0, places=0, contacts=0, reason=HOSTILE) for run in RUNS}
+        ended = {run: ended_run(run, 1.0, success=False, reason=HOSTILE) for run in RUNS}
         assert HOSTILE not in result(State(phase="done", outcomes=ended))
 
     def test_it_says_how_much_faster(self):
         ended = {
-            run: Outcome(time_s=seconds, picks=6, places=6, contacts=0, success=True, forecast_from_s=begin)
+            run: replace(ended_run(run, seconds), forecast_from_s=begin)
             for run, seconds, begin in zip(RUNS, (70.0, 64.5), (None, 12.3), strict=True)
         }
         text = result(State(phase="done", outcomes=ended))
@@ -171,7 +174,7 @@ class TestProcess:
         what_if = WhatIf(bytes)
         for run in RUNS:
             what_if._runs.add(sample(run, 0.0))
-        what_if._state = State(phase="done", run=1)
+        what_if.state = State(phase="done", run=1)
         assert [other.label for other in what_if.others(0.0, 1)] == list(RUNS)
         assert all(other.label.endswith("(run before)") for other in what_if.others(0.0, 2))
         for past, word in ((1, "branch"), (-1, "reset")):
@@ -185,7 +188,7 @@ class TestProcess:
         for run in RUNS:
             for at in range(10):
                 what_if._runs.add(sample(run, float(at), float(at)))
-        what_if._state = State(phase="done", start=3.0)
+        what_if.state = State(phase="done", start=3.0)
         assert what_if.others(99.0)[0].pose[0] == 9.0
         what_if.watch()
         assert what_if.others(99.0)[0].pose[0] == 3.0
@@ -204,7 +207,7 @@ class TestProcess:
             for at in range(2):
                 what_if._runs.add(sample(run, float(at), movers=[(at, 2.0, *temi)]))
             what_if._runs.add(sample(run, 2.0))  # it has gone
-        what_if._state = State(phase="done")
+        what_if.state = State(phase="done")
         assert not any(other.movers for other in what_if.others(0.5))
         what_if.watch()
         assert [other.movers for other in what_if.others(99.0)] == [((0.0, 2.0, *temi),)] * 2

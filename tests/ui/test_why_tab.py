@@ -36,8 +36,6 @@ from motm_twin.ui.panel.why_tab import (
 
 EVIL = "<img src=x onerror=alert(1)>"
 replace = msgspec.structs.replace
-DRIVING = [0.4, 0.1]
-PHASES = ("stow", "transit", "final", "closing", "lift", "carry", "release", "retry")
 
 
 def test_a_base_that_stands_moves_neither_forwards_nor_backwards(driving):

@@ -419,8 +419,7 @@
       legend();
     }
     if (mark === "now" || mark === "events") bring();
-    if (mark === "now") propose(), motm.changed?.();
-    if (mark === "now") follow();
+    if (mark === "now") propose(), motm.changed?.(), follow();
     if (typeof value.says === "string" && says.textContent !== value.says) says.textContent = value.says;
   };
   const again = () => {
@@ -460,8 +459,7 @@
   };
   let folded = false;
   addEventListener("DOMContentLoaded", () => {
-    document.body.append(root, cover);
-    document.body.append(says, going);
+    document.body.append(root, cover, says, going);
     for (const part of [root, says]) part.classList.toggle("recorded", Boolean(motm.answer));
     new ResizeObserver(place).observe(document.body);
     paint();

@@ -5,7 +5,7 @@
 // rate of the display. Plan, grid and all else stay those of the picture that is shown. The camera glides with them.
 //
 // `motm` is what the other scripts of the page use: `taps` see messages from the server before they are shown, and may
-// change them; `show` adds messages of the page's own; `send` speaks to the server; `glides` counts pictures in between.
+// change them; `show` adds messages of the page's own; `send` speaks to the server.
 (() => {
   const CLOCK = "/clock";
   const GLIDES = /^\/(robot\/(link|shadow)|bodies\/(object|body))\//;
@@ -29,7 +29,6 @@
 
   const motm = (window.motm = {
     taps: [],
-    glides: 0,
     slow: () => pace > SLOW - 1,
     place: (name) => shown.get(`SetPositionMessage ${name}`)?.position,
     turn: (name) => shown.get(`SetOrientationMessage ${name}`)?.wxyz,
@@ -142,10 +141,7 @@
     if (held) {
       const share = Math.min(1, (now - began) / span);
       if (share >= 1) settle();
-      else {
-        motm.glides += moves.length ? 1 : 0;
-        deliver(moves.map(({ message, field, from, to }) => ({ ...message, [field]: between(from, to, share, field === "wxyz") })));
-      }
+      else deliver(moves.map(({ message, field, from, to }) => ({ ...message, [field]: between(from, to, share, field === "wxyz") })));
     }
     if (!camera.still) look(now);
     if (held || !camera.still) ask();

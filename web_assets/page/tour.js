@@ -66,6 +66,5 @@
       `<b>Look</b> ${touch ? "one finger turns, two move and zoom" : "drag to turn, right-drag to move, wheel to zoom"}<br><b>Disturb</b> grab a Temi, a cube or a table and drag it<br><b>Ask</b> click a coloured dot, then open <i>Why</i>`,
       ...(motm.data.now?.mine ? [button("Tour of one minute", () => go(0), true)] : []), button("Got it", close));
   };
-  motm.tour = () => go(0);
   motm.changed = () => step >= 0 && STEPS[step].done?.() && go(step + 1);
 })();

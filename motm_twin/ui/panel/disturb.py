@@ -4,7 +4,7 @@ A new body is put on free floor on the robot's way and in sight.
 """
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -13,7 +13,7 @@ import shapely
 
 from motm_twin.bus.client import Grid
 from motm_twin.bus.commands import AddObstacle, Command, FreezeBody, MoveBody, MoveObject, PushRobot, RemoveBody
-from motm_twin.bus.messages import BodyMessage, TickMessage, Vector
+from motm_twin.bus.messages import TickMessage, Vector
 from motm_twin.model.furniture import pieces
 from motm_twin.model.scene import Scene
 from motm_twin.ui.scene.cameras import Visibility
@@ -27,12 +27,7 @@ NEAREST = 1.1  # [m] from the robot
 ROOM = 0.4  # [m] radius that must be free
 APART = 0.7  # [m] from other bodies
 Point = tuple[float, float]
-SIZES = {
-    "temi": (0.5, 0.5, 1.0),
-    "person": (0.5, 0.5, 1.7),
-    "box": (0.4, 0.4, 0.6),
-    "cylinder": (0.4, 0.4, 0.8),
-}
+SIZES = {"temi": (0.5, 0.5, 1.0), "person": (0.5, 0.5, 1.7), "box": (0.4, 0.4, 0.6), "cylinder": (0.4, 0.4, 0.8)}
 TURN = math.radians(15.0)
 PUSH = 0.1  # [m]
 AHEAD = 0.75  # [m] from the base to where a cube is put
@@ -62,9 +57,8 @@ class Thing:
 
 def things(scene: Scene, tick: TickMessage) -> dict[str, Thing]:
     """Everything that can be selected, by name: agents first, then added bodies, furniture and cubes."""
-    found = [Thing(body.name, "agent", body.state == "frozen", body.behaviour) for body in tick.agents]
-    for body in tick.obstacles:
-        found.append(Thing(body.name, kind_of(body.kind), body.state == "frozen", body.behaviour))
+    bodies = [*((body, "agent") for body in tick.agents), *((body, kind_of(body.kind)) for body in tick.obstacles)]
+    found = [Thing(body.name, kind, body.state == "frozen", body.behaviour) for body, kind in bodies]
     found += [Thing(name, "piece") for name in pieces(scene) if name not in tick.removed]
     found += [Thing(item.name, "object") for item in tick.objects]
     return {thing.name: thing for thing in found}
@@ -99,17 +93,14 @@ def new_body(
 
 def turned(thing: Thing, scene: Scene, tick: TickMessage, angle: float) -> MoveBody | None:
     """The thing turned by an angle [rad] where it stands; None when it is gone."""
-    if thing.kind == "piece":
-        body = _named(tick.furniture, thing.name)
-        if body is None:
-            x, y = pieces(scene)[thing.name].centre
-            return MoveBody(name=thing.name, x=x, y=y, heading=angle, held=False)
+    body = next((body for body in (*tick.furniture, *tick.agents, *tick.obstacles) if body.name == thing.name), None)
+    if body is not None:
+        (x, y), heading = body.position[:2], math.remainder(body.yaw + angle, 2 * math.pi)
+    elif thing.kind == "piece":  # at home
+        (x, y), heading = pieces(scene)[thing.name].centre, angle
     else:
-        body = _named((*tick.agents, *tick.obstacles), thing.name)
-    if body is None:
         return None
-    heading = math.remainder(body.yaw + angle, 2 * math.pi)
-    return MoveBody(name=thing.name, x=body.position[0], y=body.position[1], heading=heading, held=False)
+    return MoveBody(name=thing.name, x=x, y=y, heading=heading, held=False)
 
 
 def put_in_front(name: str, tick: TickMessage) -> MoveObject:
@@ -144,20 +135,14 @@ def cleared(scene: Scene, tick: TickMessage) -> list[Command]:
     """Remove added bodies, release frozen agents, and put moved furniture back."""
     own = {agent.name for agent in scene.agents}
     added = [*tick.obstacles, *(body for body in tick.agents if body.name not in own)]
-    commands: list[Command] = [RemoveBody(name=body.name) for body in added]
-    commands += [
-        FreezeBody(name=body.name, frozen=False) for body in tick.agents if body.name in own and body.state == "frozen"
+    frozen = [body for body in tick.agents if body.name in own and body.state == "frozen"]
+    known, moved = pieces(scene), [body.name for body in tick.furniture]
+    back = [(name, *known[name].centre) for name in moved if name in known]
+    return [
+        *(RemoveBody(name=body.name) for body in added),
+        *(FreezeBody(name=body.name, frozen=False) for body in frozen),
+        *(MoveBody(name=name, x=x, y=y, heading=0.0, held=False) for name, x, y in back),
     ]
-    known = pieces(scene)
-    for body in tick.furniture:
-        if body.name in known:
-            x, y = known[body.name].centre
-            commands.append(MoveBody(name=body.name, x=x, y=y, heading=0.0, held=False))
-    return commands
-
-
-def _named(bodies: Iterable[BodyMessage], name: str) -> BodyMessage | None:
-    return next((body for body in bodies if body.name == name), None)
 
 
 class FreePlace(NamedTuple):

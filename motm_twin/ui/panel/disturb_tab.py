@@ -26,11 +26,10 @@ if find_spec("pyrvo") is not None:
 OTHERWISE = "As the scene says"  # a behaviour that is not offered here
 IN_FRONT, BACK = "In front of the robot", "Back to its place"
 SECONDS = {"lidar_off": 1.0, "camera_off": 2.0}  # of the faults of a click; the others last 5 s
+_LASTING = {name: SECONDS.get(name, 5.0) for name in KINDS}
 FAULTS = {
-    f"{kind.button} {SECONDS.get(kind.name, 5.0):g} s": InjectFault(
-        fault=kind.name, seconds=SECONDS.get(kind.name, 5.0)
-    )
-    for kind in KINDS.values()
+    f"{KINDS[name].button} {seconds:g} s": InjectFault(fault=name, seconds=seconds)
+    for name, seconds in _LASTING.items()
 }
 IN_A_ROW = 3  # buttons of faults
 _HOW = {
@@ -200,14 +199,11 @@ class DisturbTab(Block):
             self.send(command)
 
     def _turn_or_delete(self, what: str) -> None:
-        thing, now = self._thing(), self._now()
-        if thing is None or now is None:
-            return
-        command: Command | None = RemoveBody(name=thing.name)
-        if what != DELETE:
-            command = disturb.turned(thing, *now, disturb.TURN * (1 if what == LEFT else -1))
-        if command is not None:
-            self.send(command)
+        if what == DELETE:
+            self.delete()
+        elif (thing := self._thing()) is not None and (now := self._now()) is not None:
+            if command := disturb.turned(thing, *now, disturb.TURN * (1 if what == LEFT else -1)):
+                self.send(command)
 
     def _push(self, way: str) -> None:
         if (now := self._now()) is not None:

@@ -87,10 +87,8 @@ class DriveTab(Block):
 
     def _state(self) -> str:
         """State of the twin: the panel may be a moment behind."""
-        status = self.hub.client.status()
-        if status is not None:
-            return status.state
-        return "" if self.shown is None else self.shown.state
+        newest = self.hub.client.status() or self.shown
+        return "" if newest is None else newest.state
 
     def _show_status(self, status: StatusMessage) -> None:
         choosing = self._chosen() != self._filled  # a person is, and a late word of an earlier load must not undo that
@@ -163,7 +161,7 @@ def jobs(tasks: Sequence[TaskMessage]) -> list[Job]:
     while index < len(tasks):
         count = _length(tasks, index)
         group = tasks[index : index + count]
-        name = " → ".join(_task_name(task) + _left_out(task, group) for task in group)
+        name = " → ".join(_task_name(task, group) for task in group)
         attempts = max(task.attempts for task in group)
         going = (i for i, task in enumerate(group, index) if task.status not in ("done", "failed"))
         found.append(Job(name, _status(group), index, count, attempts, next(going, index)))
@@ -202,13 +200,10 @@ def _between(task: TaskMessage, group: Sequence[TaskMessage]) -> bool:
     return len(group) > 1 and task.kind.startswith("drive")
 
 
-def _left_out(task: TaskMessage, group: Sequence[TaskMessage]) -> str:
-    return " (given up)" if task.status == "failed" and _between(task, group) else ""
-
-
-def _task_name(task: TaskMessage) -> str:
-    """A task in a word or two."""
-    return f"drive to {task.target}" if task.kind.startswith("drive") else task.target
+def _task_name(task: TaskMessage, group: Sequence[TaskMessage]) -> str:
+    """A task in a word or two, and that it was left out of a delivery."""
+    name = f"drive to {task.target}" if task.kind.startswith("drive") else task.target
+    return f"{name} (given up)" if task.status == "failed" and _between(task, group) else name
 
 
 def moved(listed: Sequence[Job], job: Job, up: bool) -> MoveTask | None:
@@ -233,11 +228,6 @@ def ended_lines(listed: Sequence[Job]) -> str:
     if not cells:
         return "" if listed else note("no tasks yet")
     return note(f'<div class="two">{cells}</div>', "inherit")
-
-
-def more_line(count: int) -> str:
-    """That there are so many more jobs than rows, as HTML; "" for none."""
-    return note(f"and {count} more") if count > 0 else ""
 
 
 def label(job: Job) -> str:
@@ -279,7 +269,8 @@ class TaskBlock(Block):
         self._listed = listed
         self._ended.content = ended_lines(listed)
         self._open = [job for job in listed if not job.ended]
-        self._more.content = more_line(len(self._open) - ROWS)
+        more = len(self._open) - ROWS
+        self._more.content = note(f"and {more} more") if more > 0 else ""
         for number in range(len(self._rows), min(len(self._open), ROWS)):
             with self._rows_at:
                 hint = "do it earlier, later, or not at all"

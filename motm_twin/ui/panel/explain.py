@@ -90,9 +90,8 @@ def doing(tick: TickMessage) -> str:
     name = task.target
     carried = next((belief.name for belief in tick.beliefs if belief.held), "")
     cargo = carried or "the object"
-    unseen = (
-        step is not None and step.why is not None and step.why.kind == Kind.WAITS_FOR_SIGHT
-    )  # where it was seen before
+    why = None if step is None else step.why
+    unseen = why is not None and why.kind == Kind.WAITS_FOR_SIGHT  # where it was seen before
     on = "" if stands(tick) else ", on the move"
     carries = f"Carrying {cargo} to {name}" if task.kind == "place" else f"Holding {cargo}, with {name} to be picked"
     phases = {
@@ -231,14 +230,14 @@ def avoided(tick: TickMessage, scene: Scene | None) -> str:
     if tick.done or scene is None:
         return ""
     things = list(unmapped(tick, scene))
-    return _met(tick) or _held_up(tick, scene, things) or _gripper(tick, scene, things) or _past(tick, scene, things)
+    return _met(tick) or _held_up(tick, scene, things) or _gripper(tick, scene) or _past(tick, scene, things)
 
 
 def limited_by(tick: TickMessage, scene: Scene | None) -> str:
     """Name of the obstacle of the arm's lidar row; "" without one (furniture of the map)."""
     if scene is None or not slowed(tick.arm) or tick.arm[-1].obstacle_distance is None:
         return ""
-    distance, label = _nearest_to_hand(tick, scene, unmapped(tick, scene))
+    distance, label = _nearest_to_hand(tick, scene)
     return label if abs(distance - tick.arm[-1].obstacle_distance) <= SAME else ""
 
 
@@ -250,7 +249,7 @@ def strange(held_by: str, tick: TickMessage, scene: Scene | None) -> str:
     if scene is None:
         return ""
     if held_by == f"kept off {LIDAR}":
-        distance, label = _nearest_to_hand(tick, scene, unmapped(tick, scene))
+        distance, label = _nearest_to_hand(tick, scene)
         return "" if distance > NEAR else f": {label.rstrip(',')}"
     for piece in pieces(scene).values():
         parts = {piece.name, *piece.solids}
@@ -319,22 +318,19 @@ def _held_up(tick: TickMessage, scene: Scene, things: list[Unmapped]) -> str:
     return f"{verb} something the lidar sees {why.value:.1f} m away"
 
 
-def _gripper(tick: TickMessage, scene: Scene, things: list[Unmapped]) -> str:
-    if not slowed(tick.arm) or tick.arm[-1].obstacle_distance is None:
+def _gripper(tick: TickMessage, scene: Scene) -> str:
+    step = tick.arm[-1] if slowed(tick.arm) else None
+    if step is None or step.obstacle_distance is None:
         return ""
-    seen = tick.arm[-1].obstacle_distance
-    distance, label = _nearest_to_hand(tick, scene, things)
-    if abs(distance - seen) > SAME:
-        if tick.arm[-1].limiter != "moving obstacle":
-            return ""  # furniture of the map, which it works at
-        label = "something that moves"
-    return f"keeping the gripper off {label.rstrip(',')} ({seen:.1f} m)"
+    unnamed = "something that moves" if step.limiter == "moving obstacle" else ""  # else furniture, which it works at
+    label = limited_by(tick, scene) or unnamed
+    return label and f"keeping the gripper off {label.rstrip(',')} ({step.obstacle_distance:.1f} m)"
 
 
-def _nearest_to_hand(tick: TickMessage, scene: Scene, things: Iterable[Unmapped]) -> tuple[float, str]:
+def _nearest_to_hand(tick: TickMessage, scene: Scene) -> tuple[float, str]:
     """Distance [m] and label; an infinite distance when there is nothing."""
     hand = gripper(tick, scene)
-    return min(((thing.shape.distance(hand), thing.label) for thing in things), default=(math.inf, ""))
+    return min(((thing.shape.distance(hand), thing.label) for thing in unmapped(tick, scene)), default=(math.inf, ""))
 
 
 def _past(tick: TickMessage, scene: Scene, things: list[Unmapped]) -> str:

@@ -19,15 +19,14 @@ def forces_card(tick: TickMessage) -> str:
     felt = tick.forces
     if felt is None:
         return ""
-    left, right = felt.fingers
-    rows = [("fingers, left and right", f"<b>{left:.0f} N, {right:.0f} N</b>")]
-    rows += [] if felt.grasp is None else _grasp(felt.grasp)
-    rows.append(
-        (explained("force at the wrist", _WRIST), f"{felt.wrist[0]:.1f} N, at most {felt.wrist_peaks[0]:.0f} N")
-    )
-    first, second = felt.phantoms
-    counts = f"{first} over {NOMINAL:g} Nm, {second} over {ACCELERATING:g} Nm"
-    rows.append((explained("phantom collisions", _PHANTOM), counts))
+    (left, right), (first, second) = felt.fingers, felt.phantoms
+    wrist = f"{felt.wrist[0]:.1f} N, at most {felt.wrist_peaks[0]:.0f} N"
+    rows = [
+        ("fingers, left and right", f"<b>{left:.0f} N, {right:.0f} N</b>"),
+        *([] if felt.grasp is None else _grasp(felt.grasp)),
+        (explained("force at the wrist", _WRIST), wrist),
+        (explained("phantom collisions", _PHANTOM), f"{first} over {NOMINAL:g} Nm, {second} over {ACCELERATING:g} Nm"),
+    ]
     return card(heading("Forces"), _torque(felt), pairs(rows))
 
 

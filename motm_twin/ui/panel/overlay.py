@@ -140,13 +140,10 @@ def sent_to(tick: TickMessage | None, target: str) -> str:
 
 def drive_index(tick: TickMessage | None, target: str) -> int | None:
     """Number of the drive to this target that has not ended; None when there is none."""
-    listed = [] if tick is None else tick.tasks
-    open_drives = (
-        index
-        for index, task in enumerate(listed)
-        if task.kind == "drive_to" and task.target == target and task.status in ("waiting", "active")
-    )
-    return next(open_drives, None)
+    for index, task in enumerate([] if tick is None else tick.tasks):
+        if task.kind == "drive_to" and task.target == target and task.status in ("waiting", "active"):
+            return index
+    return None
 
 
 def _packed(mark: str, content: object) -> str:

@@ -90,7 +90,8 @@ class HelpCard:
         gui = self._visitor.client.gui
         with gui.add_modal("How to drive") as self._window:
             gui.add_html(SHORT)
-            gui.add_html(_table(self.keys))
+            keys = "".join(f"<div><kbd>{key}</kbd>{label}</div>" for label, key in self.keys)
+            gui.add_html(f'<div class="keys">{keys}</div>')
             if address := link("page"):
                 words = "Documentation: the page, the method, your own scene or robot"
                 gui.add_html(note(f'<a class="docs" href="{address}" target="_blank" rel="noopener">{words}</a>'))
@@ -102,10 +103,6 @@ class HelpCard:
         if window is not None:
             window.close()
         return window is not None
-
-
-def _table(keys: list[tuple[str, str]]) -> str:
-    return f'<div class="keys">{"".join(f"<div><kbd>{key}</kbd>{label}</div>" for label, key in keys)}</div>'
 
 
 # A page may close while its panel is being updated; that is nothing to report.

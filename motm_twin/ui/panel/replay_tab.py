@@ -58,11 +58,6 @@ class ReplayTab(Block):
         self._consequence.content = branch_text(shown)
         self._announce(shown)
 
-    @property
-    def speed(self) -> float:
-        """Speed at which the past is played."""
-        return SPEEDS[self._speed.value]
-
     def step(self, periods: int) -> None:
         """Look one period earlier or later."""
         self.hub.playback.step(periods, self.hub.span)
@@ -75,7 +70,7 @@ class ReplayTab(Block):
         if playback.playing:
             playback.pause()
         else:
-            playback.play(self.speed, self.hub.span)
+            playback.play(SPEEDS[self._speed.value], self.hub.span)
         return True
 
     def branch(self) -> None:
@@ -174,11 +169,8 @@ def file_name(status: StatusMessage | None, ending: str, *, looked_at: float | N
         return f"twin.{ending}"
     time = f"{status.time:.1f}s" if looked_at is None else f"{looked_at:.2f}s"
     parts = (status.scene, status.variant, str(status.seed), time)
-    return "-".join(filter(None, (_plain(part) for part in parts))) + f".{ending}"
-
-
-def _plain(text: str) -> str:
-    return re.sub(r"[^A-Za-z0-9_.]+", "_", text).strip("_.")[:40]
+    plain = (re.sub(r"[^A-Za-z0-9_.]+", "_", part).strip("_.")[:40] for part in parts)
+    return "-".join(filter(None, plain)) + f".{ending}"
 
 
 def span_line(shown: Shown, span: Span | None) -> str:

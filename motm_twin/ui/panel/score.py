@@ -29,13 +29,12 @@ WINDOW = 10.0  # [s]
 _PERIOD_NAME = f"Computing, last {WINDOW:.0f} s"
 _PERIOD_WORDS = "Time from the sensors to the commands of one control period of 50 ms."
 _SCALE = 1.2 * BUDGET  # [ms] length of the bars
-COLOURS = {"map": "#0d9488", "place": "#65a30d", "plan": "#2563eb", "arm": "#9333ea", "monitor": "#f59e0b"}
-TITLES = {
-    "map": "map from the scan",
-    "place": "places to stand",
-    "plan": "way and plan",
-    "arm": "arm",
-    "monitor": "checks",
+_LOOKS = {  # of the stages: name and colour
+    "map": ("map from the scan", "#0d9488"),
+    "place": ("places to stand", "#65a30d"),
+    "plan": ("way and plan", "#2563eb"),
+    "arm": ("arm", "#9333ea"),
+    "monitor": ("checks", "#f59e0b"),
 }
 _COLUMNS = ("ms", explained("half", "p50: half of the periods take less"), explained("99 %", "p99"), "max")
 _FIRST, _PERIOD = Sample._fields.index(STAGES[0]), Sample._fields.index("period")
@@ -44,25 +43,20 @@ _FIRST, _PERIOD = Sample._fields.index(STAGES[0]), Sample._fields.index("period"
 def score_card(tick: TickMessage, status: StatusMessage | None, scene: Scene | None = None) -> str:
     """The referee's count up to the shown period, and the published times of this task."""
     rows: list[tuple[str, ...]] = [("time", f"<b>{_time(tick):.2f} s</b>")]
-    score = tick.score
-    if score is not None:
-        rows += _count(tick, score)
-    return card(heading(explained("Score", "as the referee counts", "referee")), *_compared(rows, tick, status, scene))
+    if tick.score is not None:
+        rows += _count(tick, tick.score)
+    tasks = sorted((task.kind, task.target) for task in tick.tasks)  # published times are of these, in any order
+    if scene is not None and tasks != sorted((kind_of(task), name_of(task)) for task in scene.tasks):
+        beside = '<hr><div class="mu">the task list was changed: no time to compare with</div>'
+    else:
+        rows += _tour(tick, status)
+        beside = _published(tick, status)
+    return card(heading(explained("Score", "as the referee counts", "referee")), table(rows), beside)
 
 
 def _time(tick: TickMessage) -> float:
     """[s] of the work: a finished run goes on for 2 s, so that the robot comes to rest."""
     return tick.time if tick.ended is None else tick.ended
-
-
-def _compared(
-    rows: list[tuple[str, ...]], tick: TickMessage, status: StatusMessage | None, scene: Scene | None
-) -> tuple[str, str]:
-    """The rows beside published times, which are of the tasks of the scene, in any order, and of no others."""
-    tasks = sorted((task.kind, task.target) for task in tick.tasks)
-    if scene is not None and tasks != sorted((kind_of(task), name_of(task)) for task in scene.tasks):
-        return table(rows), '<hr><div class="mu">the task list was changed: no time to compare with</div>'
-    return table(rows + _tour(tick, status)), _published(tick, status)
 
 
 def progress(tick: TickMessage, status: StatusMessage | None, scene: Scene | None = None) -> str:
@@ -144,27 +138,24 @@ def timing_card(samples: NDArray[np.float64]) -> str:
     worst = int(np.argmax(period))
     over = int((period > BUDGET).sum())
     colour = GREEN if over == 0 else RED if over > 0.01 * len(period) else AMBER
-    title = heading(explained(_PERIOD_NAME, _PERIOD_WORDS, "period"))
     late = f'<b style="color:{colour}">{over} of {len(period)} over {BUDGET:.0f} ms</b>'
-    bars = _labelled("typical", _stack([(name, float(np.nanmedian(values))) for name, values in stages]))
-    bars += _labelled("slowest", _stack([(name, float(values[worst])) for name, values in stages]))
+    bars = _stack("typical", [(name, float(np.nanmedian(values))) for name, values in stages])
+    bars += _stack("slowest", [(name, float(values[worst])) for name, values in stages])
     cells: list[tuple[str, ...]] = [tuple(f'<span class="mu">{name}</span>' for name in _COLUMNS)]
     for name, values in stages:
-        dot = f'<span style="color:{COLOURS[name]}">&#9632;</span> {TITLES[name]}'
+        title, colour = _LOOKS[name]
+        dot = f'<span style="color:{colour}">&#9632;</span> {title}'
         low, high = np.nanpercentile(values, (50, 99))
         cells.append((dot, f"{low:.1f}", f"{high:.1f}", f"{np.nanmax(values):.1f}"))
     cells.append(("<b>period</b>", f"<b>{p50:.1f}</b>", f"<b>{p99:.1f}</b>", f"<b>{period.max():.1f}</b>"))
-    return card(ends(title, late), bars, table(cells))
+    return card(ends(heading(explained(_PERIOD_NAME, _PERIOD_WORDS, "period")), late), bars, table(cells))
 
 
-def _labelled(name: str, content: str) -> str:
-    return f'<div class="row"><span class="mu" style="width:48px">{name}</span><div class="fill">{content}</div></div>'
-
-
-def _stack(stages: list[tuple[str, float]]) -> str:
+def _stack(label: str, stages: list[tuple[str, float]]) -> str:
     parts, at = [], 0.0
     for name, value in stages:
         if np.isfinite(value):
-            parts.append(piece(at / _SCALE, (at + value) / _SCALE, COLOURS[name]))
+            parts.append(piece(at / _SCALE, (at + value) / _SCALE, _LOOKS[name][1]))
             at += value
-    return bar(*parts, mark(BUDGET / _SCALE, RED), height=12)
+    content = bar(*parts, mark(BUDGET / _SCALE, RED), height=12)
+    return f'<div class="row"><span class="mu" style="width:48px">{label}</span><div class="fill">{content}</div></div>'

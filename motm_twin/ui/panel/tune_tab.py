@@ -172,12 +172,10 @@ class TuningValues:
         self.running = dict(running)
         if self.apart:
             return []
-        changed = []
-        for entry in PARAMETERS:
-            value = self._run(entry.name)
-            if value != self.wanted[entry.name] and self._free(entry.name):
-                self.wanted[entry.name] = value
-                changed.append(entry.name)
+        now = self._now()
+        free = [name for name in NAMES if name not in self._pending and now - self._touched.get(name, -1e9) > HOLD]
+        changed = [name for name in free if self._run(name) != self.wanted[name]]
+        self.wanted |= {name: self._run(name) for name in changed}
         return changed
 
     def part(self, apart: bool) -> None:
@@ -193,9 +191,7 @@ class TuningValues:
     def compared(self) -> Values:
         """All values of a comparison: those not as shipped here or in the running twin."""
         return {
-            name: value
-            for name, value in self.wanted.items()
-            if self.shipped[name] != value or self.shipped[name] != self._run(name)
+            name: value for name, value in self.wanted.items() if not value == self.shipped[name] == self._run(name)
         }
 
     def differs(self) -> bool:
@@ -205,9 +201,6 @@ class TuningValues:
     def _run(self, name: str) -> ParameterValue:
         """The value that the twin has."""
         return self.running.get(name, DEFAULTS[name])
-
-    def _free(self, name: str) -> bool:
-        return name not in self._pending and self._now() - self._touched.get(name, -1e9) > HOLD
 
 
 def shipped_with(status: StatusMessage) -> Values:
@@ -229,11 +222,8 @@ def title(entry: Parameter, changed: bool) -> str:
 
 def hint(entry: Parameter, shipped: ParameterValue) -> str:
     """Meaning, source and values of a parameter."""
-    words = [entry.help]
-    if entry.paper is not None:
-        words.append(f"Paper: {_shown(entry.paper)}.")
-    words.append(f"As shipped with the method that drives: {_shown(shipped)}. Source: {entry.source}.")
-    return " ".join(words)
+    paper = "" if entry.paper is None else f"Paper: {_shown(entry.paper)}. "
+    return f"{entry.help} {paper}As shipped with the method that drives: {_shown(shipped)}. Source: {entry.source}."
 
 
 def marks(entry: Parameter, shipped: ParameterValue) -> tuple[tuple[float, str], ...]:
@@ -321,7 +311,8 @@ def result(state: State, earlier: str = "") -> str:
         rows.append(("placed", f"{before.places}", f"{after.places}"))
         rows.append(("contacts caused", *(f"{one.contacts} of {one.all_contacts}" for one in (before, after))))
         rows.append(("driven", f"{before.path_length:.1f} m", f"{after.path_length:.1f} m"))
-        rows.append(("forecast", *(_forecast(outcome) for outcome in (before, after))))
+        begins = (one.forecast_from_s for one in (before, after))  # where no clock cuts searches
+        rows.append(("forecast", *("no" if begin is None else f"from {begin:.1f} s" for begin in begins)))
     names = [f"{parameter(name).title}: {_shown(value)}" for name, value in state.values.items()]
     what = ", ".join(names[:MOST_NAMED]) + (f", and {len(names) - MOST_NAMED} more" if len(names) > MOST_NAMED else "")
     said = f'<div class="mu">changed: {text(what)}</div>' if what else ""
@@ -335,11 +326,6 @@ def _time(state: State, run: str) -> str:
         forecast = "" if outcome.forecast_from_s is None else f'<div style="{_FORECAST}">forecast</div>'
         return f'<b style="font-size:16px">{outcome.time_s:.1f} s</b>{forecast}'
     return f"at {state.reached[run]:.0f} s …" if run in state.reached else "…"
-
-
-def _forecast(outcome: Outcome) -> str:
-    """Time from which a run is a forecast, with searches that no clock cuts."""
-    return "no" if outcome.forecast_from_s is None else f"from {outcome.forecast_from_s:.1f} s"
 
 
 def _verdict(state: State, before: Outcome | None, after: Outcome | None) -> str:

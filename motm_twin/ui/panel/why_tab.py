@@ -126,21 +126,21 @@ def says(tick: TickMessage, scene: Scene | None = None) -> str:
 
 def held_up(tick: TickMessage, scene: Scene | None = None) -> str:
     """Reason why the robot waits or is slowed; "" when nothing holds it up."""
+    return next((why for why, holds in _reasons(tick, scene) if holds), "")
+
+
+def _reasons(tick: TickMessage, scene: Scene | None) -> list[tuple[str, bool]]:
+    """As of `explain.waiting`, without the end of a run that the headline tells."""
     said = explain.doing(tick).lower() if tick.done else ""
-    reasons = explain.waiting(tick, limited_by(tick, scene))
-    return next((why for why, holds in reasons if holds and why.lower() != said), "")
+    return [(why, holds) for why, holds in explain.waiting(tick, limited_by(tick, scene)) if why.lower() != said]
 
 
 def now_card(tick: TickMessage, scene: Scene | None = None, status: StatusMessage | None = None) -> str:
     """Reasons why the robot waits, and its motion; with the scene by names, with the status the method that drives."""
-    speed, turn = tick.robot.twist
-    limiter = limited_by(tick, scene)
-    said = explain.doing(tick).lower() if tick.done else ""
-    reasons = [(why, held_up) for why, held_up in explain.waiting(tick, limiter) if why.lower() != said]
-    rows = [sentence(why, AMBER if held_up else MUTED) for why, held_up in reasons]
+    rows = [sentence(why, AMBER if holds else MUTED) for why, holds in _reasons(tick, scene)]
     if tick.done and explain.stands(tick):
         return card(*rows, _driven_by(status))
-    motion = moving(speed, turn)
+    motion = moving(*tick.robot.twist)
     reach, task = tick.plan.time_to_range, explain.active_task(tick)
     planned = task is not None and not (tick.preview and task.status == "waiting")  # for the task in hand
     if reach is not None and planned and not tick.done:
@@ -173,23 +173,24 @@ def task_card(tick: TickMessage) -> str:
     task, plan, placement = explain.active_task(tick), tick.plan, tick.placement
     if task is None:
         return ""
-    number = f"{tick.task_index + 1} of {len(tick.tasks)}"
+    name = f"{text(task.kind.replace('_', ' '))} {text(task.target)}"
     tries = f", try {task.attempts}" if task.attempts > 1 else ""
-    rows = [(f"task {number}", f"<b>{text(task.kind.replace('_', ' '))} {text(task.target)}</b>{tries}")]
     mode = text(explain.MODES.get(placement.mode, placement.mode))
-    if placement.mode == "ring":
-        mode = f"{placement.radius:.2f} m from the target"
+    mode = f"{placement.radius:.2f} m from the target" if placement.mode == "ring" else mode
     chosen = 0 <= placement.chosen < len(placement.poses)
     number = f" Candidate no. {placement.chosen + 1} of {len(placement.poses)}." if chosen else ""
-    rows.append((explained("where the base is to stand", _PLACE + number, "place"), mode))
     colour = {"goal": GREEN, "aborted": BLUE, "braking": RED}.get(plan.status, MUTED)
     cut = explained(", time was over", _CUT, "end of search") if plan.cut_by_clock else ""
     shy = "full" if plan.k > _FREELY else "none: it is there" if plan.k < _SLIGHTLY else "less: it is nearly there"
     words = chip(explain.PLANS.get(plan.status, plan.status), colour)
-    rows.append((explained("plan of the next seconds", _LOCAL, "plan"), words))
-    rows.append((explained("time to get there", _T_H, "plan"), seconds(plan.t_h)))
-    rows.append((explained("penalty near obstacles", f"{_K}: {plan.k:.2f}.", "penalty"), shy))
-    rows.append((explained("motions tried", _NODES, "plan"), f"{plan.expansions}{cut}"))
+    rows = [
+        (f"task {tick.task_index + 1} of {len(tick.tasks)}", f"<b>{name}</b>{tries}"),
+        (explained("where the base is to stand", _PLACE + number, "place"), mode),
+        (explained("plan of the next seconds", _LOCAL, "plan"), words),
+        (explained("time to get there", _T_H, "plan"), seconds(plan.t_h)),
+        (explained("penalty near obstacles", f"{_K}: {plan.k:.2f}.", "penalty"), shy),
+        (explained("motions tried", _NODES, "plan"), f"{plan.expansions}{cut}"),
+    ]
     return card(heading("Task in hand"), pairs(rows))
 
 
@@ -204,20 +205,14 @@ def arm_card(tick: TickMessage, parameters: Mapping[str, ParameterValue], scene:
     solved = step.program == ProgramStatus.SOLVED
     word, words = PROGRAMS.get(step.program, (step.program, ""))  # type: ignore[call-overload]
     name = explained(chip(word, GREEN if solved else RED), words, "program") if words else chip(word, RED)
-    parts = [ends(heading("Arm"), name)]
-    if not solved:
-        parts.append(sentence(step.qp_status, RED))
-    parts.append(_distance(tick.arm, parameters, limited_by(tick, scene)))
-    parts.append(_manipulability(step))
-    error = (
-        ("unknown", "unknown") if step.error is None else (f"{100 * step.error:.0f} cm", f"{1e3 * step.error:.0f} mm")
-    )
-    off = explained("hand still to go", f"{_REFERENCE} {error[1]}.", "phases")
-    parts.append(pairs([(off, error[0]), *_slack(step.slack)]))
+    failure = "" if solved else sentence(step.qp_status, RED)
+    distance = _distance(tick.arm, parameters, limited_by(tick, scene))
+    cm, mm = ("unknown",) * 2 if step.error is None else (f"{100 * step.error:.0f} cm", f"{1e3 * step.error:.0f} mm")
+    hand = pairs([(explained("hand still to go", f"{_REFERENCE} {mm}.", "phases"), cm), *_slack(step.slack)])
     held = [(what, f"{by}{strange(by, tick, scene)}") for what, by in explain.constraints(tick.arm, tick.robot.q)]
     lines = "".join(f"<div>{text(what)} <span class='mu'>{text(by)}</span></div>" for what, by in held)
-    parts.append("<hr>" + (lines or '<div class="mu">no limit is active: the hand moves as it wants</div>'))
-    return card(*parts)
+    limits = "<hr>" + (lines or '<div class="mu">no limit is active: the hand moves as it wants</div>')
+    return card(ends(heading("Arm"), name), failure, distance, _manipulability(step), hand, limits)
 
 
 def _distance(steps: Sequence[ArmMessage], parameters: Mapping[str, ParameterValue], name: str) -> str:
@@ -225,12 +220,11 @@ def _distance(steps: Sequence[ArmMessage], parameters: Mapping[str, ParameterVal
     step = steps[-1]
     d_s, d_i, _ = bands(parameters)
     distance = step.obstacle_distance
-    pieces = [piece(0.0, d_s / RULER, "var(--motm-near)"), piece(d_s / RULER, d_i / RULER, "var(--motm-slow)")]
-    if distance is not None:
-        pieces.append(mark(distance / RULER))
+    red, orange = piece(0.0, d_s / RULER, "var(--motm-near)"), piece(d_s / RULER, d_i / RULER, "var(--motm-slow)")
+    place = "" if distance is None else mark(distance / RULER)
     rows = [(explained("gripper to obstacle", "by the lidar", "arm"), f"<b>{metres(distance)}</b>")]
     ruler = (
-        f"{bar(*pieces)}<div class='mu' style='font-size:11px'>"
+        f"{bar(red, orange, place)}<div class='mu' style='font-size:11px'>"
         f"{explained(f'red: no nearer than {d_s:g} m', 'd_s, the stopping distance', 'avoidance')} &middot; "
         f"{explained(f'orange: slows down within {d_i:g} m', 'd_i, the influence distance', 'avoidance')}</div>"
     )
@@ -274,8 +268,7 @@ def events_card(tick: TickMessage, events: Sequence[EventMessage]) -> str:
     entries.sort(key=lambda entry: -entry[0])
     rows = []
     for time, kind, what in entries[:EVENTS]:
-        colour = _EVENT_COLOURS.get(kind, MUTED)
-        dot = f'<span style="color:{colour}">&#9679;</span>'
+        dot = f'<span style="color:{_EVENT_COLOURS.get(kind, MUTED)}">&#9679;</span>'
         rows.append(f'<div class="event"><span class="mu">{time:.2f} s</span>{dot}<span>{text(what)}</span></div>')
     return card(heading("What happened"), "".join(rows) or '<div class="mu">nothing yet</div>')
 
@@ -287,22 +280,16 @@ def candidate_card(placement: PlacementMessage, index: int | None, next_weight: 
         if not 0 <= chosen < len(placement.poses):
             return _hint(placement)
         return card(heading(_title(placement, chosen)), *_costs(placement, chosen, next_weight)) + _hint(placement)
-    x, y, heading_ = placement.poses[index]
-    rows = [
-        heading(_title(placement, index)),
-        f'<div class="mu">x {x:.2f} m, y {y:.2f} m, heading {round(math.degrees(heading_))}&deg;</div>',
-    ]
-    if placement.rejected[index]:
-        rows.append(sentence(f"Not possible: {placement.rejected[index]}", MUTED))
-    else:
-        rows += _costs(placement, index, next_weight)
-    return card(*rows)
+    (x, y, turn), reason = placement.poses[index], placement.rejected[index]
+    place = f'<div class="mu">x {x:.2f} m, y {y:.2f} m, heading {round(math.degrees(turn))}&deg;</div>'
+    costs = [sentence(f"Not possible: {reason}", MUTED)] if reason else _costs(placement, index, next_weight)
+    return card(heading(_title(placement, index)), place, *costs)
 
 
 def _title(placement: PlacementMessage, index: int) -> str:
     """Rank and choice, with its number on hover; candidates are numbered round the target."""
-    viable = sum(cost is not None for cost in placement.cost)
-    place = "" if placement.cost[index] is None else f", {_nth(rank(placement, index))} of {viable}"
+    own, known = placement.cost[index], [cost for cost in placement.cost if cost is not None]
+    place = "" if own is None else f", {_nth(1 + sum(cost < own for cost in known))} of {len(known)}"
     chosen = ", <b>chosen</b>" if index == placement.chosen else ""
     return explained("Place to stand", f"Candidate no. {index + 1} of {len(placement.poses)}", "place") + place + chosen
 
@@ -319,13 +306,11 @@ def _costs(placement: PlacementMessage, index: int, weight: float) -> list[str]:
     sum_ = "The cost C, by the rule of this method."
     if paper:
         sum_ = f"The cost C = C_C + {weight:g} C_N: the way on counts {weight:g} times. The least cost is chosen."
+    together = explained("together" if paper else "cost", sum_, "place")
     rows = [
         (explained("time to get there", "Current cost C_C.", "place"), seconds(here)),
         (explained("and on to the next target", "Next cost C_N.", "place"), seconds(onward)),
-        (
-            explained("together" if paper else "cost", sum_, "place"),
-            f"<b>{seconds(total)}</b>{_dearer(placement, index)}",
-        ),
+        (together, f"<b>{seconds(total)}</b>{_dearer(placement, index)}"),
     ]
     if not paper:
         return [pairs(rows)]
@@ -344,12 +329,6 @@ def _dearer(placement: PlacementMessage, index: int) -> str:
     if own is None or best is None or index == chosen:
         return ""
     return f", {abs(own - best):.1f} s {'more' if own > best else 'less'} than the chosen"
-
-
-def rank(placement: PlacementMessage, index: int) -> int:
-    """1 for the cheapest candidate."""
-    own = placement.cost[index]
-    return 1 + sum(cost is not None and own is not None and cost < own for cost in placement.cost)
 
 
 def _hint(placement: PlacementMessage) -> str:

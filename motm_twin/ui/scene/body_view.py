@@ -89,8 +89,7 @@ class BodyView:
         if name in self._bodies and self._bodies[name].shape != shape:
             self._remove(name)
         if name not in self._bodies:
-            made = self._add_cube(name, body) if name.startswith("object/") else self._add_loose(name, body)
-            self._bodies[name] = _Drawn(made[0], shape, made[1])
+            self._bodies[name] = self._add(name, body, shape)
         drawn, mover = self._bodies[name], body.kind in MESHES
         if place != drawn.place:
             drawn.place, (x, y, z, yaw) = place, place
@@ -118,13 +117,12 @@ class BodyView:
                 f"{ROOT}/{name}/sign", "\N{SNOWFLAKE} frozen", position=place, depth_test=False, **SIGN
             )
 
-    def _add_cube(self, name: str, body: BodyMessage) -> tuple[viser.BoxHandle, None]:
-        colour, sides = self._colours.get(body.name, colours.NAMED["red"]), (body.size[0],) * 3
-        box = self._server.scene.add_box(f"{ROOT}/{name}", color=colour, dimensions=sides, **NO_SHADOW)
-        self._drag.attach_cube(box, body.name)
-        return box, None
-
-    def _add_loose(self, name: str, body: BodyMessage) -> tuple[viser.GlbHandle, viser.GlbHandle]:
+    def _add(self, name: str, body: BodyMessage, shape: tuple) -> _Drawn:
+        if name.startswith("object/"):
+            colour, sides = self._colours.get(body.name, colours.NAMED["red"]), (body.size[0],) * 3
+            box = self._server.scene.add_box(f"{ROOT}/{name}", color=colour, dimensions=sides, **NO_SHADOW)
+            self._drag.attach_cube(box, body.name)
+            return _Drawn(box, shape)
         add, scale = self._server.scene.add_glb, 1.0
         length, width, height = body.size[0], body.size[1], body.size[2] or 1.0
         if body.kind in MESHES:
@@ -136,7 +134,7 @@ class BodyView:
         handle = add(f"{ROOT}/{name}", mesh, scale=scale, **NO_SHADOW)
         dark = box_shadow_glb(length, width, height) if body.kind == "box" else round_shadow_glb(length / 2, height)
         self._drag.attach(handle, body.name, where=lambda: (float(handle.position[0]), float(handle.position[1])))
-        return handle, add(f"{ROOT}/shadow/{name}", dark, **NO_SHADOW)
+        return _Drawn(handle, shape, add(f"{ROOT}/shadow/{name}", dark, **NO_SHADOW))
 
     def _remove(self, name: str) -> None:
         drawn = self._bodies.pop(name)

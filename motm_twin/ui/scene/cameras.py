@@ -92,29 +92,15 @@ def _fitted(points: Array, direction: Array, aspect: float, below: float, fov: f
     right = np.cross(forward, [0.0, 0.0, 1.0])
     right /= np.linalg.norm(right)
     up = np.cross(right, forward)
-    across, high, deep = points @ right, points @ up, points @ forward
-    tangent = math.tan(fov / 2)
-    side = (across, deep, _EDGE * tangent * aspect)
-    ends = (high, deep, (_EDGE - 2.0 * below) * tangent), (high, deep, _EDGE * tangent)
-    back = min(_farthest(side, side), _farthest(*ends))
-    position = _middle(side, side, back) * right + _middle(*ends, back) * up + back * forward
+    deep, tangent = points @ forward, math.tan(fov / 2)
+    wide, lower, upper = _EDGE * tangent * aspect, (_EDGE - 2.0 * below) * tangent, _EDGE * tangent
+    edges = (points @ right, wide, wide), (points @ up, lower, upper)  # of the picture: points along it, slopes
+    axes = [(low, high, np.max(-at - low * deep), np.max(at - high * deep)) for at, low, high in edges]
+    back = min(-(before + behind) / (low + high) for low, high, before, behind in axes)  # both edges hold everything
+    x, y = (0.5 * (behind - before + (high - low) * back) for low, high, before, behind in axes)  # as much room at both
+    position = x * right + y * up + back * forward
     along = (0.2 - position[2]) / forward[2]
     return position, position + along * forward
-
-
-Edge = tuple[Array, Array, float]  # points across, their depth, and the slope of an edge of the picture
-
-
-def _farthest(low: Edge, high: Edge) -> float:
-    """Greatest depth of the eye at which both edges hold everything."""
-    return -(float(np.max(-low[0] - low[2] * low[1])) + float(np.max(high[0] - high[2] * high[1]))) / (low[2] + high[2])
-
-
-def _middle(low: Edge, high: Edge, back: float) -> float:
-    """Place of the eye along an axis of the picture, at a depth, with as much room at one edge as at the other."""
-    least = float(np.max(high[0] - high[2] * high[1])) + high[2] * back
-    most = -float(np.max(-low[0] - low[2] * low[1])) - low[2] * back
-    return (least + most) / 2
 
 
 @dataclass
@@ -379,8 +365,7 @@ class Visibility:
 
     def sees(self, place: tuple[float, float], height: float) -> bool:
         """True when a body of this height [m] on the floor is in the picture and not occluded."""
-        points = [np.array([*place, part * height]) for part in _PARTS]
-        return all(self._in_picture(point) and not self._hidden(point) for point in points)
+        return all(self._sees(np.array([*place, part * height])) for part in _PARTS)
 
     def middle(self) -> tuple[float, float] | None:
         """The floor point [m] in the middle of the picture; None when that is the sky."""
@@ -389,14 +374,13 @@ class Visibility:
         point = self._eye - self._forward * self._eye[2] / self._forward[2]
         return float(point[0]), float(point[1])
 
-    def _in_picture(self, point: Array) -> bool:
+    def _sees(self, point: Array) -> bool:
         right = np.cross(self._forward, [0.0, 0.0, 1.0])
         right /= max(float(np.linalg.norm(right)), 1e-9)
         ray = point - self._eye
         edge = _SIGHT_EDGE * self._half * float(ray @ self._forward)
         across, high = float(ray @ right), float(ray @ np.cross(right, self._forward))
-        return edge > 0.0 and abs(high) < edge and abs(across) < edge * self._aspect
-
-    def _hidden(self, point: Array) -> bool:
+        if not (edge > 0.0 and abs(high) < edge and abs(across) < edge * self._aspect):
+            return False
         hit = self._surroundings.solid(Ray.through(self._eye, point), self._tick)
-        return hit is not None and hit.distance < float(np.linalg.norm(point - self._eye)) - _OWN
+        return hit is None or hit.distance >= float(np.linalg.norm(ray)) - _OWN

@@ -28,7 +28,6 @@ from motm_twin.ui.scene.light import (
     NO_SHADOW,
     SHADOW_HEIGHT,
     Block,
-    add_lights,
     floor_glb,
     ground_glb,
     shadow_glb,
@@ -141,9 +140,8 @@ def _shelf_parts(solid: Solid) -> list[Part]:
         side = _extrude(_rectangle(TOP, width, 0.0), low, high - TOP)
         side.apply_translation((x * (length - TOP) / 2, 0.0, 0.0))
         parts.append((side, "wood"))
-    count = max(1, round((high - low) / BOARD_GAP))
-    for level in np.linspace(low, high - TOP, count + 1):
-        parts.append((_extrude(_rectangle(length, width, 0.0), float(level), float(level) + TOP), "wood"))
+    levels = np.linspace(low, high - TOP, max(1, round((high - low) / BOARD_GAP)) + 1).tolist()
+    parts += [(_extrude(_rectangle(length, width, 0.0), level, level + TOP), "wood") for level in levels]
     return _placed(parts, solid.shape.centre, solid.shape.yaw)
 
 
@@ -283,28 +281,21 @@ def _material(name: str) -> PBRMaterial:
     return PBRMaterial(baseColorFactor=[*linear.tolist(), 255], metallicFactor=metal, roughnessFactor=rough)
 
 
-class FixedView:
-    """Light, floor, ground, sky, walls and other fixed solids; another scene replaces them."""
-
-    def __init__(self, server: viser.ViserServer) -> None:
-        self._scene = server.scene
-        add_lights(server.scene)
-
-    def show(self, scene: Scene) -> None:
-        """Draw this scene instead of the last one."""
-        self._scene.remove_by_name(FIXED)
-        x_min, y_min, x_max, y_max = scene.bounds
-        centre = ((x_min + x_max) / 2, (y_min + y_max) / 2)
-        meshes = {"floor": floor_glb(scene), "ground": ground_glb(centre), "sky": sky_glb(centre)}
-        movable = {name for piece in pieces(scene).values() for name in piece.solids}
-        fixed = [solid for solid in scene.solids if solid.name not in movable]
-        if fixed:
-            meshes |= {"fixed": glb(solids_mesh(fixed)), "shadow": shadow_glb(blocks(fixed))}
-        if scene.bumps:
-            meshes["bumps"] = glb(bump_mesh(scene.bumps))
-        for name, mesh in meshes.items():
-            height = SHADOW_HEIGHT if name == "shadow" else 0.0
-            self._scene.add_glb(f"{FIXED}/{name}", mesh, position=(0.0, 0.0, height), **NO_SHADOW)
+def show_fixed(page: viser.SceneApi, scene: Scene) -> None:
+    """Draw floor, ground, sky, walls and other fixed solids of this scene instead of those of the last one."""
+    page.remove_by_name(FIXED)
+    x_min, y_min, x_max, y_max = scene.bounds
+    centre = ((x_min + x_max) / 2, (y_min + y_max) / 2)
+    meshes = {"floor": floor_glb(scene), "ground": ground_glb(centre), "sky": sky_glb(centre)}
+    movable = {name for piece in pieces(scene).values() for name in piece.solids}
+    fixed = [solid for solid in scene.solids if solid.name not in movable]
+    if fixed:
+        meshes |= {"fixed": glb(solids_mesh(fixed)), "shadow": shadow_glb(blocks(fixed))}
+    if scene.bumps:
+        meshes["bumps"] = glb(bump_mesh(scene.bumps))
+    for name, mesh in meshes.items():
+        height = SHADOW_HEIGHT if name == "shadow" else 0.0
+        page.add_glb(f"{FIXED}/{name}", mesh, position=(0.0, 0.0, height), **NO_SHADOW)
 
 
 @dataclass

@@ -16,7 +16,6 @@ from motm_twin.model.assets import ghost_mesh
 from motm_twin.model.geometry import Array
 from motm_twin.model.joint_limits import Q_MAX, Q_MIN, READY
 from motm_twin.model.kinematics import LINKS, Frankie
-from motm_twin.model.profile import RobotProfile
 from motm_twin.ui import colours
 from motm_twin.ui.scene.drag import Spot
 from motm_twin.ui.scene.robot_view import ROOT, add_batch, put_batch
@@ -47,51 +46,41 @@ class GhostView:
         self._arrival = [add(f"arrival/{link}", link, 1, colours.PLAN, ARRIVAL_OPACITY) for link in ARRIVAL_LINKS]
         self._proposed = add("proposed", base, 1, colours.TARGET, PROPOSED_OPACITY, visible=False)
         self._going: tuple[float, float] | None = None
-        self._kinematics: Frankie | None = None
-        self._known: tuple[tuple[float, ...], Array] | None = None  # arrival that was computed last, and its joints
+        self.kinematics: Frankie | None = None
+        self._known, self._q = (), READY  # arrival that was computed last, and its joints
         self.on = True
-
-    def configure(self, profile: RobotProfile) -> None:
-        """Another robot profile."""
-        self._kinematics = Frankie(profile)
 
     def propose(self, going: tuple[float, float] | None, tick: TickMessage) -> None:
         """A base at the place [m] where a drive is proposed, heading as it would come straight there; None hides it."""
-        if going == self._going or self._kinematics is None:
+        if going == self._going or self.kinematics is None:
             return
         self._going, self._proposed.visible = going, going is not None
         if going is not None:
             way = np.subtract(going, tick.robot.true_pose[:2])
             pose = np.array([*going, np.arctan2(way[1], way[0])])
-            put_batch([self._proposed], 1, {0: self._kinematics.link_transforms(pose, READY)[:1]})
+            put_batch([self._proposed], 1, {0: self.kinematics.link_transforms(pose, READY)[:1]})
 
     def update(self, tick: TickMessage, spot: Spot | None) -> None:
         """Set the ghosts along the plan of the tick; ``spot``: believed place of the target."""
-        if self._kinematics is None:
+        if self.kinematics is None:
             return
         arrival = arrival_pose(tick) if self.on and spot is not None else None
         plan = np.array(tick.plan.local_poses).reshape(-1, 5)[:, :3]
         poses = silhouette_poses(plan, arrival) if self.on else plan[:0]
         bases = {
-            number: self._kinematics.link_transforms(pose, READY)[:1]
+            number: self.kinematics.link_transforms(pose, READY)[:1]
             for number, pose in enumerate(poses, SILHOUETTES - len(poses))
         }
         put_batch([self._silhouettes], SILHOUETTES, bases)
         whole = {}
-        if arrival is not None and spot is not None and self._kinematics.profile.has_arm:
-            q = self._reached(arrival, spot, tick)
-            whole[0] = self._kinematics.link_transforms(arrival, q)[: len(ARRIVAL_LINKS)]
+        if arrival is not None and spot is not None and self.kinematics.profile.has_arm:
+            place = tick.tasks[tick.task_index].kind == "place"
+            point = np.array([spot.x, spot.y, spot.z + (OVER_BIN if place else 0.5 * spot.height)])
+            key = tuple(np.round([*arrival, *point], 2).tolist())
+            if key != self._known:  # else the arm reaches as before
+                self._known, self._q = key, reaching(self.kinematics, arrival, point)
+            whole[0] = self.kinematics.link_transforms(arrival, self._q)[: len(ARRIVAL_LINKS)]
         put_batch(self._arrival, 1, whole)
-
-    def _reached(self, base: Array, spot: Spot, tick: TickMessage) -> Array:
-        """Joints with which the arm reaches the target from there, computed anew when either has changed."""
-        assert self._kinematics is not None
-        place = tick.tasks[tick.task_index].kind == "place"
-        point = np.array([spot.x, spot.y, spot.z + (OVER_BIN if place else 0.5 * spot.height)])
-        key = tuple(np.round([*base, *point], 2).tolist())
-        if self._known is None or self._known[0] != key:
-            self._known = key, reaching(self._kinematics, base, point)
-        return self._known[1]
 
 
 @cache

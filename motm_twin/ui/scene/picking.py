@@ -33,6 +33,7 @@ CANDIDATES, RING = 192, 72  # that are drawn at most; of the smallest ring, whos
 SAME_PLACE = 0.4  # [m] from the place that the first click proposed, the second confirms it
 _ROBOT = ((0.36, 0.0, 0.4), (0.2, 0.4, 1.0))  # radius, lower and upper end [m] of base and arm
 _NO_HIT = math.inf
+_Prism = tuple[str, str, shapely.Polygon, float, float]  # kind, name, outline [m], lower and upper end [m]
 
 
 @dataclass(frozen=True)
@@ -82,14 +83,14 @@ class Surroundings:
         if key != self._key:
             self._key = key
             self.now = moved_scene(self._scene, moved, gone)
-            self._prisms = [
-                (self._owner.get(solid.name), outline(solid.shape), solid.z_min, solid.z_max)
-                for solid in self.now.solids
-            ]
-            self._bins = [
-                (box.name, rectangle((*box.centre, box.yaw), (box.side, box.side)), box.floor_z, box.rim_z)
-                for box in self.now.bins
-            ]
+            self._prisms: list[_Prism] = []
+            for box in self.now.bins:
+                shape = rectangle((*box.centre, box.yaw), (box.side, box.side))
+                self._prisms.append(("bin", box.name, shape, box.floor_z, box.rim_z))
+            for solid in self.now.solids:
+                owner = self._owner.get(solid.name, "")
+                kind = "piece" if owner else "fixed"
+                self._prisms.append((kind, owner, outline(solid.shape), solid.z_min, solid.z_max))
 
     def first(self, ray: Ray, tick: TickMessage, *, candidates: bool) -> Hit | None:
         """The first thing along a ray; candidates only when they are shown."""
@@ -104,16 +105,13 @@ class Surroundings:
 
     def solid(self, ray: Ray, tick: TickMessage, *, bins: bool = True) -> Hit | None:
         """The first thing along a ray that is not small."""
-        found: list[tuple[float, str, str]] = []
-        for name, shape, low, high in self._bins if bins else []:
-            found.append((_prism(ray, shape, low, high), "bin", name))
-        for owner, shape, low, high in self._prisms:
-            found.append((_prism(ray, shape, low, high), "fixed" if owner is None else "piece", owner or ""))
+        prisms = [prism for prism in self._prisms if bins or prism[0] != "bin"]
         for body in (*tick.agents, *tick.obstacles):
-            found.append((_prism(ray, body_outline(body), 0.0, body.size[2] or 1.0), "body", body.name))
-        x, y, _ = tick.robot.true_pose
+            prisms.append(("body", body.name, body_outline(body), 0.0, body.size[2] or 1.0))
+        place = shapely.Point(tick.robot.true_pose[:2])
         for radius, low, high in _ROBOT:
-            found.append((_prism(ray, shapely.Point(x, y).buffer(radius, quad_segs=6), low, high), "robot", ""))
+            prisms.append(("robot", "", place.buffer(radius, quad_segs=6), low, high))
+        found = [(_distance(ray, shape, low, high), kind, name) for kind, name, shape, low, high in prisms]
         found.append((_plane(ray, 0.0), "floor", ""))
         distance, kind, name = min(found, key=lambda entry: entry[0])
         return None if distance == _NO_HIT else Hit(kind, name, ray.at(distance), distance)
@@ -121,10 +119,8 @@ class Surroundings:
     def surface(self, ray: Ray) -> Array | None:
         """Point [m] of furniture, a bin's floor or the ground that a ray meets from above: a cube can be put there."""
         best = _plane(ray, 0.0)
-        for _, shape, low, _ in self._bins:
-            best = min(best, _plate(ray, shape, low))
-        for _, shape, _, high in self._prisms:
-            best = min(best, _plate(ray, shape, high))
+        for kind, _, shape, low, high in self._prisms:
+            best = min(best, _plate(ray, shape, low if kind == "bin" else high))
         return None if best == _NO_HIT else ray.at(best)
 
 
@@ -172,7 +168,7 @@ def _plate(ray: Ray, shape: shapely.Polygon, height: float) -> float:
     return distance if shapely.contains_xy(shape, *ray.at(distance)[:2]) else _NO_HIT
 
 
-def _prism(ray: Ray, shape: shapely.Polygon, low: float, high: float) -> float:
+def _distance(ray: Ray, shape: shapely.Polygon, low: float, high: float) -> float:
     """Distance [m] to an upright prism, infinite when it is missed."""
     best = _plate(ray, shape, high)
     corners = shapely.get_coordinates(shape.exterior)

@@ -6,6 +6,7 @@ believes its target, points to drive to, and wrong beliefs.
 
 import dataclasses
 import itertools
+import math
 
 import numpy as np
 import trimesh
@@ -26,34 +27,14 @@ OFF = 0.01  # [m] a belief must be wrong by this much to be shown
 MOST_BELIEFS, MOST_DRIVES = 16, 8
 Points = list[list[float]]
 _LOOKS = {  # of paths: colour, height and width [m], dashed
-    "global_path": (colours.WAY_THERE, 0.022, 0.032),
-    "next_path": (colours.WAY_ON, 0.018, 0.028),
-    "bezier": (colours.PLAN_LIGHT, 0.026, 0.02),
-    "local_plan": (colours.PLAN, 0.030, 0.02),
+    "global_path": (colours.WAY_THERE, 0.022, 0.032, False),
+    "next_path": (colours.WAY_ON, 0.018, 0.028, False),
+    "bezier": (colours.PLAN_LIGHT, 0.026, 0.02, False),
+    "local_plan": (colours.PLAN, 0.030, 0.02, False),
     "staa_path": (colours.STAA_PATH, 0.016, 0.030, True),
     "inspected": (colours.WAY_THERE, 0.034, 0.026, True),
     "inspected_next": (colours.WAY_ON, 0.034, 0.026, True),
 }
-
-
-class PathLine:
-    """A polyline just above the floor."""
-
-    def __init__(
-        self, server: viser.ViserServer, name: str, colour: colours.Rgb, height: float, width: float,
-        dashed: bool = False,
-    ) -> None:  # fmt: skip
-        self._height, self._dashed = height, dashed
-        self._handle = add_lines(server.scene, f"{PLAN}/{name}", colour, width)
-
-    def update(self, points: Points, on: bool) -> None:
-        """Draw through these points; nothing when there are fewer than two."""
-        self._handle.visible = on and len(points) > 1
-        if self._handle.visible:
-            flat = np.asarray(points, dtype=np.float32)
-            pieces = dashes(flat) if self._dashed else np.stack([flat[:-1], flat[1:]], axis=1)
-            heights = np.full((*pieces.shape[:2], 1), self._height, dtype=np.float32)
-            self._handle.points = np.concatenate([pieces, heights], axis=2)
 
 
 class CandidateView:
@@ -105,7 +86,8 @@ class PlanView:
     """Paths and candidates of a tick."""
 
     def __init__(self, server: viser.ViserServer) -> None:
-        self._lines = {name: PathLine(server, name, *look) for name, look in _LOOKS.items()}
+        add = server.scene
+        self._lines = {name: add_lines(add, f"{PLAN}/{name}", look[0], look[2]) for name, look in _LOOKS.items()}
         self.candidates = CandidateView(server)
         self.on, self.staa_on = True, False
         self.picked: int | None = None
@@ -114,17 +96,23 @@ class PlanView:
         """Draw the plan of a tick."""
         plan, found = tick.plan, tick.inspected
         inspected = found if found is not None and found.candidate == self.picked else None
-        paths: dict[str, tuple[Points, bool]] = {
-            "global_path": (plan.global_path, True),
-            "next_path": (plan.next_path, True),
-            "bezier": (plan.bezier, True),
-            "local_plan": ([pose[:2] for pose in plan.local_poses], True),
-            "staa_path": (plan.staa_path, self.staa_on),
-            "inspected": (inspected.path if inspected else [], True),
-            "inspected_next": (inspected.next_path if inspected else [], True),
+        paths: dict[str, Points] = {
+            "global_path": plan.global_path,
+            "next_path": plan.next_path,
+            "bezier": plan.bezier,
+            "local_plan": [pose[:2] for pose in plan.local_poses],
+            "staa_path": plan.staa_path if self.staa_on else [],
+            "inspected": inspected.path if inspected else [],
+            "inspected_next": inspected.next_path if inspected else [],
         }
-        for name, (points, on) in paths.items():
-            self._lines[name].update(points, on and (self.on or name.startswith("inspected")))
+        for name, points in paths.items():
+            line, (_, height, _, dashed) = self._lines[name], _LOOKS[name]
+            line.visible = len(points) > 1 and (self.on or name.startswith("inspected"))
+            if line.visible:
+                flat = np.asarray(points, dtype=np.float32)
+                pieces = dashes(flat) if dashed else np.stack([flat[:-1], flat[1:]], axis=1)
+                heights = np.full((*pieces.shape[:2], 1), height, dtype=np.float32)
+                line.points = np.concatenate([pieces, heights], axis=2)
         self.candidates.update(tick.placement, self.on, self.picked)
 
 
@@ -220,24 +208,16 @@ def target_spot(tick: TickMessage, surroundings: Surroundings) -> Spot | None:
 
 def drive_points(tick: TickMessage) -> list[tuple[float, float]]:
     """Points [m] that the robot is still to drive to."""
-    points = []
-    for task in tick.tasks[tick.task_index :]:
-        if task.kind == "drive_to" and task.status not in ("done", "failed", "skipped"):
-            x, y = task.target.strip("()").split(",")
-            points.append((float(x), float(y)))
-    return points
+    ended, left = ("done", "failed", "skipped"), tick.tasks[tick.task_index :]
+    points = [task.target for task in left if task.kind == "drive_to" and task.status not in ended]
+    return [(float(x), float(y)) for x, y in (point.strip("()").split(",") for point in points)]
 
 
 def believed(tick: TickMessage) -> np.ndarray:
     """Believed places of cubes that are elsewhere, shape (n, 3) [m]."""
-    true = {item.name: np.asarray(item.position) for item in tick.objects}
-    return np.array(
-        [
-            belief.position
-            for belief in tick.beliefs
-            if belief.name in true and np.linalg.norm(np.asarray(belief.position) - true[belief.name]) > OFF
-        ]
-    ).reshape(-1, 3)
+    true = {item.name: item.position for item in tick.objects}
+    known = [(belief.position, true[belief.name]) for belief in tick.beliefs if belief.name in true]
+    return np.array([place for place, real in known if math.dist(place, real) > OFF]).reshape(-1, 3)
 
 
 def _flag() -> tuple[np.ndarray, np.ndarray]:

@@ -17,7 +17,6 @@ from motm_twin.bus.messages import TickMessage
 from motm_twin.model.assets import ghost_mesh, glb_bytes
 from motm_twin.model.geometry import Array
 from motm_twin.model.kinematics import LINKS, Frankie
-from motm_twin.model.profile import RobotProfile
 from motm_twin.ui import colours
 from motm_twin.ui.scene.light import LYING, NO_SHADOW, box_shadow_glb, round_shadow_glb
 from motm_twin.ui.what_if import RUNS, Other
@@ -71,7 +70,7 @@ class RobotView:
 
     def __init__(self, server: viser.ViserServer) -> None:
         scene = server.scene
-        self._kinematics: Frankie | None = None
+        self.kinematics: Frankie | None = None  # of one without an arm only the base is drawn
         self._links = [
             scene.add_glb(f"{ROOT}/link/{link}", glb_bytes(link), visible=False, **NO_SHADOW) for link in LINKS
         ]
@@ -79,20 +78,15 @@ class RobotView:
             scene.add_glb(f"{ROOT}/shadow/{part}", dark, visible=False, **NO_SHADOW)
             for part, dark in (("base", box_shadow_glb(0.7, 0.5, 0.3)), ("arm", round_shadow_glb(0.15, 1.0)))
         ]
-        self._has_arm = True
         self.on = True
         self.hand = np.eye(4)  # transform to the world, for a camera that rides on it
 
-    def configure(self, profile: RobotProfile) -> None:
-        """Another robot profile; of one without an arm only the base is drawn."""
-        self._kinematics, self._has_arm = Frankie(profile), profile.has_arm
-
     def update(self, tick: TickMessage) -> None:
         """Move the links to the pose of the tick."""
-        if self._kinematics is None:
+        if self.kinematics is None:
             return
         robot = tick.robot
-        T = self._kinematics.link_transforms(np.array(robot.true_pose), np.array(robot.q), robot.gripper_width)
+        T = self.kinematics.link_transforms(np.array(robot.true_pose), np.array(robot.q), robot.gripper_width)
         self.hand = T[LINKS.index("panda_hand")]
         quaternions = SO3.from_matrix(T[:, :3, :3]).wxyz
         for handle, wxyz, position in zip(self._links, quaternions, T[:, :3, 3], strict=True):
@@ -103,7 +97,7 @@ class RobotView:
         self._shadows[0].wxyz = SO3.from_z_radians(heading).wxyz
         for parts in (self._links, self._shadows):
             for number, handle in enumerate(parts):
-                handle.visible = self.on and (self._has_arm or number == 0)
+                handle.visible = self.on and (self.kinematics.profile.has_arm or number == 0)
 
 
 class ComparisonView:
@@ -111,24 +105,20 @@ class ComparisonView:
 
     def __init__(self, server: viser.ViserServer) -> None:
         self._scene = server.scene
-        self._kinematics: Frankie | None = None
+        self.kinematics: Frankie | None = None
         self._links: list[viser.BatchedMeshHandle] = []
         self._movers: viser.BatchedMeshHandle | None = None
         self._labels: list[viser.LabelHandle] = []
         self._shown = False
 
-    def configure(self, profile: RobotProfile) -> None:
-        """Another robot profile."""
-        self._kinematics = Frankie(profile)
-
     def update(self, others: Sequence[Other]) -> None:
         """Draw these, at most `MOST`."""
         robots = others[:MOST]
-        if self._kinematics is None or not (robots or self._shown):
+        if self.kinematics is None or not (robots or self._shown):
             return
         if not self._links:
             self._make()
-        transforms = self._kinematics.link_transforms
+        transforms = self.kinematics.link_transforms
         links = [transforms(np.array(robot.pose), np.array(robot.q), robot.gripper) for robot in robots]
         put_batch(self._links, MOST, dict(enumerate(links)))
         self._move(robots)

@@ -8,6 +8,7 @@ import viser
 from motm_twin.bus.client import Grid
 from motm_twin.bus.messages import ScanMessage, TickMessage
 from motm_twin.model.geometry import Array
+from motm_twin.model.kinematics import Frankie
 from motm_twin.model.scene import Scene
 from motm_twin.ui import colours
 from motm_twin.ui.colours import ground_table
@@ -16,9 +17,9 @@ from motm_twin.ui.legend import LIDAR, STAA
 from motm_twin.ui.scene.body_view import BodyView
 from motm_twin.ui.scene.cameras import Cameras
 from motm_twin.ui.scene.drag import Drag, SelectionView
-from motm_twin.ui.scene.furniture import FixedView, FurnitureView
+from motm_twin.ui.scene.furniture import FurnitureView, show_fixed
 from motm_twin.ui.scene.ghosts import GhostView
-from motm_twin.ui.scene.light import NO_SHADOW
+from motm_twin.ui.scene.light import NO_SHADOW, add_lights
 from motm_twin.ui.scene.picking import Clicks, Surroundings
 from motm_twin.ui.scene.plan_view import MarksView, PlanView, target_spot
 from motm_twin.ui.scene.robot_view import ComparisonView, RobotView
@@ -35,7 +36,8 @@ class SceneView:
     def __init__(self, server: viser.ViserServer, hub: Hub) -> None:
         self._server, self._hub = server, hub
         self._drag = Drag(hub)
-        self._fixed, self._robot, self._ghosts = FixedView(server), RobotView(server), GhostView(server)
+        add_lights(server.scene)
+        self._robot, self._ghosts = RobotView(server), GhostView(server)
         self._furniture = FurnitureView(server, self._drag)
         self._bodies, self._map = BodyView(server, self._drag), MapView(server)
         self._tracks = TrackView(server)
@@ -45,7 +47,10 @@ class SceneView:
         self.cameras = Cameras(server)
         self._scene: Scene | None = None
         self._surroundings: Surroundings | None = None
-        self._lidar = LidarView(server)
+        self._lidar = server.scene.add_point_cloud(
+            "/lidar", np.zeros((1, 3), dtype=np.float32), colours.LIDAR, point_size=0.035, point_shape="circle",
+            point_shading="flat", precision="float32", visible=False,
+        )  # fmt: skip
         self._clock = server.scene.add_frame(CLOCK, show_axes=False)
         self._drawn: TickMessage | None = None
         self._live = True  # the twin's own run is shown
@@ -103,7 +108,10 @@ class SceneView:
             self._plan.staa_on = not self._plan.staa_on
             self._hub.inspect()
         sweep = self._hub.client.scan() if shown.live and self._hub.shows(LIDAR) else None
-        self._lidar.update(sweep, surroundings.now.robot.lidar.z)
+        points = np.zeros((0, 3)) if sweep is None else hits(sweep, surroundings.now.robot.lidar.z)
+        self._lidar.visible = len(points) > 0
+        if len(points):
+            self._lidar.points = points.astype(np.float32)
         self._plan.picked = shown.view.picked
         self._ghosts.update(tick, target_spot(tick, surroundings))
         self._plan.update(tick)
@@ -116,35 +124,17 @@ class SceneView:
     def _show_scene(self, scene: Scene) -> None:
         self._scene, self._drawn = scene, None
         self._surroundings = self._drag.surroundings = Surroundings(scene)
-        for part in (self._fixed, self._furniture, self._bodies, self.cameras):
+        show_fixed(self._server.scene, scene)
+        for part in (self._furniture, self._bodies, self.cameras):
             part.show(scene)
-        self._robot.configure(scene.robot)
-        self._ghosts.configure(scene.robot)
-        self._others.configure(scene.robot)
+        self._robot.kinematics = self._ghosts.kinematics = self._others.kinematics = Frankie(scene.robot)
         self._hub.view.picked, self._hub.view.selected = None, ""
         self._hub.view.aim_at_nothing()
 
 
-class LidarView:
-    """Points where the beams of the newest sweep have ended, at the height of the lidar."""
-
-    def __init__(self, server: viser.ViserServer) -> None:
-        self._points = server.scene.add_point_cloud(
-            "/lidar", np.zeros((1, 3), dtype=np.float32), colours.LIDAR, point_size=0.035, point_shape="circle",
-            point_shading="flat", precision="float32", visible=False,
-        )  # fmt: skip
-
-    def update(self, scan: ScanMessage | None, height: float) -> None:
-        """Show this sweep at a height [m]; None hides it."""
-        points = np.zeros((0, 3)) if scan is None else hits(scan, height)
-        self._points.visible = len(points) > 0
-        if len(points):
-            self._points.points = points.astype(np.float32)
-
-
 def hits(scan: ScanMessage, height: float) -> Array:
     """Points [m] where beams have ended, shape (n, 3), in the world."""
-    ranges = np.array([math.nan if value is None else value for value in scan.ranges])
+    ranges = np.array(scan.ranges, dtype=float)  # nan for None
     x, y, heading = scan.pose
     angles = scan.angle_min + scan.angle_step * np.arange(len(ranges)) + heading
     c, s = math.cos(heading), math.sin(heading)
