@@ -39,7 +39,7 @@ def test_play_pause_step_speed_and_another_scene_by_mouse_and_a_server_that_dies
         until(lambda: client.status().speed == 0.5, 30.0, "speed")
         visitor.press("Play")
         until(lambda: client.status().state == "playing", 30.0, "not playing")
-        visitor.says("0.5×, really")
+        visitor.says("· 0.5×")
 
         visitor.unfold("Scene", "Method")
         visitor.choose("Scene", "exp2")

@@ -306,6 +306,20 @@ def test_a_note_before_the_first_period_has_room_for_two_lines():
     assert 'class="alert"' in status_card("playing", status(), words, says="<div>Driving to cube_F1.</div>")
 
 
+@pytest.mark.parametrize(
+    ("actual", "capped", "shown"),
+    [
+        (0.0, False, "8&times;<"),
+        (7.9, False, "8&times;<"),
+        (3.1, False, "8&times;, in fact 3.10&times;<"),
+        (3.1, True, "(all it can)"),
+    ],
+)
+def test_the_speed_is_what_was_asked_for_and_what_it_is_when_that_differs(actual, capped, shown):
+    now = status(speed=8.0, actual_speed=actual, capped=capped)
+    assert shown in status_card("playing", now, "", time=4.25)
+
+
 @pytest.fixture
 def box():
     impl = SimpleNamespace(update_timestamp=0.0)

@@ -109,6 +109,7 @@ class HelpCard:
 warnings.filterwarnings("ignore", message="Queued a .* on a closed connection")
 
 WIDTH = 330  # [px]
+AS_WANTED = 0.03  # share of the wanted speed by which the measured one may differ and need not be shown
 TOP = '<i class="motm-top"></i>'  # its block stays in sight when the panel is scrolled
 CROSSHAIR = "<style>canvas, div:has(> canvas) {cursor: crosshair !important}</style>"  # the floor is clicked next
 INK, PAST = "var(--motm-ink)", "var(--motm-past)"  # of the time: live, and looking back
@@ -251,10 +252,11 @@ def status_card(
 
 def _speed(state: str, status: StatusMessage) -> str:
     wanted = f"{status.speed:g}&times;"
-    if state != "playing" or status.actual_speed <= 0.0:  # not known yet
+    known = state == "playing" and status.actual_speed > 0.0
+    if not known or abs(status.actual_speed - status.speed) < AS_WANTED * status.speed:
         return wanted
     capped = f' <b style="color:{AMBER}">(all it can)</b>' if status.capped else ""
-    return f"{wanted}, really {status.actual_speed:.2f}&times;{capped}"
+    return f"{wanted}, in fact {status.actual_speed:.2f}&times;{capped}"
 
 
 class Wheel(Block):
