@@ -81,5 +81,13 @@ class PlantKeys:
         self.reset = f"{root}/reset"  # ? ResetRequest -> PlantAnswer
         self.edit = f"{root}/edit"  # ? EditRequest -> PlantAnswer
         self.tasks = f"{root}/tasks"  # ? TaskNotice -> PlantAnswer
-        self.from_twin = (self.command, self.grant)  # only the twin publishes here
-        self.queried_by_twin = (self.reset, self.edit, self.tasks)  # only the twin asks here
+
+    @property
+    def from_twin(self) -> tuple[str, ...]:
+        """Keys on which only the twin publishes."""
+        return self.command, self.grant
+
+    @property
+    def queried_by_twin(self) -> tuple[str, ...]:
+        """Keys that only the twin queries."""
+        return self.reset, self.edit, self.tasks
