@@ -13,7 +13,7 @@ import msgspec
 from motm_twin.bus.commands import Load
 from motm_twin.bus.connection import PortTaken, open_member
 from motm_twin.bus.data_folder import DEFAULT_FOLDER
-from motm_twin.bus.interfaces import TwinLike, TwinSetup
+from motm_twin.bus.interfaces import TwinSetup
 from motm_twin.bus.keys import DEFAULT_PORT, DEFAULT_TWIN
 from motm_twin.bus.library import FileLibrary, MethodLibrary
 from motm_twin.bus.pacing import refusal
@@ -28,12 +28,13 @@ from motm_twin.program import BAD_INPUT, freeze_setup, share_arenas
 
 if TYPE_CHECKING:
     from motm_twin.control.method import Method
+    from motm_twin.twin import Twin
 
 SEARCH_SECONDS = 0.02  # [s] of wall time for one search of the base; the period is 0.05 s
 WATCH = 0.1  # [s] between looks at the state for the report
 
 
-def make_twin(scene: Scene, *, budget: SearchBudget, plant: str, method: "Method") -> TwinLike:
+def make_twin(scene: Scene, *, budget: SearchBudget, plant: str, method: "Method") -> "Twin":
     """A twin whose searches are bounded by the clock as well; ``plant``: kinematic, or by contact dynamics."""
     from motm_twin.plants import with_plant
     from motm_twin.twin import Twin  # slow to import: only once the server listens
@@ -47,7 +48,7 @@ def make_twin(scene: Scene, *, budget: SearchBudget, plant: str, method: "Method
 
 def make_external_twin(
     robot: RobotLink, scene: Scene, *, budget: SearchBudget, sender: str, method: "Method"
-) -> TwinLike:
+) -> "Twin":
     """A twin of a robot in another program; a mirrored one only observes."""
     from motm_twin.external.plant import ZenohPlant
     from motm_twin.twin import Twin

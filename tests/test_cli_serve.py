@@ -21,7 +21,7 @@ from motm_twin.cli.settings import ServeSettings
 def test_a_state_is_told_once(state, text, line):
     said = io.StringIO()
     supervisor = _Supervisor(Console(file=said, soft_wrap=True), "frankie", 7447, None)
-    supervisor._tell("twin server", {"event": "state", "state": state, "text": text})
+    supervisor._tell({"event": "state", "state": state, "text": text})
     assert said.getvalue().rstrip("\n").partition(" s  ")[2] == line
 
 

@@ -94,7 +94,7 @@ def test_serve_goes_on_when_nobody_reads_it_or_the_disk_is_full():
         console.file = os.fdopen(descriptor, "w", encoding="utf-8")
         supervisor = _Supervisor(console, "frankie", 7447, None)
         for _ in range(3):
-            supervisor._tell("twin server", {"event": "state", "state": "paused", "text": "x" * 10_000})
+            supervisor._tell({"event": "state", "state": "paused", "text": "x" * 10_000})
         os.dup2(os.open(os.devnull, os.O_WRONLY), descriptor)  # what waits to be written goes there
 
 

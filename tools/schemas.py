@@ -10,12 +10,16 @@ import argparse
 import json
 import sys
 from pathlib import Path
+from typing import Any
 
-from motm_twin.bus.schemas import MESSAGES, PLANT_MESSAGES, breaking_changes, file_name, schema
+from motm_twin.bus.schemas import MESSAGES, PLANT_MESSAGES, file_name, schema
 
 ROOT = Path(__file__).resolve().parents[1]
 FOLDER = ROOT / "docs" / "schemas"
 PUBLISHED = (*MESSAGES, *PLANT_MESSAGES)
+Schema = dict[str, Any]
+WORDS = {"description", "title", "$schema", "$id"}  # annotations without effect on validity
+COMPARED = {"properties", "required", "$defs", "anyOf", "enum", "items", "prefixItems", "discriminator"}
 
 
 def text_of(name: str) -> str:
@@ -37,6 +41,79 @@ def problems(folder: Path = FOLDER) -> list[str]:
 def wanted() -> dict[Path, str]:
     """Contents that every generated file should have."""
     return {FOLDER / file_name(name): text_of(name) for name in PUBLISHED}
+
+
+def breaking_changes(old: Schema, new: Schema, place: str = "") -> list[str]:
+    """Changes from ``old`` to ``new`` that need another version, one sentence each; [] when there are none."""
+    problems = _by_name(old, new, "$defs", place) + _by_name(old, new, "properties", place) + _required(old, new, place)
+    problems += _options(old, new, place) + _enum(old, new, place) + _items(old, new, place)
+    for word in sorted((old.keys() | new.keys()) - WORDS - COMPARED):
+        before, after = old.get(word), new.get(word)
+        if word == "default" and isinstance(before, dict) and isinstance(after, dict):
+            after = {name: value for name, value in after.items() if name in before}  # the others are of added fields
+        if isinstance(before, dict) and isinstance(after, dict):
+            problems += breaking_changes(before, after, f"{place}/{word}")
+        elif before != after:
+            problems.append(f"{place or '/'}: {word!r} was {before!r} and is {after!r}")
+    return problems
+
+
+def _by_name(old: Schema, new: Schema, word: str, place: str) -> list[str]:
+    problems, now = [], new.get(word, {})
+    for name, part in old.get(word, {}).items():
+        if name in now:
+            problems += breaking_changes(part, now[name], f"{place}/{name}")
+        else:
+            problems.append(f"{place}/{name}: was removed")
+    return problems
+
+
+def _required(old: Schema, new: Schema, place: str) -> list[str]:
+    known, before, after = set(old.get("properties", {})), set(old.get("required", [])), set(new.get("required", []))
+    problems = [f"{place}/{name}: was always there, and is no more" for name in sorted(before - after)]
+    problems += [f"{place}/{name}: was optional, and is required" for name in sorted((after - before) & known)]
+    if new.get("additionalProperties") is False:  # strictly read by us: others send it
+        added = sorted(after - known) if "properties" in old else []
+        problems += [f"{place}/{name}: was added as a required field of what programs send" for name in added]
+    return problems
+
+
+def _options(old: Schema, new: Schema, place: str) -> list[str]:
+    """Kinds of a union: structs may be added, other types not (a number does not become null)."""
+    before, after = old.get("anyOf", []), new.get("anyOf", [])
+    if not before and not after:
+        return []
+    problems = [f"{place}: no longer {_shown(option)}" for option in before if option not in after]
+    if not before:
+        return [f"{place}: became one of several types"]
+    problems += [
+        f"{place}: may now be {_shown(option)}" for option in after if option not in before and "$ref" not in option
+    ]
+    return problems
+
+
+def _enum(old: Schema, new: Schema, place: str) -> list[str]:
+    if ("enum" in old) != ("enum" in new):
+        return [f"{place}: became {'one of a list' if 'enum' in new else 'free'}"]
+    return [f"{place}: no longer {value!r}" for value in old.get("enum", []) if value not in new["enum"]]
+
+
+def _items(old: Schema, new: Schema, place: str) -> list[str]:
+    problems = []
+    if isinstance(old.get("items"), dict) and isinstance(new.get("items"), dict):
+        problems += breaking_changes(old["items"], new["items"], f"{place}[]")
+    elif old.get("items") != new.get("items"):
+        problems.append(f"{place}: its items were {old.get('items')!r} and are {new.get('items')!r}")
+    before, after = old.get("prefixItems", []), new.get("prefixItems", [])
+    if len(before) != len(after):
+        return [*problems, f"{place}: had {len(before)} items and has {len(after)}"]
+    for number, (one, other) in enumerate(zip(before, after, strict=True)):
+        problems += breaking_changes(one, other, f"{place}[{number}]")
+    return problems
+
+
+def _shown(option: Schema) -> str:
+    return str(option.get("$ref", option.get("type", option))).rsplit("/", 1)[-1]
 
 
 def main() -> int:

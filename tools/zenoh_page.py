@@ -97,7 +97,8 @@ def methods_table() -> str:
     """One row for each command: how it is called in Python."""
     called = defaultdict(list)
     for name, method in vars(Commanding).items():
-        if sent := re.search(r"self\.send\((\w+)\(", inspect.getsource(method) if inspect.isfunction(method) else ""):
+        source = inspect.getsource(method) if inspect.isfunction(method) else ""
+        if sent := re.search(r"self\.send\(commands\.(\w+)\(", source):
             called[sent[1]].append(f"`{name}{_arguments(method)}`")
     lines = ["", "| command | in Python |", "|---|---|"]
     for kind in (*SERVER_COMMANDS, *EDITS):

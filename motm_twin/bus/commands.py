@@ -16,7 +16,7 @@ import msgspec
 from motm_twin.methods import UNNAMED_METHOD
 from motm_twin.model import bounds
 from motm_twin.model.bounds import Between, Listed, Text
-from motm_twin.model.edits import (
+from motm_twin.model.edits import (  # noqa: F401 - edits are commands, too: they are imported from here
     EDITS,
     INDEX,
     AddObstacle,
@@ -155,23 +155,9 @@ class HandOver(msgspec.Struct, frozen=True, kw_only=True, tag="hand_over", forbi
 
 
 ServerCommand = (
-    Play
-    | Pause
-    | Step
-    | Reset
-    | Speed
-    | Load
-    | Seed
-    | DriveToPoint
-    | Save
-    | Record
-    | Branch
-    | UndoBranch
-    | Inspect
-    | Audience
-    | TakeWheel
-    | HandOver
-)
+    Play | Pause | Step | Reset | Speed | Load | Seed | DriveToPoint | Save | Record | Branch | UndoBranch
+    | Inspect | Audience | TakeWheel | HandOver
+)  # fmt: skip
 Command = ServerCommand | Edit
 SERVER_COMMANDS = ServerCommand.__args__
 COMMAND_NAMES = tuple(str(kind.__struct_config__.tag) for kind in (*SERVER_COMMANDS, *EDITS))
@@ -220,58 +206,3 @@ def reason_of(error: Exception) -> str:
 def command_name(command: Command) -> str:
     """The type tag of a command, which is also the last part of its key."""
     return str(command.__struct_config__.tag)
-
-
-__all__ = [
-    "ANSWER_VERSION",
-    "COMMAND_NAMES",
-    "COMMAND_VERSION",
-    "EDITS",
-    "MAX_COMMAND_BYTES",
-    "MAX_NAME",
-    "NAME_MAX",
-    "SERVER_COMMANDS",
-    "SPEED",
-    "STEPS",
-    "AddObstacle",
-    "Announce",
-    "Answer",
-    "Audience",
-    "Branch",
-    "Command",
-    "Drive",
-    "DriveToPoint",
-    "Edit",
-    "Envelope",
-    "FreezeBody",
-    "HandOver",
-    "InjectFault",
-    "InsertTask",
-    "Inspect",
-    "Load",
-    "MoveBody",
-    "MoveObject",
-    "MoveTask",
-    "Pause",
-    "Play",
-    "PushRobot",
-    "Record",
-    "Refused",
-    "ReleaseBody",
-    "RemoveBody",
-    "RemoveTask",
-    "Reset",
-    "Save",
-    "Seed",
-    "SendAgent",
-    "ServerCommand",
-    "SetBehaviour",
-    "SetParameter",
-    "Speed",
-    "Step",
-    "TakeWheel",
-    "UndoBranch",
-    "check_command",
-    "command_name",
-    "reason_of",
-]

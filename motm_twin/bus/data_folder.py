@@ -115,7 +115,7 @@ class DataFolder:
             "recorder",
             RECORDER,
             arguments,
-            lambda _, event: self._report(heard, event),
+            lambda event: self._report(heard, event),
             dict(os.environ),
             ended=lambda code: self._ended(heard, code),
         )

@@ -64,12 +64,12 @@ class Wheel:
     def __init__(self, release: Callable[[ReleaseBody], None], changed: Callable[[], None]) -> None:
         """``release`` lets a body go, ``changed`` announces a new driver."""
         self._release, self._changed = release, changed
-        self._lease, self._holds = Lease(), Holds()
+        self.lease, self.holds = Lease(), Holds()
         self._names: dict[str, str] = {}  # displayed name of each known sender, the latest last
 
     def shown(self, now: float) -> dict[str, Any]:
         """The driver, as a status shows it."""
-        lease = self._lease
+        lease = self.lease
         return {"driver": lease.driver, "driver_name": lease.name, "driver_left": round(lease.left(now), 2)}
 
     def require(self, envelope: Envelope, arrived: float) -> None:
@@ -77,18 +77,18 @@ class Wheel:
         self._remember(envelope)
         if not isinstance(envelope.command, Inspect | Audience):
             self._expire(arrived)
-            self._lease.require(envelope.sender, arrived)
+            self.lease.require(envelope.sender, arrived)
 
     def turn(self, envelope: Envelope, arrived: float) -> None:
         """Update the driver after an accepted command: its sender drives, or has handed over."""
-        before = (self._lease.driver, self._lease.name)
+        before = (self.lease.driver, self.lease.name)
         match envelope.command:
             case Inspect() | Audience():
                 return
             case HandOver(to=to, name=name):
-                self._lease.hand_over(to, name.strip() or self._names.get(to, ""), arrived)
+                self.lease.hand_over(to, name.strip() or self._names.get(to, ""), arrived)
             case _:
-                self._lease.take(envelope.sender, envelope.name, arrived)
+                self.lease.take(envelope.sender, envelope.name, arrived)
         self._tell(before)
 
     def turn_if_free(self, envelope: Envelope, now: float) -> None:
@@ -97,21 +97,9 @@ class Wheel:
             self.require(envelope, now)
             self.turn(envelope, now)
 
-    def renew(self, sender: str, now: float) -> None:
-        """Renew the lease: a sender that waits for its own command is not silent."""
-        self._lease.renew(sender, now)
-
-    def note(self, edit: Edit, now: float) -> None:
-        """Track held bodies."""
-        self._holds.note(edit, now)
-
-    def forget_holds(self) -> None:
-        """A new run: nothing is held."""
-        self._holds.clear()
-
     def look_after(self, now: float) -> None:
         """Release what is held, and the wheel, after silence."""
-        for release in self._holds.expired(now):
+        for release in self.holds.expired(now):
             self._release(release)
         self._expire(now)
 
@@ -124,16 +112,16 @@ class Wheel:
                 del self._names[next(iter(self._names))]
 
     def _expire(self, now: float) -> None:
-        before = (self._lease.driver, self._lease.name)
-        self._lease.expire(now)
+        before = (self.lease.driver, self.lease.name)
+        self.lease.expire(now)
         self._tell(before)
 
     def _tell(self, before: tuple[str, str]) -> None:
-        after = (self._lease.driver, self._lease.name)
+        after = (self.lease.driver, self.lease.name)
         if before == after:
             return
         if before[0] not in ("", after[0]):
-            for release in self._holds.all():
+            for release in self.holds.all():
                 self._release(release)
         self._changed()
 

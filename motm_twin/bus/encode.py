@@ -7,32 +7,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from motm_twin.bus.messages import (
-    GRID_ENCODING,
-    GRID_VERSION,
-    ROBOT_VERSION,
-    SCAN_VERSION,
-    TICK_VERSION,
-    ArmMessage,
-    BeliefMessage,
-    BodyMessage,
-    ContactMessage,
-    CutInMessage,
-    EncounterMessage,
-    EventMessage,
-    ForcesMessage,
-    GraspMessage,
-    GridInfo,
-    PlacementMessage,
-    PlanMessage,
-    RobotMessage,
-    RobotStateMessage,
-    ScanMessage,
-    ScoreMessage,
-    TaskMessage,
-    TickMessage,
-    TrackMessage,
-)
+from motm_twin.bus import messages
 from motm_twin.bus.plant_messages import DetectionData, to_message
 from motm_twin.control.arm.types import ArmStep
 from motm_twin.control.tick import Tick
@@ -44,7 +19,6 @@ from motm_twin.model.scene import PlanarPose
 from motm_twin.perception.tracks import IDENTITY, RADIUS, SD, VX, VY
 from motm_twin.perception.world_map import WorldMap
 from motm_twin.planning.prediction import ellipses
-from motm_twin.planning.types import Encounter
 
 _DRAWN = 4  # decimals of values that are only drawn: 0.1 mm
 _EXACT = 9
@@ -84,12 +58,12 @@ def _sent(value: Any, digits: int) -> Any:
     return _typed(value) if isinstance(value, Reason) else value.item()
 
 
-_OF_TRUTH = {Contact: ContactMessage, CutIn: CutInMessage}
+_OF_TRUTH = {Contact: messages.ContactMessage, CutIn: messages.CutInMessage}
 
 
-def body_message(body: BodyTruth) -> BodyMessage:
+def body_message(body: BodyTruth) -> messages.BodyMessage:
     """One true body."""
-    return as_message(body, BodyMessage, position=numbers(body.position), size=numbers(body.size))
+    return as_message(body, messages.BodyMessage, position=numbers(body.position), size=numbers(body.size))
 
 
 def _typed(why: Reason) -> Reason:
@@ -98,12 +72,8 @@ def _typed(why: Reason) -> Reason:
     return msgspec.structs.replace(why, value=value, limit=limit, cause=why.cause and _typed(why.cause))
 
 
-def _encounter(other: Encounter) -> EncounterMessage:
-    return as_message(other, EncounterMessage, time=seconds(other.time), reason=str(other.why))
-
-
-def _track(track: Array) -> TrackMessage:
-    return TrackMessage(
+def _track(track: Array) -> messages.TrackMessage:
+    return messages.TrackMessage(
         track=int(track[IDENTITY]),
         position=numbers(track[:2]),
         velocity=numbers(track[VX : VY + 1]),
@@ -114,11 +84,11 @@ def _track(track: Array) -> TrackMessage:
     )
 
 
-def _arm(step: ArmStep) -> ArmMessage:
+def _arm(step: ArmStep) -> messages.ArmMessage:
     given = step.actuation
     return as_message(
         step,
-        ArmMessage,
+        messages.ArmMessage,
         time=seconds(step.time),
         base_twist=numbers(given.twist),
         joint_velocity=numbers(given.joint_velocity),
@@ -127,19 +97,19 @@ def _arm(step: ArmStep) -> ArmMessage:
     )
 
 
-def _forces(truth: Truth | None) -> ForcesMessage | None:
+def _forces(truth: Truth | None) -> messages.ForcesMessage | None:
     felt = None if truth is None else truth.physics
     if felt is None:
         return None
     newest = felt.grasps[-1] if felt.grasps else None
-    return ForcesMessage(
+    return messages.ForcesMessage(
         fingers=_rounded(felt.finger_forces),
         external_torque=_rounded(felt.external_torque),
         torque_peaks=_rounded(felt.torque_peaks),
         phantoms=list(felt.phantoms),
         wrist=_rounded(felt.wrist),
         wrist_peaks=_rounded(felt.wrist_peaks),
-        grasp=None if newest is None else msgspec.convert(newest, GraspMessage, from_attributes=True),
+        grasp=None if newest is None else msgspec.convert(newest, messages.GraspMessage, from_attributes=True),
     )
 
 
@@ -147,21 +117,13 @@ def _rounded(values: Sequence[float]) -> list[float]:
     return [round(value, 3) for value in values]
 
 
-def bodies(truth: Truth) -> dict[str, Any]:
-    """Fields of a tick with the true bodies and the injected faults."""
-    groups = ("objects", "agents", "obstacles", "furniture")
+def bodies(truth: Truth | None) -> dict[str, Any]:
+    """Fields of a tick with the true bodies and the injected faults; empty without ground truth."""
+    groups, names = ("objects", "agents", "obstacles", "furniture"), ("removed", "faults")
+    if truth is None:
+        return {field: [] for field in (*groups, *names)}
     told = {group: [body_message(body) for body in getattr(truth, group)] for group in groups}
-    return {**told, "removed": list(truth.removed), "faults": list(truth.faults)}
-
-
-_NO_BODIES: dict[str, Any] = {
-    "objects": [],
-    "agents": [],
-    "obstacles": [],
-    "furniture": [],
-    "removed": [],
-    "faults": [],
-}
+    return told | {name: list(getattr(truth, name)) for name in names}
 
 
 def tick_message(
@@ -174,7 +136,7 @@ def tick_message(
     past: int = -1,
     ended: float | None = None,
     announced: Mapping[str, PlanarPose] | None = None,
-) -> TickMessage:
+) -> messages.TickMessage:
     """The message of one period.
 
     ``ended`` [s]: completion time; ``announced``: places of furniture that the robot was told.
@@ -184,8 +146,8 @@ def tick_message(
     true_pose = seen if truth is None else numbers(truth.pose, _EXACT)
     return as_message(
         tick,
-        TickMessage,
-        version=TICK_VERSION,
+        messages.TickMessage,
+        version=messages.TICK_VERSION,
         run=run,
         began=began,
         first=first,
@@ -193,19 +155,25 @@ def tick_message(
         ended=ended,
         server_time=server_time,
         time=seconds(tick.time),
-        robot=as_message(tick.observation, RobotMessage, _EXACT, true_pose=true_pose),
-        **(_NO_BODIES if truth is None else bodies(truth)),
+        robot=as_message(tick.observation, messages.RobotMessage, _EXACT, true_pose=true_pose),
+        **bodies(truth),
         announced={name: [*numbers(pose[:2]), float(pose[2])] for name, pose in (announced or {}).items()},
-        tasks=[as_message(task, TaskMessage) for task in tick.tasks],
-        beliefs=[as_message(belief, BeliefMessage) for belief in tick.beliefs],
-        placement=as_message(tick.placement, PlacementMessage),
+        tasks=[as_message(task, messages.TaskMessage) for task in tick.tasks],
+        beliefs=[as_message(belief, messages.BeliefMessage) for belief in tick.beliefs],
+        placement=as_message(tick.placement, messages.PlacementMessage),
         plan=as_message(
-            tick.plan, PlanMessage, staa_path=[], encounters=[_encounter(other) for other in tick.plan.encounters]
+            tick.plan,
+            messages.PlanMessage,
+            staa_path=[],
+            encounters=[
+                as_message(other, messages.EncounterMessage, time=seconds(other.time), reason=str(other.why))
+                for other in tick.plan.encounters
+            ],
         ),
         arm=[_arm(step) for step in tick.arm],
-        events=[as_message(event, EventMessage, time=seconds(event.time)) for event in tick.events],
+        events=[as_message(event, messages.EventMessage, time=seconds(event.time)) for event in tick.events],
         stage_ms={name: round(float(value), 3) for name, value in tick.stage_ms.items()},
-        score=None if truth is None else as_message(truth, ScoreMessage),
+        score=None if truth is None else as_message(truth, messages.ScoreMessage),
         forces=_forces(truth),
         preview=False,
         tracks=[_track(track) for track in tick.map.tracks],
@@ -221,13 +189,13 @@ def grid_bytes(world: WorldMap) -> bytes:
     return cells.tobytes()
 
 
-def grid_info(world: WorldMap, run: int) -> GridInfo:
+def grid_info(world: WorldMap, run: int) -> messages.GridInfo:
     """The attachment that goes with `grid_bytes`."""
     height, width = world.occupied.shape
-    return GridInfo(
-        version=GRID_VERSION,
+    return messages.GridInfo(
+        version=messages.GRID_VERSION,
         run=run,
-        encoding=GRID_ENCODING,
+        encoding=messages.GRID_ENCODING,
         resolution=float(world.resolution),
         origin=[float(world.origin[0]), float(world.origin[1])],
         width=int(width),
@@ -246,13 +214,13 @@ class RobotEncoder:
         lidar = profile.lidar
         self._lidar = np.array([lidar.x, lidar.y, lidar.z])
 
-    def state(self, observation: Observation, run: int, server_time: float) -> RobotStateMessage:
+    def state(self, observation: Observation, run: int, server_time: float) -> messages.RobotStateMessage:
         """The robot at one instant."""
         return as_message(
             observation,
-            RobotStateMessage,
+            messages.RobotStateMessage,
             _EXACT,
-            version=ROBOT_VERSION,
+            version=messages.ROBOT_VERSION,
             run=run,
             server_time=server_time,
             time=round(float(observation.time), _EXACT),
@@ -260,13 +228,15 @@ class RobotEncoder:
             frames=self._frames(observation),
         )
 
-    def scan(self, scan: Scan, run: int, server_time: float) -> ScanMessage:
+    def scan(self, scan: Scan, run: int, server_time: float) -> messages.ScanMessage:
         """One sweep."""
-        about: dict[str, Any] = {"version": SCAN_VERSION, "run": run, "server_time": server_time}
-        return as_message(scan, ScanMessage, _EXACT, **about, ranges=numbers(scan.ranges))
+        about: dict[str, Any] = {"version": messages.SCAN_VERSION, "run": run, "server_time": server_time}
+        return as_message(scan, messages.ScanMessage, _EXACT, **about, ranges=numbers(scan.ranges))
 
     def _frames(self, observation: Observation) -> dict[str, list[float]]:
-        from motm_twin.model.kinematics import LINKS  # as above
+        from scipy.spatial.transform import Rotation  # as above
+
+        from motm_twin.model.kinematics import LINKS
 
         links = self._robot.link_transforms(observation.pose, observation.q, observation.gripper_width)
         tcp = np.eye(4)
@@ -277,16 +247,9 @@ class RobotEncoder:
         transforms = np.concatenate([links, np.stack([tcp, camera, lidar])])
         names = (*LINKS, TCP_FRAME, CAMERA_FRAME, LIDAR_FRAME)
         positions = np.round(transforms[:, :3, 3], _POSITION).tolist()
-        turns = np.round(_quaternions(transforms[:, :3, :3]), _QUATERNION).tolist()
+        x_y_z_w = Rotation.from_matrix(transforms[:, :3, :3]).as_quat(canonical=True)  # w is not negative
+        turns = np.round(x_y_z_w[:, [3, 0, 1, 2]], _QUATERNION).tolist()
         return {name: [*position, *turn] for name, position, turn in zip(names, positions, turns, strict=True)}
-
-
-def _quaternions(rotations: Array) -> Array:
-    """Unit quaternions w, x, y, z of rotation matrices, shapes (n, 3, 3) and (n, 4); w is not negative."""
-    from scipy.spatial.transform import Rotation  # as above
-
-    x_y_z_w = Rotation.from_matrix(rotations).as_quat(canonical=True)
-    return x_y_z_w[:, [3, 0, 1, 2]]
 
 
 OBSERVATIONS_VERSION = "motm.observations/1"

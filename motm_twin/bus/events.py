@@ -6,6 +6,8 @@ import threading
 from collections import deque
 from collections.abc import Callable
 
+import msgspec
+import zenoh
 from msgspec.structs import replace
 
 from motm_twin.bus.messages import (
@@ -65,27 +67,24 @@ class EventLog:
             self._kept.append(again)
             self._emit(again)
 
-    def answer(self, wanted: str | None) -> NumberedEvent | EventsMessage | None:
+    def answer(self, parameters: zenoh.Parameters) -> bytes | None:
         """Answer to ``?from=SEQ``: all kept events from this number on; without it, the last one. Raises ValueError."""
-        if wanted is None:
-            return self.newest()
-        if not (wanted.isdecimal() and len(wanted) < 20):
+        wanted = parameters.get("from")
+        if wanted is not None and not (wanted.isdecimal() and len(wanted) < 20):
             raise ValueError(f"from={wanted[:40]!r}: give the number of an event, 0 for all that are kept")
-        return self.since(int(wanted))
-
-    def newest(self) -> NumberedEvent | None:
-        """The last one; None before the first."""
         with self._lock:
-            return self._kept[-1] if self._kept else None
-
-    def since(self, seq: int) -> EventsMessage:
-        """All kept events from number ``seq`` on."""
-        with self._lock:
-            events = [event for event in self._kept if event.seq >= seq]
-            oldest, newest = self._seq - len(self._kept) + 1, self._seq
-        return EventsMessage(
-            version=EVENTS_VERSION, numbered_since=self._since, oldest=oldest, newest=newest, events=events
+            kept, newest = list(self._kept), self._seq
+        if wanted is None:
+            return msgspec.json.encode(kept[-1]) if kept else None
+        events = [event for event in kept if event.seq >= int(wanted)]
+        told = EventsMessage(
+            version=EVENTS_VERSION,
+            numbered_since=self._since,
+            oldest=newest - len(kept) + 1,
+            newest=newest,
+            events=events,
         )
+        return msgspec.json.encode(told)
 
 
 class EventWatch:
@@ -126,10 +125,11 @@ class EventWatch:
             self._edit(message, edit)
         for event in message.events:
             self._add(message, event.kind, event.text, time=event.time, other=_named(event.text, message))
-        for contact in () if message.score is None else message.score.contacts:
-            self._contact(message, contact)
-        for cut_in in () if message.score is None else message.score.cut_ins:
-            self._cut_in(message, cut_in)
+        if message.score is not None:
+            for contact in message.score.contacts:
+                self._contact(message, contact)
+            for cut_in in message.score.cut_ins:
+                self._cut_in(message, cut_in)
         self._stop(message)
         self._tell(message)
 
@@ -149,10 +149,9 @@ class EventWatch:
         else:
             self._add(message, "reset", "back to the start")
         self._loaded, self._stopped, self._dragged = None, (), {}
-        past = [] if message.score is None else message.score.contacts
-        self._contacts = {_key(contact) for contact in past if contact.time < message.first * PERIOD}
-        earlier = [] if message.score is None else message.score.cut_ins
-        self._cut_ins = {(cut_in.time, cut_in.agent) for cut_in in earlier if cut_in.time < message.first * PERIOD}
+        contacts, cut_ins = ([], []) if message.score is None else (message.score.contacts, message.score.cut_ins)
+        self._contacts = {_key(contact) for contact in contacts if contact.time < message.first * PERIOD}
+        self._cut_ins = {(cut_in.time, cut_in.agent) for cut_in in cut_ins if cut_in.time < message.first * PERIOD}
 
     def _contact(self, message: TickMessage, contact: ContactMessage) -> None:
         if _key(contact) in self._contacts:
@@ -182,10 +181,7 @@ class EventWatch:
         if key == self._stopped:
             return
         self._stopped = key
-        if key:
-            self._add(message, "stop", message.stop_reason)
-        else:
-            self._add(message, "go", "goes on")
+        self._add(message, *(("stop", message.stop_reason) if key else ("go", "goes on")))
 
     def _edit(self, message: TickMessage, edit: Edit) -> None:
         name = str(getattr(edit, "name", ""))
@@ -210,9 +206,6 @@ def _key(contact: ContactMessage) -> tuple[float, str, str]:
 def _named(text: str, message: TickMessage) -> str:
     """The first object, or else target, that a text names."""
     names = [belief.name for belief in message.beliefs] + [task.target for task in message.tasks]
-    found = [(match.start(), -len(name), name) for name in names if name and (match := _word(name).search(text))]
+    words = ((name, re.search(rf"(?<!\w){re.escape(name)}(?!\w)", text)) for name in names if name)
+    found = [(match.start(), -len(name), name) for name, match in words if match]
     return min(found)[2] if found else ""
-
-
-def _word(name: str) -> re.Pattern[str]:
-    return re.compile(rf"(?<!\w){re.escape(name)}(?!\w)")

@@ -6,6 +6,7 @@ A twin is healthy when its server answers on Zenoh in a state other than error, 
 import argparse
 import http.client
 import sys
+from contextlib import closing, suppress
 
 import msgspec
 
@@ -29,18 +30,12 @@ def server_state(endpoint: str, twin: str) -> str | None:
 
 def page_answers(port: int) -> bool:
     """The page is served on this machine, by either version of IP."""
-    return any(_answers(host, port) for host in (LOOPBACK, LOOPBACK_6))
-
-
-def _answers(host: str, port: int) -> bool:
-    connection = http.client.HTTPConnection(host, port, timeout=TIMEOUT)
-    try:
-        connection.request("GET", HEALTH_PATH)
-        return connection.getresponse().status == http.client.OK
-    except OSError:
-        return False
-    finally:
-        connection.close()
+    for host in (LOOPBACK, LOOPBACK_6):
+        with suppress(OSError), closing(http.client.HTTPConnection(host, port, timeout=TIMEOUT)) as connection:
+            connection.request("GET", HEALTH_PATH)
+            if connection.getresponse().status == http.client.OK:
+                return True
+    return False
 
 
 def check(endpoint: str, twin: str, page_port: int | None) -> str:

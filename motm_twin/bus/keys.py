@@ -16,7 +16,7 @@ class Keys:
         if not is_name(twin):
             raise ValueError(f"twin name {twin!r}: use 1 to 40 letters, digits, '_' or '-'")
         self.twin = twin
-        root = f"{PREFIX}/{twin}"
+        root = self._root = f"{PREFIX}/{twin}"
         self.tick = f"{root}/tick"  # JSON, every period
         self.grid = f"{root}/grid"  # raw bytes with an attachment, on change
         self.scene = f"{root}/scene"  # JSON with an attachment, on change; answers queries
@@ -30,7 +30,6 @@ class Keys:
         self.schemas = f"{root}/schema/**"  # JSON Schema of every message; answers queries only
         self.alive = f"{root}/alive"  # liveliness token
         self.commands = f"{root}/cmd/**"
-        self._command = f"{root}/cmd"
         self.own = (
             *(self.tick, self.grid, self.scene, self.status, self.robot, self.scan, self.event, self.metrics),
             *(self.observations, self.session, self.schemas, self.alive, self.commands),
@@ -38,15 +37,15 @@ class Keys:
 
     def schema(self, name: str) -> str:
         """Key that the schema of this name is asked for at."""
-        return f"{PREFIX}/{self.twin}/schema/{name}"
+        return f"{self._root}/schema/{name}"
 
     def command(self, name: str) -> str:
         """Key that the command of this name is sent to."""
-        return f"{self._command}/{name}"
+        return f"{self._root}/cmd/{name}"
 
     def command_in(self, key: str) -> str:
         """The name of the command that is sent to this key, one of `commands`."""
-        return key.removeprefix(f"{self._command}/")
+        return key.removeprefix(f"{self._root}/cmd/")
 
 
 def is_name(text: str) -> bool:

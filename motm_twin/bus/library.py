@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 
 from motm_twin.bus.commands import Load, Refused
-from motm_twin.bus.interfaces import Methods, SceneLibrary
 from motm_twin.bus.messages import MethodChoice, SceneChoice
 from motm_twin.methods import DEFAULT_METHOD
 from motm_twin.model.names import hint
@@ -93,7 +92,11 @@ class MethodLibrary:
         self._found: dict[str, Method] = {}
         self.own_name = own  # of the method that the server begins with
         if ":" in own:
-            self._add_file(own)
+            from motm_twin.methods.registry import find_method
+
+            method = find_method(own)
+            self._found[method.name] = method
+            self.own_name = method.name
 
     def choices(self) -> list[MethodChoice]:
         """All that can be loaded."""
@@ -118,18 +121,11 @@ class MethodLibrary:
 
         return {**METHODS, **self._found}
 
-    def _add_file(self, own: str) -> None:
-        from motm_twin.methods.registry import find_method
-
-        method = find_method(own)
-        self._found[method.name] = method
-        self.own_name = method.name
-
 
 class SceneSource:
     """The scenes and methods that can be loaded, and those that were loaded last."""
 
-    def __init__(self, library: SceneLibrary, methods: Methods, first: Load) -> None:
+    def __init__(self, library: FileLibrary, methods: MethodLibrary, first: Load) -> None:
         self._library, self._methods = library, methods
         self.loaded = first  # what `again` loads
         self.choices: list[SceneChoice] = library.choices()

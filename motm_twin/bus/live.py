@@ -13,7 +13,7 @@ import msgspec
 
 from motm_twin.bus.commands import AddObstacle, Inspect, Refused
 from motm_twin.bus.encode import bodies, numbers, tick_message
-from motm_twin.bus.interfaces import MakeTwin, SessionReply, Sink, TwinLike
+from motm_twin.bus.interfaces import MakeTwin, SessionReply, Sink
 from motm_twin.bus.messages import InspectedMessage, SessionInfo, TaskMessage, TickMessage
 from motm_twin.control.tick import Tick
 from motm_twin.control.tuning import parameter
@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     from motm_twin.control.loop import ControlLoop
     from motm_twin.control.method import Method
     from motm_twin.sessions.branches import Branches
+    from motm_twin.twin import Twin
 
 FROZEN = "frozen"  # state of an agent
 
@@ -62,18 +63,12 @@ class Preview:
         for edit in edits[self._applied :]:
             if isinstance(edit, WorldEdit):
                 self._plant.apply(edit)
-                self._note(edit)
+                if isinstance(edit, FreezeBody | SendAgent):  # which releases an agent
+                    self._frozen[edit.name] = isinstance(edit, FreezeBody) and edit.frozen
             self._applied += 1
         truth = self._thawed(self._plant.truth())
         robot = msgspec.structs.replace(message.robot, true_pose=truth.pose.tolist())
         return msgspec.structs.replace(message, robot=robot, preview=True, **bodies(truth))
-
-    def _note(self, edit: WorldEdit) -> None:
-        """Track agents that are frozen or released."""
-        if isinstance(edit, FreezeBody):
-            self._frozen[edit.name] = edit.frozen
-        elif isinstance(edit, SendAgent):
-            self._frozen[edit.name] = False
 
     def _thawed(self, truth: Truth) -> Truth:
         """The truth with agents frozen or released by the edits."""
@@ -121,7 +116,7 @@ class LiveTwin:
         self._ended: float | None = None  # [s] when all was done
         self._aside_ended: float | None = None  # the same of the run that is set aside
         self.scene: Scene | None = None
-        self.twin: TwinLike | None = None
+        self.twin: Twin | None = None
         self.message: TickMessage | None = None  # of the last period
         self.tick: Tick | None = None
         self.parameters: dict[str, ParameterValue] = {}  # a copy: other threads read it
@@ -220,10 +215,9 @@ class LiveTwin:
 
     def reset(self) -> None:
         """Back to the start of the scene."""
-        assert self.twin is not None
-        assert self._branches is not None
-        self.twin.reset()
-        self._branches.clear()
+        twin, branches = self._made()
+        twin.reset()
+        branches.clear()
         self._begin(self._server_time(), 0)
 
     def require_branch(self, index: int) -> None:
@@ -236,14 +230,13 @@ class LiveTwin:
 
     def branch(self, index: int) -> list[LoggedEdit]:
         """Go back to the start of a period, after `require_branch`; returns its edits until then."""
-        assert self.twin is not None
-        assert self._branches is not None
-        self._branches.branch(_any(self.twin), index)
+        twin, branches = self._made()
+        branches.branch(twin, index)
         past, self._aside_run = self.run, self.run
         ended = self._aside_ended = self._ended
         self._begin(self._began, index, past)
         self._ended = ended if ended is not None and ended <= index * PERIOD else None
-        return list(self.twin.edits)
+        return list(twin.edits)
 
     def require_aside(self) -> None:
         """Raise Refused when no run is set aside."""
@@ -252,23 +245,24 @@ class LiveTwin:
 
     def undo_branch(self) -> list[LoggedEdit]:
         """Resume the run that is set aside, after `require_aside`; returns its edits."""
-        assert self.twin is not None
-        assert self._branches is not None
-        self._branches.undo(_any(self.twin))
+        twin, branches = self._made()
+        branches.undo(twin)
         past, self._aside_run = self._aside_run, self.run
         ended, self._aside_ended = self._aside_ended, self._ended
-        self._begin(self._began, self.twin.index, past)
+        self._begin(self._began, twin.index, past)
         self._ended = ended
-        return list(self.twin.edits)
+        return list(twin.edits)
 
     def post(self, edit: Edit) -> None:
         """Take an edit for the next period. Raises Refused."""
-        assert self.twin is not None
+        twin, _ = self._made()
         self.require_commanded()
-        if isinstance(edit, AddObstacle) and self._added() >= MAX_ADDED:
-            raise Refused(f"{MAX_ADDED} obstacles were added already; remove one first")
+        if isinstance(edit, AddObstacle):
+            added = sum(isinstance(edit, AddObstacle) for edit in self._pending)
+            if added + (len(self.message.obstacles) if self.message is not None else 0) >= MAX_ADDED:
+                raise Refused(f"{MAX_ADDED} obstacles were added already; remove one first")
         try:
-            self.twin.post(edit)
+            twin.post(edit)
         except ValueError as error:
             raise Refused(str(error)) from error
         self._pending.append(edit)
@@ -277,14 +271,13 @@ class LiveTwin:
 
     def advance(self, *, by_the_clock: bool) -> tuple[TickMessage, Tick]:
         """Compute one period. The clock bounds a search only while playing: single steps repeat bit for bit."""
-        assert self.twin is not None
-        assert self._branches is not None
+        twin, branches = self._made()
         if self._robot is None:
-            self._branches.note(_any(self.twin), self.twin.index)
-        self.oldest = self._branches.oldest
-        self.tick = self.twin.advance(None if by_the_clock else SearchBudget())
+            branches.note(twin, twin.index)
+        self.oldest = branches.oldest
+        self.tick = twin.advance(None if by_the_clock else SearchBudget())
         self._pending = []
-        self.parameters, self.recorded = dict(self.twin.parameters), len(self.twin.edits)
+        self.parameters, self.recorded = dict(twin.parameters), len(twin.edits)
         self._asked = False
         if not _all_done(self.tick):
             self._ended = None
@@ -293,7 +286,7 @@ class LiveTwin:
         now = self._server_time()
         message = tick_message(
             self.tick, self.run, now, began=self._began, first=self._first, past=self._past, ended=self._ended,
-            announced=self.twin.announced,
+            announced=twin.announced,
         )  # fmt: skip
         self.message = self._explained(message)
         return self.message, self.tick
@@ -332,6 +325,10 @@ class LiveTwin:
         """Which run the session is of, as a SessionInfo in JSON."""
         return msgspec.json.encode(SessionInfo(run=self.run, began=self._began))
 
+    def _made(self) -> "tuple[Twin, Branches]":
+        assert self.twin is not None and self._branches is not None
+        return self.twin, self._branches
+
     def _begin(self, began: float, first: int, past: int = -1) -> None:
         assert self._branches is not None
         self.run, self._began, self._first, self._past = self.run + 1, began, first, past
@@ -339,19 +336,14 @@ class LiveTwin:
         self.aside = None if aside is None else round(aside * PERIOD, 3)
         self._pending, self._inspect, self.message, self.tick, self._ended = [], Inspect(), None, None, None
 
-    def _added(self) -> int:
-        waiting = sum(isinstance(edit, AddObstacle) for edit in self._pending)
-        return waiting + (len(self.message.obstacles) if self.message is not None else 0)
-
     def _previewed(self, message: TickMessage) -> TickMessage:
-        assert self.scene is not None
-        assert self.twin is not None
+        twin, _ = self._made()
         if self._preview is None:
+            assert self.scene is not None
             self._preview = Preview(self.scene)
-        twin = self.twin
         shown = self._preview.show(message, lambda: twin.snapshot()["plant"], self._pending)
         edits = [edit for edit in self._pending if isinstance(edit, InsertTask | RemoveTask | MoveTask)]
-        return tasks_previewed(shown, _any(twin).loop, edits) if edits else shown
+        return tasks_previewed(shown, twin.loop, edits) if edits else shown
 
     def _explained(self, message: TickMessage) -> TickMessage:
         """The message with the explanations that `inspect` requested. A failure here must not stop the robot."""
@@ -367,9 +359,9 @@ class LiveTwin:
         return msgspec.structs.replace(message, plan=plan, inspected=inspected)
 
     def _paths(self, wish: Inspect, candidates: int) -> tuple[InspectedMessage | None, list[list[float]]]:
-        assert self.twin is not None
-        staa_path = numbers(self.twin.staa_path()) if wish.staa_path else []
-        paths = self.twin.candidate_paths(wish.candidate) if 0 <= wish.candidate < candidates else None
+        twin, _ = self._made()
+        staa_path = numbers(twin.staa_path()) if wish.staa_path else []
+        paths = twin.candidate_paths(wish.candidate) if 0 <= wish.candidate < candidates else None
         if paths is None:
             return None, staa_path
         path, next_path = (numbers(points) for points in paths)
@@ -388,11 +380,6 @@ def _with(parameters: dict[str, ParameterValue], edit: SetParameter) -> dict[str
     if edit.value is None or edit.value == parameter(edit.name).default:
         return others
     return {**others, edit.name: edit.value}
-
-
-def _any(twin: TwinLike) -> Any:
-    """For what is written for the one real twin."""
-    return twin
 
 
 class SessionDesk:

@@ -9,29 +9,7 @@ from contextlib import suppress
 
 import msgspec
 
-from motm_twin.bus.commands import (
-    Audience,
-    Branch,
-    Command,
-    Drive,
-    DriveToPoint,
-    Edit,
-    Envelope,
-    InsertTask,
-    Inspect,
-    Load,
-    Pause,
-    Play,
-    Record,
-    Refused,
-    Reset,
-    Save,
-    Seed,
-    Speed,
-    Step,
-    UndoBranch,
-    reason_of,
-)
+from motm_twin.bus import commands
 from motm_twin.bus.data_folder import DataFolder
 from motm_twin.bus.driver import Holds, Wheel
 from motm_twin.bus.interfaces import Reply, SessionReply, Sink, TwinSetup
@@ -84,12 +62,12 @@ class TwinLoop:
         self._state, self._text = "loading", "starting"
         self._sessions = SessionDesk(
             lambda: (self._live.session(), self._live.session_info()),
-            lambda error: f"{reason_of(error)} ({self._text or self._state})",
+            lambda error: f"{commands.reason_of(error)} ({self._text or self._state})",
         )
         self.took = 0.0  # [s] of wall time that the last period needed
         self.idle, self._real_time = Idle(), RealTime()  # idle while no period is computed
 
-    def request(self, envelope: Envelope, reply: Reply) -> None:
+    def request(self, envelope: commands.Envelope, reply: Reply) -> None:
         """Hand a command over; ``reply`` is called once, before slow work. Raises Refused when full."""
         arrived = time.monotonic()
         self._put(lambda: self._answer(envelope, arrived, reply))
@@ -97,7 +75,7 @@ class TwinLoop:
     def session(self, reply: SessionReply) -> None:
         """Ask for the run so far; ``reply`` is called once, between two periods. Raises Refused when full."""
         if self._sessions.ask(reply):
-            with suppress(Refused):  # where so much waits, the loop does not sleep
+            with suppress(commands.Refused):  # where so much waits, the loop does not sleep
                 self._put(lambda: None)
 
     def reload(self) -> None:
@@ -144,7 +122,7 @@ class TwinLoop:
         try:
             self._requests.put_nowait(work)
         except queue.Full:
-            raise Refused("too many commands are waiting") from None
+            raise commands.Refused("too many commands are waiting") from None
 
     def _until_due(self) -> float:
         """Seconds until the next period; infinite while paused."""
@@ -165,83 +143,88 @@ class TwinLoop:
         except queue.Empty:
             return
 
-    def _answer(self, envelope: Envelope, arrived: float, reply: Reply) -> None:
+    def _answer(self, envelope: commands.Envelope, arrived: float, reply: Reply) -> None:
         index, command, late = self._live.index, envelope.command, self._server_time() - envelope.expires
         try:
             if late >= 0.0:  # it waited for something slow, such as a load
-                raise Refused(f"stale: expired {late:.3f} s ago")
+                raise commands.Refused(f"stale: expired {late:.3f} s ago")
             self._wheel.require(envelope, arrived)
-            if isinstance(command, Save | Record):
+            if isinstance(command, commands.Save | commands.Record):
                 self._keep(envelope, command, index, reply)
                 return
             work = self._apply(command)
         except Exception as error:
-            reply(reason_of(error), index)
+            reply(commands.reason_of(error), index)
             return
         self._wheel.turn(envelope, arrived)
         reply("", index)
         if work is not None:
             self._guarded(work)
-            self._wheel.renew(envelope.sender, time.monotonic())
+            self._wheel.lease.renew(envelope.sender, time.monotonic())  # who waits for its own command is not silent
 
-    def _apply(self, command: Command) -> Work | None:
+    def _apply(self, command: commands.Command) -> Work | None:
         """Apply a command, or return the slow part to do after the answer. Raises Refused."""
         match command:
-            case Play():
+            case commands.Play():
                 return self._play()
-            case Pause():
+            case commands.Pause():
                 self._require_twin()
                 self._steps = 0
                 if self._state == "playing":
                     self._set_state("paused", "")
-            case Step(count=count):
+            case commands.Step(count=count):
                 self._require_twin()
                 if self._state == "done":
-                    raise Refused("the run has ended: reset it first")
+                    raise commands.Refused("the run has ended: reset it first")
                 self._steps += count
                 self._set_state("paused", "")
-            case Reset():
+            case commands.Reset():
                 self._require_scene()
                 self._live.require_commanded()
                 return lambda play=self._state in ("playing", "done"): self._restart(play)
-            case Speed(factor=factor):
+            case commands.Speed(factor=factor):
                 self._live.require_speed(factor)
                 self._pacer.speed = factor
                 self._pacer.restart()
                 self._sink.status()
-            case Load():
+            case commands.Load():
                 return self._load(command, self._state in ("playing", "done") or self._live.twin is None)
-            case Seed(seed=seed):
+            case commands.Seed(seed=seed):
                 self._require_twin()
                 return self._apply(msgspec.structs.replace(self._source.loaded, seed=seed))
-            case DriveToPoint(x=x, y=y, heading=heading):
+            case commands.DriveToPoint(x=x, y=y, heading=heading):
                 self._require_twin()
-                self._edit(InsertTask(tasks=(DriveTo(point=(x, y), heading=heading),), index=self._live.task_index))
-            case Branch(index=index):
-                return self._branch(index)
-            case UndoBranch():
-                return self._undo_branch()
-            case Inspect():
+                task = DriveTo(point=(x, y), heading=heading)
+                self._edit(commands.InsertTask(tasks=(task,), index=self._live.task_index))
+            case commands.Branch(index=index):
+                self._require_scene()
+                self._live.require_branch(index)
+                return self._going_on(lambda: self._live.branch(index), f"going back to {index * PERIOD:.1f} s")
+            case commands.UndoBranch():
+                self._require_scene()
+                self._live.require_aside()
+                return self._going_on(self._live.undo_branch, f"back to {self._live.aside:.1f} s")
+            case commands.Inspect():
                 self._require_twin()
                 self._live.inspect(command)
                 self._outdated = True
-            case Audience(pages=pages):
+            case commands.Audience(pages=pages):
                 self._pages = pages
                 self._sink.status()
                 if self._held and pages and self._state == "paused":
                     self._set_state("playing", "")
-            case _ if isinstance(command, Edit):
+            case _ if isinstance(command, commands.Edit):
                 self._edit(command)
         return None  # what is left is for the wheel alone
 
     def _require_scene(self) -> None:
         if self._live.twin is None:
-            raise Refused(f"no scene is running yet: {self._text or self._state}")
+            raise commands.Refused(f"no scene is running yet: {self._text or self._state}")
 
     def _require_twin(self) -> None:
         self._require_scene()
         if self._state == "error":
-            raise Refused(f"the twin stopped with an error: {self._text}; reset or load a scene")
+            raise commands.Refused(f"the twin stopped with an error: {self._text}; reset or load a scene")
 
     def _play(self) -> Work | None:
         self._require_twin()
@@ -251,44 +234,46 @@ class TwinLoop:
         self._set_state("playing", "")
         return None
 
-    def _edit(self, edit: Edit) -> None:
+    def _edit(self, edit: commands.Edit) -> None:
         self._require_twin()
         self._live.post(edit)
-        self._wheel.note(edit, time.monotonic())
-        if self._held and isinstance(edit, InsertTask | Drive):  # somebody is there, though not by a page
-            self._set_state("playing", "")
-        if self._state == "done" and isinstance(edit, InsertTask | Drive):
-            self._settling = SETTLE_PERIODS
-            self._set_state("playing" if self._play_on else "paused", "")
+        self._wheel.holds.note(edit, time.monotonic())
+        if isinstance(edit, commands.InsertTask | commands.Drive):
+            if self._held:  # somebody is there, though not by a page
+                self._set_state("playing", "")
+            if self._state == "done":
+                self._settling = SETTLE_PERIODS
+                self._set_state("playing" if self._play_on else "paused", "")
         self._outdated = True
 
-    def _keep(self, envelope: Envelope, command: Save | Record, index: int, reply: Reply) -> None:
+    def _keep(
+        self, envelope: commands.Envelope, command: commands.Save | commands.Record, index: int, reply: Reply
+    ) -> None:
         """Write a file in another thread, which answers. Raises Refused."""
         if self._data is None:
-            raise Refused("this server has no data folder")
+            raise commands.Refused("this server has no data folder")
         self._require_scene()
 
         def done(problem: str, path: str) -> None:
             if not problem:
-                with suppress(Refused):  # with so many waiting, somebody drives
+                with suppress(commands.Refused):  # with so many waiting, somebody drives
                     self._put(lambda: self._wheel.turn_if_free(envelope, time.monotonic()))
             reply(problem, index, path)  # later messages arrive after the answer
 
         self._data.write(command, self._live, done)
 
-    def _post(self, edit: Edit) -> None:
+    def _post(self, edit: commands.Edit) -> None:
         """Post an edit of the loop itself."""
         if self._live.twin is None:
             return
         try:
             self._live.post(edit)
-        except Refused as refusal:
+        except commands.Refused as refusal:
             self._set_state(self._state, str(refusal))
         else:
             self._outdated = True
 
     def _look_after(self, now: float) -> None:
-        """Do periodic work."""
         self._wheel.look_after(now)
         if (
             self._again
@@ -332,7 +317,7 @@ class TwinLoop:
         self._state, self._text = state, text
         self._sink.status()
 
-    def _load(self, command: Load, play: bool) -> Work:
+    def _load(self, command: commands.Load, play: bool) -> Work:
         """Resolve the scene; the returned function makes its twin and starts it. Raises Refused."""
         scene = self._source.load(command)
         return lambda: self._build(scene, play, "")
@@ -360,31 +345,24 @@ class TwinLoop:
         self._live.reset()
         self._begin(play)
 
-    def _branch(self, index: int) -> Work:
-        self._require_scene()
-        self._live.require_branch(index)
+    def _going_on(self, move: Callable[[], list[LoggedEdit]], text: str) -> Work:
+        """Work that continues from another moment of another run; ``move`` returns its edits."""
         play = self._state in ("playing", "done")
-        return lambda: self._go_on_from(lambda: self._live.branch(index), play, f"going back to {index * PERIOD:.1f} s")
 
-    def _undo_branch(self) -> Work:
-        self._require_scene()
-        self._live.require_aside()
-        play = self._state in ("playing", "done")
-        return lambda: self._go_on_from(self._live.undo_branch, play, f"back to {self._live.aside:.1f} s")
+        def go_on() -> None:
+            self._set_state("loading", text)
+            holds = Holds()
+            for entry in move():
+                holds.note(entry.edit, 0.0)
+            for release in holds.all():  # nobody holds it any more
+                self._live.post(release)
+            self._begin(play)
 
-    def _go_on_from(self, move: Callable[[], list[LoggedEdit]], play: bool, text: str) -> None:
-        """Continue from another moment of another run; ``move`` returns its edits."""
-        self._set_state("loading", text)
-        holds = Holds()
-        for entry in move():
-            holds.note(entry.edit, 0.0)
-        for release in holds.all():  # nobody holds it any more
-            self._live.post(release)
-        self._begin(play)
+        return go_on
 
     def _begin(self, play: bool, text: str = "") -> None:
         self._settling, self._steps, self._first_due = SETTLE_PERIODS, 0, True
-        self._wheel.forget_holds()
+        self._wheel.holds.clear()
         self._pacer.restart()
         self._advance()
         if self._state != "done":
@@ -419,4 +397,4 @@ class TwinLoop:
         try:
             action()
         except Exception as error:
-            self._set_state("error", reason_of(error))
+            self._set_state("error", commands.reason_of(error))

@@ -66,23 +66,18 @@ class RealTime:
     """The scheduling of the calling thread; always use it from the same one."""
 
     def __init__(self) -> None:
-        self._on, self._allowed = False, hasattr(os, "SCHED_FIFO")
-
-    @property
-    def on(self) -> bool:
-        """True when it is real-time."""
-        return self._on
+        self.on, self._allowed = False, hasattr(os, "SCHED_FIFO")
 
     def want(self, on: bool) -> None:
         """Switch real-time scheduling on or off; child threads and processes keep the usual one."""
-        if on == self._on or not self._allowed:
+        if on == self.on or not self._allowed:
             return
         try:
             schedule(on)
         except OSError:  # not permitted: PermissionError, or another one in some containers
             self._allowed = False
         else:
-            self._on = on
+            self.on = on
 
 
 def schedule(real_time: bool) -> None:

@@ -15,7 +15,7 @@ from typing import Any
 GRACE = 1.6  # [s] between asking a process to end and killing it
 RESTARTS = 3  # within RESTART_WINDOW
 RESTART_WINDOW = 60.0  # [s]
-Listener = Callable[[str, dict], None]  # name of the child, event
+Listener = Callable[[dict], None]  # event
 
 
 class Reporter:
@@ -125,7 +125,7 @@ class Child:
     def _listen(self, descriptor: int, process: subprocess.Popen) -> None:
         with os.fdopen(descriptor, encoding="utf-8") as lines:
             for line in lines:
-                self._listener(self.name, json.loads(line))
+                self._listener(json.loads(line))
         self._ended(process.wait())
 
 

@@ -18,10 +18,10 @@ import msgspec
 import numpy as np
 import zenoh
 
-from motm_twin.bus.encode import ObservationEncoder, RobotEncoder, grid_bytes, grid_info
+from motm_twin.bus.encode import ObservationEncoder, RobotEncoder, as_message, grid_bytes, grid_info
 from motm_twin.bus.events import EventLog, EventWatch
 from motm_twin.bus.keys import Keys
-from motm_twin.bus.messages import METRICS_VERSION, MetricsMessage, SceneInfo, StatusMessage, TickMessage
+from motm_twin.bus.messages import METRICS_VERSION, MetricsMessage, SceneInfo, ScoreMessage, StatusMessage, TickMessage
 from motm_twin.bus.queries import Idle, LatestValues
 from motm_twin.control.tick import Tick
 from motm_twin.model.period import PERIOD
@@ -38,10 +38,9 @@ Send = Callable[[Observation, int], None]  # sample, run
 
 
 class Outbox:
-    """Does work in its own thread. Beyond ``size`` waiting pieces, further ones are dropped and counted."""
+    """Does work in its own thread. Beyond ``size`` waiting pieces, further ones are dropped."""
 
     def __init__(self, name: str, size: int) -> None:
-        self.dropped = 0
         # A SimpleQueue keeps the interpreter: with a lock, the poster waited for the thread that it woke.
         self._queue: queue.SimpleQueue[Work | None] = queue.SimpleQueue()
         self._size, self._closed = size, False
@@ -51,7 +50,6 @@ class Outbox:
     def post(self, work: Work) -> bool:
         """Queue a piece of work; never waits. False when it was dropped."""
         if self._closed or self._queue.qsize() >= self._size:
-            self.dropped += 1
             return False
         self._queue.put(work)
         return True
@@ -115,20 +113,23 @@ class RobotStream:
                     continue
                 due, sample, run = self._waiting[0]
                 left = due - time.monotonic()
-                if left <= 0.0 or (len(self._waiting) > 1 and self._waiting[-1][0] - due > self._late()):
+                if left <= 0.0 or (len(self._waiting) > 1 and self._waiting[-1][0] - due > PERIOD / self._speed()):
                     self._waiting.popleft()
                     return sample, run
                 self._changed.wait(left)
         return None
 
-    def _late(self) -> float:
-        """Span [s] between the oldest and newest waiting sample beyond which the oldest is sent at once."""
-        return PERIOD / self._speed()
-
 
 PERIOD_WINDOW = 10.0  # [s] of wall time
 STAGE_WINDOW = 1.0  # [s]
 _PAGE = os.sysconf("SC_PAGE_SIZE")
+
+
+_OF_SCORE = ("picks", "places", "drops", "path_length", "min_base_clearance", "min_arm_clearance", "min_ee_obstacle")
+_NO_SCORE = ScoreMessage(
+    picks=0, places=0, drops=0, contacts=[], min_base_clearance=None, min_arm_clearance=None, min_ee_obstacle=None,
+    ee_obstacle=None,
+)  # fmt: skip
 
 
 class Metrics:
@@ -156,32 +157,20 @@ class Metrics:
             last, overruns, periods = self._last, self._overruns, list(self._periods)
         took = [1000.0 * seconds for at, seconds, _ in periods if at >= now - PERIOD_WINDOW]
         stages = [stage_ms for at, _, stage_ms in periods if at >= now - STAGE_WINDOW]
-        score = None if last is None else last.score
-        contacts = [] if score is None else score.contacts
+        score = (None if last is None else last.score) or _NO_SCORE
         tasks = [] if last is None else last.tasks
-        return MetricsMessage(
+        return as_message(
+            status,
+            MetricsMessage,
             version=METRICS_VERSION,
-            run=status.run,
-            server_time=status.server_time,
-            time=status.time,
-            state=status.state,
-            speed=status.speed,
-            actual_speed=status.actual_speed,
             period_ms=_spread(took),
             stage_ms=_means(stages),
             overruns=overruns,
             tasks_done=sum(task.status == "done" for task in tasks),
             tasks_total=len(tasks),
-            picks=0 if score is None else score.picks,
-            places=0 if score is None else score.places,
-            drops=0 if score is None else score.drops,
-            contacts=len(contacts),
-            contacts_caused_by_robot=sum(contact.caused_by_robot for contact in contacts),
-            path_length=0.0 if score is None else score.path_length,
-            min_base_clearance=None if score is None else score.min_base_clearance,
-            min_arm_clearance=None if score is None else score.min_arm_clearance,
-            min_ee_obstacle=None if score is None else score.min_ee_obstacle,
-            reference_tour=status.reference_tour,
+            contacts=len(score.contacts),
+            contacts_caused_by_robot=sum(contact.caused_by_robot for contact in score.contacts),
+            **{name: getattr(score, name) for name in _OF_SCORE},
             memory_mb=round(memory_mb(), 1),
         )
 
@@ -229,11 +218,11 @@ class Publisher:
         self._keys, self._status, self._now, self._took = keys, status, now, took
         self._encode = msgspec.json.Encoder().encode
         self._values, self._telling = LatestValues(session, keys, idle), threading.Lock()
-        self._log = EventLog(now, self._emit)
-        self._watch, self._metrics = EventWatch(self._log), Metrics()
+        self.event_log = EventLog(now, self._emit)
+        self._watch, self._metrics = EventWatch(self.event_log), Metrics()
         self._values.answer(keys.status, lambda _: self._encode(status()))
         self._values.answer(keys.metrics, lambda _: self._encode(self._metrics.message(status())))
-        self._values.answer(keys.event, self._event_answer)
+        self._values.answer(keys.event, self.event_log.answer)
         self._state, self._events = Outbox("state", STATE_WAITING), Outbox("events", EVENTS_WAITING)
         self._robot = RobotStream(self._send_robot, lambda: status().speed)
         self._profile: RobotProfile | None = None
@@ -243,11 +232,6 @@ class Publisher:
         self._sent_map: WorldMap | None = None
         self._sent_run = -1
         self._sent_at = 0.0
-
-    @property
-    def event_log(self) -> EventLog:
-        """The events so far."""
-        return self._log
 
     def tick(self, message: TickMessage, tick: Tick, last: bool) -> None:
         """Hand over a period."""
@@ -264,7 +248,11 @@ class Publisher:
 
     def metrics(self) -> None:
         """Hand over the metrics."""
-        self._state.post(lambda: self._values.put(self._keys.metrics, self._encode(self._metrics_now())))
+
+        def send() -> None:
+            self._values.put(self._keys.metrics, self._encode(self._metrics.message(self._status())))
+
+        self._state.post(send)
 
     def close(self) -> None:
         """Send what can be sent at once, and withdraw everything."""
@@ -316,13 +304,6 @@ class Publisher:
 
     def _emit(self, event: msgspec.Struct) -> None:
         self._events.post(lambda: self._values.put(self._keys.event, self._encode(event)))
-
-    def _event_answer(self, parameters: zenoh.Parameters) -> bytes | None:
-        answer = self._log.answer(parameters.get("from"))
-        return None if answer is None else self._encode(answer)
-
-    def _metrics_now(self) -> msgspec.Struct:
-        return self._metrics.message(self._status())
 
     def _changed(self, world: WorldMap, new_run: bool) -> bool:
         sent = self._sent_map

@@ -29,31 +29,22 @@ PATIENCE = 0.05  # [s] that queries wait for the end of a period: a whole period
 TOGETHER = 32  # queries that share this patience
 
 
-class Idle:
-    """True when the interpreter is free for answers: no period is computed now."""
+class Idle(threading.Event):
+    """Set while the interpreter is free for answers: no period is computed now."""
 
     def __init__(self) -> None:
-        self._event = threading.Event()
-        self._event.set()
-
-    @property
-    def now(self) -> bool:
-        """True when it is idle."""
-        return self._event.is_set()
-
-    def wait(self, timeout: float) -> None:
-        """Wait until it is idle, or for ``timeout`` [s]."""
-        self._event.wait(timeout)
+        super().__init__()
+        self.set()
 
     @contextlib.contextmanager
     def broken(self, really: bool = True) -> Iterator[None]:
         """The interpreter is busy in this block, if ``really``."""
         if really:
-            self._event.clear()
+            self.clear()
         try:
             yield
         finally:
-            self._event.set()
+            self.set()
 
 
 class _Waiting:
@@ -90,11 +81,9 @@ class _WaitingTogether:
         self._queryables = [session.declare_queryable(key, take) for key in keys]
 
     def first(self) -> zenoh.Query | None:
-        """Wait for one; None after the end."""
         return self._queries.get()
 
     def more(self) -> zenoh.Query | None:
-        """One that is there; None when there is none."""
         try:
             query = self._queries.get_nowait()
         except queue.Empty:
@@ -226,13 +215,14 @@ class LatestValues:
         self._answers: dict[str, MakeAnswer] = {}
         self._publishers, self._encodings = {}, dict[str, zenoh.Encoding]()
         shown = (keys.tick, keys.robot, keys.scan, keys.grid, keys.scene, keys.status, keys.metrics, keys.event)
+        block, drop = zenoh.CongestionControl.BLOCK, zenoh.CongestionControl.DROP
         for key in (*shown, keys.observations):
             # Not express, so that ticks waiting for a slow reader share batches of the send queue.
             self._encodings[key] = zenoh.Encoding.ZENOH_BYTES if key == keys.grid else zenoh.Encoding.APPLICATION_JSON
             self._publishers[key] = session.declare_publisher(
                 key,
                 encoding=self._encodings[key],
-                congestion_control=_block_or_drop(key in (keys.scene, keys.event)),
+                congestion_control=block if key in (keys.scene, keys.event) else drop,
                 # Events have a send queue of their own, which the ticks of a slow reader do not fill.
                 priority=zenoh.Priority.INTERACTIVE_LOW if key == keys.event else zenoh.Priority.DATA,
                 reliability=zenoh.Reliability.RELIABLE,
@@ -277,7 +267,3 @@ class LatestValues:
             return None if payload is None else (payload, None)
         with self._lock:
             return self._last.get(key)
-
-
-def _block_or_drop(block: bool) -> zenoh.CongestionControl:
-    return zenoh.CongestionControl.BLOCK if block else zenoh.CongestionControl.DROP

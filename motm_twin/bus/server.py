@@ -6,18 +6,19 @@
 import functools
 import threading
 import time
+from abc import abstractmethod
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import zenoh
 
 from motm_twin.bus.commands import Refused
 from motm_twin.bus.connection import LOOPBACK, free_port, open_server
 from motm_twin.bus.data_folder import DEFAULT_FOLDER, DataFolder
-from motm_twin.bus.interfaces import TwinLike, TwinSetup
+from motm_twin.bus.interfaces import TwinSetup
 from motm_twin.bus.keys import Keys, PlantKeys
 from motm_twin.bus.loop import TwinLoop
 from motm_twin.bus.private_folder import forget
@@ -34,24 +35,49 @@ class RobotChoice:
     """A robot in another program."""
 
     meet: Callable[..., Any]  # (session, twin, *, listen_only) -> link to the robot, closed with the server
-    make_twin: Callable[..., TwinLike]  # (link, scene, *, method)
+    make_twin: Callable[..., Any]  # a Twin: (link, scene, *, method)
     mirror: bool = False  # it is shown, and never commanded
     session: zenoh.Session | None = None  # where the robot connects; None: the server's own
 
 
-class ServerClock:
-    """Unix time at the start plus monotonic time since, so that steps of the wall clock do not affect commands."""
-
-    def __init__(self) -> None:
-        self._offset = time.time() - time.monotonic()
-
-    def __call__(self) -> float:
-        """Server time [s]."""
-        return self._offset + time.monotonic()
+def server_clock() -> Callable[[], float]:
+    """Unix time at the start plus monotonic time since [s], so that steps of the wall clock do not affect commands."""
+    offset = time.time() - time.monotonic()
+    return lambda: offset + time.monotonic()
 
 
-class TwinServer:
-    """A twin on Zenoh. ``with TwinServer(...) as server:`` runs it in a thread until the block ends."""
+class Server:
+    """A server on Zenoh. ``with TwinServer(...) as server:`` runs it in threads until the block ends."""
+
+    def __init__(self, port: int, host: str = LOOPBACK) -> None:
+        self.port = port or free_port(host)
+        self._stop = threading.Event()
+        self._threads: list[threading.Thread] = []
+
+    @property
+    def endpoint(self) -> str:
+        """Address for clients on this machine."""
+        return f"tcp/{LOOPBACK}:{self.port}"
+
+    def start(self) -> None:
+        """Begin to run or play."""
+        for thread in self._threads:
+            thread.start()
+
+    @abstractmethod
+    def close(self) -> bool:
+        """Withdraw everything; False when something had to be abandoned."""
+
+    def __enter__(self) -> Self:
+        self.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+class TwinServer(Server):
+    """A twin on Zenoh."""
 
     def __init__(
         self,
@@ -68,12 +94,11 @@ class TwinServer:
 
         ``open_bus``: let in every program of this machine, not only those of this user.
         """
-        self.keys = Keys(twin)
-        self.port = port or free_port(host)
-        plant = PlantKeys(twin)
+        super().__init__(port, host)
+        self.keys, plant = Keys(twin), PlantKeys(twin)
         own = (*self.keys.own, *plant.from_twin)
         self._session = open_server(self.port, host, own, plant.queried_by_twin, open_bus=open_bus)
-        clock = ServerClock()
+        clock = server_clock()
         self._data = DataFolder(
             data,
             self.endpoint,
@@ -101,21 +126,10 @@ class TwinServer:
         self._answering = Answering(self._session, self.keys, now=clock, request=self.loop.request, idle=self.loop.idle)
         self._queryable = DeferredQueryable(self._session, [self.keys.session], self._on_session, self.loop.idle)
         self._token = self._session.liveliness().declare_token(self.keys.alive)
-        self._stop = threading.Event()
         self._threads = [
             threading.Thread(target=self.loop.run, name="twin", daemon=True),
             threading.Thread(target=self._heartbeat, name="heartbeat", daemon=True),
         ]
-
-    @property
-    def endpoint(self) -> str:
-        """Address for clients on this machine."""
-        return f"tcp/{LOOPBACK}:{self.port}"
-
-    def start(self) -> None:
-        """Begin to run the twin."""
-        for thread in self._threads:
-            thread.start()
 
     def record(self, path: Path, done: Callable[[str, str], None]) -> None:
         """Record to this file; ``done`` is told the refusal ("": begun) and the path, from another thread."""
@@ -139,15 +153,6 @@ class TwinServer:
             self._session.close()
             forget(self.port)
         return ended
-
-    def __enter__(self) -> "TwinServer":
-        """Start."""
-        self.start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        """Stop."""
-        self.close()
 
     def _recording_failed(self, text: str) -> None:
         status = self.loop.status()

@@ -60,10 +60,13 @@ def session_config(
         settings["connect/endpoints"] = connect
     if (own or asks) and not json.loads(config.get_json("access_control/enabled")):
         settings["access_control"] = _reserved(own, asks)
-    if guarded is not None:
-        settings[f"{_AUTH}/dictionary_file"] = str(_guarded(guarded, listen[0], config))
-    elif len(connect) == 1 and not listen:
-        settings |= _own_password(config, connect[0])
+    try:
+        if guarded is not None:
+            settings[f"{_AUTH}/dictionary_file"] = str(guard(guarded, listen[0], _passwords(config)))
+        elif len(connect) == 1 and not listen:
+            settings |= _own_password(config, connect[0])
+    except OSError as error:
+        raise ConfigError(f"the password for Zenoh cannot be kept: {error}") from error
     for key, value in settings.items():
         config.insert_json5(key, json.dumps(value))
     return config
@@ -95,27 +98,12 @@ def _reserved(own: Sequence[str], asks: Sequence[str]) -> dict[str, object]:
     }
 
 
-def _guarded(port: int, endpoint: str, config: zenoh.Config) -> Path:
-    """The file of valid passwords of a port."""
-    try:
-        return guard(port, endpoint, _passwords(config))
-    except OSError as error:
-        raise ConfigError(_unkept(error)) from error
-
-
 def _own_password(config: zenoh.Config, endpoint: str) -> dict[str, object]:
     """Settings of a session that needs the user's password: a port that asks for none takes nobody who has one."""
-    try:
-        own = known_at(endpoint) or {}
-        if not own and json.loads(config.get_json(f"{_AUTH}/user")) is None and to_come(endpoint):
-            own = own_credentials()._asdict()
-    except OSError as error:
-        raise ConfigError(_unkept(error)) from error
+    own = known_at(endpoint) or {}
+    if not own and json.loads(config.get_json(f"{_AUTH}/user")) is None and to_come(endpoint):
+        own = own_credentials()._asdict()
     return {f"{_AUTH}/{name}": value for name, value in own.items()}
-
-
-def _unkept(error: OSError) -> str:
-    return f"the password for Zenoh cannot be kept: {error}"
 
 
 def _passwords(config: zenoh.Config) -> list[str]:
@@ -148,4 +136,4 @@ def _endpoints(config: zenoh.Config, key: str) -> list[str]:
     found = json.loads(config.get_json(f"{key}/endpoints"))
     if isinstance(found, dict):
         found = found.get("peer") or found.get("client") or []
-    return [item if isinstance(item, str) else str(item) for item in found or []]
+    return [str(item) for item in found or []]

@@ -94,6 +94,7 @@ MINUTES = {  # of the others, on two cores
     "solvers": 1, "task": 40, "faults": 120, "surprise": 12, "screening": 900, "grasp_rule": 6,
     **{name: study.minutes for name, study in grasping.STUDIES.items()},
 }  # fmt: skip
+ALONE = (barn.NAME, people.NAME, tracker.NAME)  # named first, with arguments of their own
 ONLY_EXPERIMENTS = tuple(name for name in EXPERIMENTS if name not in RUNS)
 
 
@@ -117,7 +118,7 @@ def run_bench(given: BenchSettings) -> int:
     console.width = max(console.width, TABLE_WIDTH)
     compile_kernels()
     if given.groups[0] in ALONE:
-        return ALONE[given.groups[0]](given, console)
+        return _bench_alone(given, console)
     experiments = [name for name in given.groups if name in ONLY_EXPERIMENTS or given.experiment]
     code = bench_experiments(experiments, given, console) if experiments else OK
     groups = [name for name in given.groups if name not in experiments]
@@ -134,11 +135,8 @@ def _list_groups(console: Console) -> None:
     }
     titles |= {name: study.title for name, study in grasping.STUDIES.items()}
     whole |= {name: (minutes, titles[name]) for name, minutes in MINUTES.items()}
-    for name in ALL:
-        table.add_row(name, f"{whole[name][0]} min", whole[name][1])
-    table.add_section()
-    for name in (name for name in whole if name not in ALL):
-        table.add_row(name, f"{whole[name][0]} min", whole[name][1])
+    for name in (*ALL, *(name for name in whole if name not in ALL)):
+        table.add_row(name, f"{whole[name][0]} min", whole[name][1], end_section=name == ALL[-1])
     table.add_row(barn.NAME, "", f"{barn.TITLE}; then scene files, or --worlds N")
     table.add_row(people.NAME, "", f"{people.TITLE}; --situations, --methods, --trials N of each from seed --first")
     table.add_row(tracker.NAME, "", f"{tracker.TITLE}; --situations, --trials N of each")
@@ -152,8 +150,7 @@ def _list_groups(console: Console) -> None:
 
 def _problem(given: BenchSettings) -> str:
     """Refusal of the first impossible setting; "" when all are possible."""
-    problem = _wrong_name(given)
-    if problem:
+    if problem := _wrong_name(given):
         return problem
     if given.worlds is not None and given.worlds < 1:
         return f"--worlds {given.worlds}: at least 1 is needed"
@@ -179,44 +176,25 @@ def _wrong_name(given: BenchSettings) -> str:
     return ""
 
 
-def _bench_barn(given: BenchSettings, console: Console) -> int:
-    """Cross worlds; the exit code, 2 for names that are none, 1 when a world was not crossed."""
-    names = [*given.groups[1:], *(f"{PREFIX}{seed}" for seed in range(given.worlds or 0))]
-    if not names:
-        console.print("bench barn: name scene files, or give --worlds 50 for worlds made from seeds", markup=False)
-        return BAD_INPUT
+def _bench_alone(given: BenchSettings, console: Console) -> int:
+    """The exit code, 2 for names that are none, 1 when a world was not crossed, or a trial or run was no success."""
+    workers, out = given.workers, given.out
     try:
-        crossed = barn.bench_barn(names, given.methods, given.profile, given.workers, given.out, console)
-    except ValueError as error:
-        return _refused(error, console)
-    return OK if crossed else FAILED
-
-
-def _bench_people(given: BenchSettings, console: Console) -> int:
-    """Run situations among people; the exit code, 2 for names that are none, 1 when a trial was without success."""
-    try:
-        good = people.bench_people(
-            given.situations, given.methods, given.trials, given.workers, given.out, console, given.first
-        )
+        if given.groups[0] == barn.NAME:
+            worlds = [*given.groups[1:], *(f"{PREFIX}{seed}" for seed in range(given.worlds or 0))]
+            if not worlds:
+                text = "bench barn: name scene files, or give --worlds 50 for worlds made from seeds"
+                console.print(text, markup=False)
+                return BAD_INPUT
+            good = barn.bench_barn(worlds, given.methods, given.profile, workers, out, console)
+        elif given.groups[0] == people.NAME:
+            named = (given.situations, given.methods, given.trials)
+            good = people.bench_people(*named, workers, out, console, given.first)
+        else:
+            good = tracker.bench_tracker(given.situations, given.trials, workers, out, console)
     except ValueError as error:
         return _refused(error, console)
     return OK if good else FAILED
-
-
-def _bench_tracker(given: BenchSettings, console: Console) -> int:
-    """Score the tracker of dynamic obstacles; the exit code, 2 for names that are none, 1 when a run was lost."""
-    try:
-        good = tracker.bench_tracker(given.situations, given.trials, given.workers, given.out, console)
-    except ValueError as error:
-        return _refused(error, console)
-    return OK if good else FAILED
-
-
-ALONE = {
-    barn.NAME: _bench_barn,
-    people.NAME: _bench_people,
-    tracker.NAME: _bench_tracker,
-}  # named first, with arguments of their own
 
 
 def _refused(error: ValueError, console: Console) -> int:

@@ -198,26 +198,12 @@ def warm_up() -> int:
     return 0
 
 
+_OWN = (serve, run, record, replay, robot, demo)  # have signal handlers of their own, or say when they are loaded
+_OTHERS = (
+    *(rerun, info, recover, what_if, watch, send, twins),
+    *(scene, bench, paper, security, doctor, warm_up, version),
+)
 COMMANDS: dict[str, Callable[..., int]] = {
-    # These have handlers of their own, or say when they are loaded.
-    **{command.__name__: command for command in (serve, run, record, replay, robot, demo)},
-    **{
-        name: interruptible(command)
-        for name, command in {
-            "rerun": rerun,
-            "info": info,
-            "recover": recover,
-            "what-if": what_if,
-            "watch": watch,
-            "send": send,
-            "twins": twins,
-            "scene": scene,
-            "bench": bench,
-            "paper": paper,
-            "security": security,
-            "doctor": doctor,
-            "warm-up": warm_up,
-            "version": version,
-        }.items()
-    },
+    **{command.__name__: command for command in _OWN},
+    **{command.__name__.replace("_", "-"): interruptible(command) for command in _OTHERS},
 }

@@ -44,7 +44,6 @@ def paper(settings: Annotated[PaperSettings, tyro.conf.arg(name="")]) -> int:
 
 
 def _problem(given: PaperSettings) -> str:
-    """Refusal of the first impossible setting; "" when all are possible."""
     from motm_twin.studies.paper.parts import NAMES
 
     if unknown := [name for name in given.only if name not in NAMES]:

@@ -8,6 +8,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Annotated
 
+import msgspec
 import tyro
 from rich.console import Console
 from tyro.conf import Positional
@@ -147,7 +148,7 @@ def info(file: _File, /, json: _Json = None) -> int:
 
     found = recorded.info(file)
     if json is not None:
-        write_json(recorded.as_json(found), json)
+        write_json(msgspec.to_builtins(found), json)
     if json != "-":
         recorded.show(found)
     return OK if found.complete else FAILED

@@ -73,7 +73,9 @@ def _rerun_recording(file: str, report: str | None, own: Method | None) -> int:
     ok = all(run.ok for run in found)
     if report != "-":
         for run in left:
-            _print_not_computed(console, run)
+            console.print(f"run {run.run}", style="bold", markup=False)
+            console.print("[yellow]not computed[/yellow], which is no difference: ", end="")
+            console.print(run.text, markup=False)
         if not recording.health.complete:
             text = f"the file is not complete ({recording.health.text}): only what is whole in it could be compared"
             console.print(text, markup=False)
@@ -82,12 +84,6 @@ def _rerun_recording(file: str, report: str | None, own: Method | None) -> int:
         runs = {"runs": msgspec.to_builtins(found), "not_computed": msgspec.to_builtins(left)}
         write_json({"file": file, "ok": ok, **parts, **runs}, report)
     return OK if ok else FAILED
-
-
-def _print_not_computed(console: Console, run: NotComputed) -> None:
-    console.print(f"run {run.run}", style="bold", markup=False)
-    console.print("[yellow]not computed[/yellow], which is no difference: ", end="")
-    console.print(run.text, markup=False)
 
 
 def _print_run(console: Console, run: RunReport) -> None:

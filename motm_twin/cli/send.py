@@ -5,24 +5,15 @@ from typing import Any, get_type_hints
 
 import msgspec
 
-from motm_twin.bus.commands import (
-    EDITS,
-    SERVER_COMMANDS,
-    Audience,
-    Command,
-    HandOver,
-    Inspect,
-    Load,
-    Refused,
-    TakeWheel,
-)
+from motm_twin.bus import commands
 from motm_twin.client.discover import OPTIONS, NoTwin, find
 from motm_twin.client.twin import Twin
 from motm_twin.methods import DEFAULT_METHOD
 from motm_twin.model.names import hint
 from motm_twin.program import BAD_INPUT, FAILED, OK
 
-KINDS: dict[str, type[Any]] = {str(kind.__struct_config__.tag): kind for kind in (*SERVER_COMMANDS, *EDITS)}
+_ALL = (*commands.SERVER_COMMANDS, *commands.EDITS)
+KINDS: dict[str, type[Any]] = dict(zip(commands.COMMAND_NAMES, _ALL, strict=True))
 
 
 def send(
@@ -42,7 +33,7 @@ def send(
         return FAILED
 
 
-def parse(command: str, fields: list[str], json: str | None = None) -> Command:
+def parse(command: str, fields: list[str], json: str | None = None) -> commands.Command:
     """The command of this name with fields "name=value", or as JSON. Raises ValueError with what is allowed.
 
     A load that names no method means the default one, as with `serve` and in Python, and says so in the message.
@@ -51,9 +42,10 @@ def parse(command: str, fields: list[str], json: str | None = None) -> Command:
     if kind is None:
         raise ValueError(f"there is no command {command!r}; {hint(command, KINDS)}")
     types = get_type_hints(kind)
-    values: dict[str, Any] = {}
-    if json is not None:
-        values = _decoded(json)
+    try:
+        values = {} if json is None else msgspec.json.decode(json, type=dict[str, Any])
+    except (msgspec.DecodeError, UnicodeError) as error:
+        raise ValueError(f"--json: give an object of fields: {error}") from error
     for word in fields:
         name, equals, text = word.partition("=")
         if not equals:
@@ -61,19 +53,12 @@ def parse(command: str, fields: list[str], json: str | None = None) -> Command:
         if name not in types:
             raise ValueError(f"{command!r} has no field {name!r}; it has: {', '.join(types) or 'none'}")
         values[name] = _value(name, text, types[name])
-    if kind is Load:
+    if kind is commands.Load:
         values.setdefault("method", DEFAULT_METHOD)
     try:
         return msgspec.convert({**values, "type": command}, type=kind)
     except msgspec.ValidationError as error:
         raise ValueError(f"{command!r}: {error}") from error
-
-
-def _decoded(text: str) -> dict[str, Any]:
-    try:
-        return msgspec.json.decode(text, type=dict[str, Any])
-    except (msgspec.DecodeError, UnicodeError) as error:
-        raise ValueError(f"--json: give an object of fields: {error}") from error
 
 
 def _value(name: str, text: str, kind: Any) -> Any:
@@ -89,13 +74,13 @@ def _value(name: str, text: str, kind: Any) -> Any:
         raise ValueError(f"{name}={text}: {error}") from error
 
 
-def _sent(handle: Twin, command: Command, timeout: float) -> int:
+def _sent(handle: Twin, command: commands.Command, timeout: float) -> int:
     try:
         answer = handle.send(command, timeout)
-    except Refused as refusal:
+    except commands.Refused as refusal:
         print(msgspec.json.encode({"ok": False, "reason": str(refusal)}).decode())
         return FAILED
     print(msgspec.json.encode(answer).decode())
-    if not isinstance(command, TakeWheel | HandOver | Inspect | Audience):
-        handle.client.command(HandOver())  # this program ends now: others need not wait for its silence
+    if not isinstance(command, commands.TakeWheel | commands.HandOver | commands.Inspect | commands.Audience):
+        handle.client.command(commands.HandOver())  # this program ends now: others need not wait for its silence
     return OK

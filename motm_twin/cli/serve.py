@@ -74,8 +74,13 @@ def _checked(given: ServeSettings) -> PageSettings:
         check_endpoint(given.connect)
     page = given.page if given.headless else _checked_page(given.page)
     own_credentials()  # or the reason why they cannot be kept
-    if given.record is not None:
-        _require_new(given.record)
+    if (path := given.record) is not None:
+        if path.suffix != ".mcap":
+            raise ValueError(f"--record {path}: give a name that ends in .mcap")
+        if problem := folder_problem(path.parent):
+            raise ValueError(f"--record {path}: {problem}")
+        if path.exists() or not path.parent.is_dir():
+            raise ValueError(f"--record {path}: give a new file in a folder that exists")
     if given.data is not None and (problem := folder_problem(given.data)):
         raise ValueError(f"--data {given.data}: {problem}")
     hint = "is another twin running? Choose another one with --zenoh-port (0: any)"
@@ -122,7 +127,7 @@ class _Supervisor:
         self.zenoh_port = zenoh_port
         self.endpoint = f"tcp/{LOOPBACK}:{zenoh_port}"
         self._children: list[Child] = []
-        self._events: queue.Queue[tuple[str, dict]] = queue.Queue()
+        self._events: queue.Queue[dict] = queue.Queue()
         self._stop = threading.Event()
         self._started = time.monotonic()
         self._note: Path | None = None
@@ -139,7 +144,7 @@ class _Supervisor:
             env.setdefault("PYTHONMALLOC", "malloc")
         if self._folder is not None:
             env[VARIABLE] = str(self._folder.server if name == SERVER else self._folder.here)
-        self._children.append(Child(name, module, arguments, lambda *event: self._events.put(event), env))
+        self._children.append(Child(name, module, arguments, self._events.put, env))
 
     def add_page(self, page: PageSettings, more: Sequence[str] = ()) -> None:
         """Add the page; its address is printed with who may drive."""
@@ -151,7 +156,7 @@ class _Supervisor:
         with _signals(self._stop):
             if self._open_bus:
                 announce(self.zenoh_port, self.endpoint, None)  # before the children connect
-            self._say(f"motm-twin: starting twin [bold]{self._twin}[/bold]")
+            self._print(f"motm-twin: starting twin [bold]{self._twin}[/bold]")
             for child in self._children:
                 child.start()
             self._remember(None, "")
@@ -162,7 +167,7 @@ class _Supervisor:
                 if self._note is not None:
                     self._note.unlink(missing_ok=True)
                 forget(self.zenoh_port)
-        self._say("motm-twin: stopped")
+        self._print("motm-twin: stopped")
         return code
 
     def _watch(self) -> int:
@@ -171,29 +176,31 @@ class _Supervisor:
             if time.monotonic() - young > YOUNG:
                 young = time.monotonic()
                 keep_young()
-            while not self._events.empty():
-                self._tell(*self._events.get())
+            self._tell_events()
             for child in self._children:
                 code = child.exit_code()
                 if code is None or self._stop.is_set():
                     continue
                 time.sleep(WATCH)  # its last words
-                while not self._events.empty():
-                    self._tell(*self._events.get())
+                self._tell_events()
                 if code == BAD_INPUT:
                     return BAD_INPUT
                 if not child.may_restart():
-                    self._say(f"[red]the {child.name} ended again and again (exit code {code}); giving up[/red]")
+                    self._print(f"[red]the {child.name} ended again and again (exit code {code}); giving up[/red]")
                     return FAILED
-                self._say(f"[yellow]the {child.name} ended (exit code {code}); starting it again[/yellow]")
+                self._print(f"[yellow]the {child.name} ended (exit code {code}); starting it again[/yellow]")
                 child.start()
         return OK
 
-    def _tell(self, name: str, event: dict) -> None:
+    def _tell_events(self) -> None:
+        while not self._events.empty():
+            self._tell(self._events.get())
+
+    def _tell(self, event: dict) -> None:
         after = f"{time.monotonic() - self._started:5.1f} s"
         match event["event"]:
             case "listening":
-                self._say(f"{after}  Zenoh: {event['endpoint']}, keys motm/{self._twin}/**")
+                self._print(f"{after}  Zenoh: {event['endpoint']}, keys motm/{self._twin}/**")
                 let_in = (
                     "anybody on this machine"
                     if self._open_bus
@@ -204,7 +211,7 @@ class _Supervisor:
                     self._print(f"{after}  no real-time scheduling: {why} (docs/install.md)", markup=False)
             case "page":
                 self._remember(event["port"], event["url"])
-                self._say(f"{after}  Page:  [bold]{event['url']}[/bold]")
+                self._print(f"{after}  Page:  [bold]{event['url']}[/bold]")
                 who = "on this machine" if self._open else "with this address"
                 self._print(f"{after}  anybody {who} may look and drive", markup=False)
             case "ros2":
@@ -218,9 +225,6 @@ class _Supervisor:
                 text = event["text"] or {"playing": "the robot moves"}.get(event["state"], "")
                 self._print(f"{after}  {event['state']}{text and ': ' + text}", markup=False)
 
-    def _say(self, text: str) -> None:
-        self._print(text)
-
     def _print(self, text: str, **options: Any) -> None:
         """Print; a closed output or a full disk must not stop the robot."""
         with suppress(OSError):
@@ -229,16 +233,6 @@ class _Supervisor:
     def _remember(self, port: int | None, page: str) -> None:
         running = Running(pid=os.getpid(), twin=self._twin, endpoint=self.endpoint, page_port=port, page=page)
         self._note = note(running)
-
-
-def _require_new(path: Path) -> None:
-    """Raise ValueError unless a file of this name can be made."""
-    if path.suffix != ".mcap":
-        raise ValueError(f"--record {path}: give a name that ends in .mcap")
-    if problem := folder_problem(path.parent):
-        raise ValueError(f"--record {path}: {problem}")
-    if path.exists() or not path.parent.is_dir():
-        raise ValueError(f"--record {path}: give a new file in a folder that exists")
 
 
 @contextmanager

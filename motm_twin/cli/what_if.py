@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from types import TracebackType
-from typing import Any, Self
+from typing import Self
 
 import msgspec
 from rich.console import Console
@@ -33,13 +33,7 @@ STEP = 5.0  # [s] simulated between two lines, at least
 
 
 def what_if(
-    file: str,
-    changes: list[str],
-    *,
-    seconds: float = 0.0,
-    report: str | None = None,
-    lines: bool = False,
-    method: str | None = None,
+    file: str, changes: list[str], *, seconds: float, report: str | None, lines: bool, method: str | None
 ) -> int:
     """Run both and print them; the exit code. ``lines``: JSON lines of both runs instead, see `record.what_if`.
 
@@ -87,7 +81,8 @@ def _print(was: Outcome, changed: Outcome, title: str) -> None:
     for column in table.columns[1:]:
         column.justify = "right"
     table.add_row(escape("time [s]"), *_numbers(was.time_s, changed.time_s, 2))
-    table.add_row(escape("forecast from [s]"), *(_since(end.forecast_from_s) for end in (was, changed)), "")
+    begins = ["as recorded" if end.forecast_from_s is None else f"{end.forecast_from_s:.2f}" for end in (was, changed)]
+    table.add_row(escape("forecast from [s]"), *begins, "")
     table.add_row("picks", *_numbers(was.picks, changed.picks, 0))
     table.add_row("places", *_numbers(was.places, changed.places, 0))
     table.add_row("contacts", *_numbers(was.all_contacts, changed.all_contacts, 0))
@@ -96,31 +91,16 @@ def _print(was: Outcome, changed: Outcome, title: str) -> None:
     table.add_row("success", *("yes" if end.success else "no" for end in (was, changed)), "")
     console.print(title, style="bold", markup=False)
     console.print(table)
-    for end in (was, changed):
-        _say(console, f"{end.run}: {end.reason}" if end.reason else "")
-    _say(console, _forecast(was, "the recording ends there"))
-    _say(console, _forecast(changed, "the change begins there"))
-    for said in changed.skipped:
-        _say(console, f"left out of the changed run: {said}")
-
-
-def _forecast(end: Outcome, why: str) -> str:
-    """Remark on a forecast time; "" when it is as recorded."""
-    if end.forecast_from_s is None:
-        return ""
-    return (
-        f"{end.run}: forecast from {end.forecast_from_s:g} s on ({why}): no clock cuts its searches, "
-        "so a live run may end at another time"
-    )
-
-
-def _since(seconds: float | None) -> str:
-    return "as recorded" if seconds is None else f"{seconds:.2f}"
-
-
-def _say(console: Console, text: Any) -> None:
-    if text:
-        console.print(text, markup=False)
+    lines = [f"{end.run}: {end.reason}" for end in (was, changed) if end.reason]
+    for end, why in ((was, "the recording ends there"), (changed, "the change begins there")):
+        if end.forecast_from_s is not None:
+            lines.append(
+                f"{end.run}: forecast from {end.forecast_from_s:g} s on ({why}): no clock cuts its searches, "
+                "so a live run may end at another time"
+            )
+    lines += [f"left out of the changed run: {said}" for said in changed.skipped]
+    for line in lines:
+        console.print(line, markup=False)
 
 
 def _numbers(was: float, changed: float, digits: int) -> tuple[str, str, str]:

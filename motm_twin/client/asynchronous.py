@@ -78,18 +78,13 @@ class AsyncTwin(Commanding[Awaitable[Answer]]):
         """As `Twin.session`."""
         return await asyncio.to_thread(self.twin.session)
 
-    async def ticks(self) -> AsyncGenerator[TickMessage, None]:
+    def ticks(self) -> AsyncGenerator[TickMessage, None]:
         """As `Twin.ticks`."""
-        async with aclosing(self._newest(self.twin.client.keys.tick, self.twin.latest_tick)) as messages:
-            async for message in messages:
-                yield message
+        return self._newest(self.twin.client.keys.tick, self.twin.latest_tick)
 
-    async def robots(self) -> AsyncGenerator[RobotStateMessage, None]:
+    def robots(self) -> AsyncGenerator[RobotStateMessage, None]:
         """As `Twin.robots`."""
-        await asyncio.to_thread(self.twin.client.follow, self.twin.client.keys.robot)
-        async with aclosing(self._newest(self.twin.client.keys.robot, self.twin.robot)) as messages:
-            async for message in messages:
-                yield message
+        return self._newest(self.twin.client.keys.robot, self.twin.robot)
 
     async def events(self, since: int | None = None) -> AsyncGenerator[NumberedEvent, None]:
         """As `Twin.events`; listening begins when the first one is awaited."""
@@ -120,6 +115,7 @@ class AsyncTwin(Commanding[Awaitable[Answer]]):
             wake.set()
 
     async def _newest(self, key: str, read: Callable) -> AsyncGenerator[Any, None]:
+        await asyncio.to_thread(self.twin.client.follow, key)
         wake, notify = self._wake()
         wake.set()  # what is there already comes first
         leave = self.twin.client.on_sample(key, lambda _payload: notify())

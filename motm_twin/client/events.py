@@ -47,7 +47,8 @@ class EventReader:
             while self._ready:
                 taken.append(self._ready.popleft())
                 self._expected = taken[-1].seq + 1
-            event = self._next_live()
+            with self._changed:
+                event = self._live.popleft() if self._live else None
             if event is None:
                 return taken
             if event.numbered_since != self._epoch:  # the server was started again
@@ -95,10 +96,6 @@ class EventReader:
             self._live.append(event)
             self._changed.notify_all()
         self._tell()
-
-    def _next_live(self) -> NumberedEvent | None:
-        with self._changed:
-            return self._live.popleft() if self._live else None
 
     def _fetch(self, taken: list[NumberedEvent]) -> bool:
         """Put what is missing into `_ready`; False when the server does not answer."""

@@ -9,28 +9,8 @@ from pathlib import Path
 
 import zenoh
 
+from motm_twin.bus import commands, messages
 from motm_twin.bus.client import Grid, TwinClient
-from motm_twin.bus.commands import (
-    NAME_MAX,
-    Answer,
-    Branch,
-    Command,
-    Load,
-    Play,
-    Refused,
-    Reset,
-    Seed,
-    Step,
-    UndoBranch,
-)
-from motm_twin.bus.messages import (
-    MetricsMessage,
-    NumberedEvent,
-    RobotStateMessage,
-    ScanMessage,
-    StatusMessage,
-    TickMessage,
-)
 from motm_twin.client.commanding import Commanding
 from motm_twin.client.discover import find, silent
 from motm_twin.client.events import EventReader
@@ -58,7 +38,7 @@ def connect(endpoint: str | None = None, twin: str | None = None, *, name: str =
     return Twin(*find(endpoint, twin), name=name, timeout=timeout)
 
 
-class Twin(Commanding[Answer]):
+class Twin(Commanding[commands.Answer]):
     """A running twin: its newest state, all of its events, and commands. Usable from several threads."""
 
     def __init__(self, endpoint: str, twin: str, *, name: str = "", timeout: float = 5.0) -> None:
@@ -67,7 +47,7 @@ class Twin(Commanding[Answer]):
             self.client = TwinClient(endpoint, twin)
         except zenoh.ZError as error:  # a configuration of mode "client" wants somebody there at once
             raise silent(twin, endpoint) from error
-        self._name = (name or Path(sys.argv[0]).name.removeprefix("-c") or "program")[:NAME_MAX]
+        self._name = (name or Path(sys.argv[0]).name.removeprefix("-c") or "program")[: commands.NAME_MAX]
         self._readers: weakref.WeakSet[EventReader] = weakref.WeakSet()
         atexit.register(self._close_at_exit, weakref.ref(self.client))
         if not self._within(timeout, lambda: self.client.status() is not None):
@@ -79,7 +59,7 @@ class Twin(Commanding[Answer]):
         """Name of the twin."""
         return self.client.keys.twin
 
-    def send(self, command: Command, timeout: float = 2.0) -> Answer:
+    def send(self, command: commands.Command, timeout: float = 2.0) -> commands.Answer:
         """Send a command; return when its new run has begun or its steps are done. Raises Refused and TimeoutError.
 
         Other commands hold from the period after ``index`` of the answer. ``timeout`` [s] is for the answer. A run that
@@ -88,27 +68,27 @@ class Twin(Commanding[Answer]):
         before, shown = self.client.status(), self.client.tick()
         answer = self.client.command(command, timeout, name=self._name)
         if not answer.ok:
-            raise Refused(answer.reason)
+            raise commands.Refused(answer.reason)
         if begins_run(command, before):
             run = -1 if before is None else before.run
             self._wait_run(run, None if shown is None else shown.run, LOADING)
-        elif isinstance(command, Step):
+        elif isinstance(command, commands.Step):
             self.wait_until(lambda tick: tick.index >= answer.index + command.count, timeout=STEPPING)
         return answer
 
-    def latest_tick(self) -> TickMessage | None:
+    def latest_tick(self) -> messages.TickMessage | None:
         """The newest period; None before the first."""
         return self.client.tick()
 
-    def status(self) -> StatusMessage | None:
+    def status(self) -> messages.StatusMessage | None:
         """The newest state of the server."""
         return self.client.status()
 
-    def robot(self) -> RobotStateMessage | None:
+    def robot(self) -> messages.RobotStateMessage | None:
         """The newest state of the robot, at 50 Hz; None before the first."""
         return self.client.robot()
 
-    def scan(self) -> ScanMessage | None:
+    def scan(self) -> messages.ScanMessage | None:
         """The newest sweep of the lidar; None before the first."""
         return self.client.scan()
 
@@ -116,7 +96,7 @@ class Twin(Commanding[Answer]):
         """The newest occupancy grid."""
         return self.client.grid()
 
-    def metrics(self) -> MetricsMessage | None:
+    def metrics(self) -> messages.MetricsMessage | None:
         """The newest metrics."""
         return self.client.metrics()
 
@@ -128,19 +108,19 @@ class Twin(Commanding[Answer]):
         """The run so far, as JSON for `motm-twin rerun`. Raises `motm_twin.bus.client.NoSession`."""
         return self.client.session()
 
-    def ticks(self, timeout: float | None = None) -> Iterator[TickMessage]:
+    def ticks(self, timeout: float | None = None) -> Iterator[messages.TickMessage]:
         """Iterate over the newest ticks until closed; a slow reader skips some.
 
         Raises TimeoutError if none arrives for ``timeout`` [s].
         """
         return self._newest(self.client.keys.tick, self.client.tick, timeout)
 
-    def robots(self, timeout: float | None = None) -> Iterator[RobotStateMessage]:
+    def robots(self, timeout: float | None = None) -> Iterator[messages.RobotStateMessage]:
         """Iterate over the state of the robot at 50 Hz, as `ticks` does."""
         self.client.follow(self.client.keys.robot)
         return self._newest(self.client.keys.robot, self.client.robot, timeout)
 
-    def events(self, since: int | None = None) -> Iterator[NumberedEvent]:
+    def events(self, since: int | None = None) -> Iterator[messages.NumberedEvent]:
         """Iterate over all events, none lost, until closed.
 
         ``since``: number of the first event (0: all that the server keeps); None: new events, from this call on.
@@ -150,7 +130,7 @@ class Twin(Commanding[Answer]):
         self._readers.add(reader)
         return iter(reader)
 
-    def wait_until(self, condition: Callable[[TickMessage], bool], *, timeout: float) -> TickMessage:
+    def wait_until(self, condition: Callable[[messages.TickMessage], bool], *, timeout: float) -> messages.TickMessage:
         """Wait for a tick that fulfils a condition, and return it. Raises TimeoutError after ``timeout`` [s].
 
         For the final score wait for ``tick.ended is not None``: when a tick is ``done``, the last cube may still be
@@ -177,11 +157,9 @@ class Twin(Commanding[Answer]):
             reader.wake()
 
     def __enter__(self) -> "Twin":
-        """Connected from the start."""
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Disconnect."""
         self.close()
 
     def _newest(self, key: str, read: Callable, timeout: float | None) -> Iterator:
@@ -206,7 +184,7 @@ class Twin(Commanding[Answer]):
                 if status.plant in ("zenoh", "mirror") and settled[-1] > settled[0] + FIRST_TICK:
                     return True
             if status is not None and status.state == "error" and status.run >= run:
-                raise Refused(status.text)
+                raise commands.Refused(status.text)
             return tick is not None and tick.run > run and tick.run != shown
 
         if not self._within(timeout, began):
@@ -229,8 +207,8 @@ class Twin(Commanding[Answer]):
             client.close()
 
 
-def begins_run(command: Command, status: StatusMessage | None) -> bool:
+def begins_run(command: commands.Command, status: messages.StatusMessage | None) -> bool:
     """True if a command, once accepted, begins a new run."""
-    if isinstance(command, Play):
+    if isinstance(command, commands.Play):
         return status is not None and status.state == "done"
-    return isinstance(command, Load | Seed | Reset | Branch | UndoBranch)
+    return isinstance(command, commands.Load | commands.Seed | commands.Reset | commands.Branch | commands.UndoBranch)

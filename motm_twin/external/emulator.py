@@ -15,7 +15,7 @@ EARLY = 1e-9  # [s] rounding of times
 
 
 class LinkSpec(msgspec.Struct, frozen=True, kw_only=True):
-    """Defects of a link, in each direction."""
+    """Defects of a link, in each direction. Raises ValueError for an impossible one."""
 
     latency: float = 0.0  # [s]
     jitter: float = 0.0  # [s] a message takes latency +- jitter, uniform
@@ -25,7 +25,6 @@ class LinkSpec(msgspec.Struct, frozen=True, kw_only=True):
     seed: int = 0
 
     def __post_init__(self) -> None:
-        """Raise ValueError for an impossible link."""
         if not (0.0 <= self.jitter <= self.latency <= 5.0 and 0.0 <= self.loss <= 1.0):
             raise ValueError(
                 f"link of {self.latency} s latency, {self.jitter} s jitter, {self.loss} loss: "

@@ -83,21 +83,20 @@ class CommandGuard:
         if self.commander not in ("", command.sender) and now - self._last_sign < SILENCE:
             raise RefusedCommand(f"{self.commander!r} commands: it must be silent for {SILENCE:.0f} s first")
         self._heard = [*self._heard, (command.seq, now)][-MAX_HEARD:]
-        self._check_time(command, now)
+        if command.act_at > now + MAX_AHEAD:
+            raise RefusedCommand(f"act_at is {command.act_at - now:.2f} s ahead: at most {MAX_AHEAD} s")
+        if now - command.act_at > MAX_LATE:
+            raise RefusedCommand(f"stale: it was for {now - command.act_at:.2f} s ago")
         if command.sender == self.commander and now - self._last_sign < SILENCE:
             self._check_order(command)
-        else:
-            self._begin()
+        else:  # another sender, or the same one after a silence: old commands of its own are refused by their times
+            self._waiting.clear()
+            self._newest, self._acted = -1, -1
         if len(self._waiting) >= MAX_WAITING:
             raise RefusedCommand(f"{MAX_WAITING} commands wait already")
         self.commander, self._last_sign = command.sender, now
         self._newest = max(self._newest, command.seq)
         bisect.insort(self._waiting, command, key=lambda item: item.act_at)
-
-    def _begin(self) -> None:
-        """Another sender, or the same one after a silence: old commands of its own are refused by their times."""
-        self._waiting.clear()
-        self._newest, self._acted = -1, -1
 
     def _check(self, command: RobotCommand) -> None:
         limits = self._limits
@@ -121,12 +120,6 @@ class CommandGuard:
             raise RefusedCommand(f"base twist {v:.2f} m/s, {w:.2f} rad/s is above the limits of this robot")
         if (np.abs(command.joint_velocity) > DQ_MAX + SLACK).any():
             raise RefusedCommand("a joint velocity is above the limits of this robot")
-
-    def _check_time(self, command: RobotCommand, now: float) -> None:
-        if command.act_at > now + MAX_AHEAD:
-            raise RefusedCommand(f"act_at is {command.act_at - now:.2f} s ahead: at most {MAX_AHEAD} s")
-        if now - command.act_at > MAX_LATE:
-            raise RefusedCommand(f"stale: it was for {now - command.act_at:.2f} s ago")
 
     def _check_order(self, command: RobotCommand) -> None:
         if command.seq <= self._acted:

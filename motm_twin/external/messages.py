@@ -133,7 +133,8 @@ def _pose(name: str, values: Sequence[float]) -> None:
 
 def _vector(name: str, values: Sequence[float], length: int) -> Sequence[float]:
     if len(values) != length or not all(map(math.isfinite, values)):
-        raise RefusedMessage(f"{name} needs {length} finite numbers, and has {_short(values)}")
+        has = str(list(values)) if len(values) <= 8 else f"{len(values)}"
+        raise RefusedMessage(f"{name} needs {length} finite numbers, and has {has}")
     return values
 
 
@@ -141,7 +142,3 @@ def _within(name: str, values: Iterable[float], low: float, high: float, unit: s
     for value in values:
         if not low <= value <= high:
             raise RefusedMessage(f"{name} has {value:g}: {low:g} to {high:g} {unit} can be")
-
-
-def _short(values: Sequence[Any]) -> str:
-    return f"{len(values)}" if len(values) > 8 else str(list(values))

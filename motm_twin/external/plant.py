@@ -60,32 +60,34 @@ class RemoteWorld:
 
     def rehearsal(self) -> "RemoteRehearsal":
         """Asks the robot about edits, one after another. Raises NotPossible."""
-        self._require("edit", "its world can not be changed from here: move the real things")
+        self._require_editable()
         return RemoteRehearsal(self.link)
 
     def apply(self, edit: WorldEdit) -> None:
         """Change the world of a simulated robot; raises ValueError when it can not be."""
-        self._require("edit", "its world can not be changed from here: move the real things")
+        self._require_editable()
         answer = self.link.ask(self.link.keys.edit, EditRequest(version=VERSION, check=False, edit=edit))
         if not answer.ok:
             raise ValueError(answer.reason)
 
     def expect_tasks(self, tasks: Sequence[Task]) -> None:
         """Tell the referee of a simulated robot the task list of now."""
-        if self._info is not None and "truth" in self._info.can and not self.mirror:
-            self.link.ask(self.link.keys.tasks, TaskNotice(version=VERSION, tasks=tuple(tasks)))
+        self._notify(TaskNotice(version=VERSION, tasks=tuple(tasks)))
 
     def expect_map(self, announced: Mapping[str, PlanarPose]) -> None:
         """Tell the referee of a simulated robot where furniture was announced."""
-        if self._info is not None and "truth" in self._info.can and not self.mirror:
-            self.link.ask(self.link.keys.tasks, TaskNotice(version=VERSION, announced=dict(announced)))
+        self._notify(TaskNotice(version=VERSION, announced=dict(announced)))
 
-    def _require(self, capability: str, why: str) -> None:
+    def _notify(self, notice: TaskNotice) -> None:
+        if self._info is not None and "truth" in self._info.can and not self.mirror:
+            self.link.ask(self.link.keys.tasks, notice)
+
+    def _require_editable(self) -> None:
         if self.mirror:
             raise NotPossible("a mirror only shows the robot: it changes nothing")
-        if self._info is None or capability not in self._info.can:
+        if self._info is None or "edit" not in self._info.can:
             name = "there is no robot" if self._info is None else f"robot {self._info.name!r} is not simulated"
-            raise NotPossible(f"{name}: {why}")
+            raise NotPossible(f"{name}: its world can not be changed from here: move the real things")
 
 
 GONE = 1.0  # [s] without a state after which the robot is waited for
@@ -162,9 +164,11 @@ class ZenohPlant(RemoteWorld):
         quiet = now - self.link.last_sign
         if quiet > GONE and (self._silent_since or self.mirror or not self.shared):
             return f"waiting for robot {self._info.name!r}{self._refused() or ': nothing is heard of it'}"
-        what = "shown only, not commanded" if self.mirror else f"commands are given {self._ahead() * 1e3:.0f} ms ahead"
-        if state is not None and not self.mirror and state.commander not in ("", self._sender):
-            what = f"obeys somebody else: {state.commander[:80]}"
+        what = "shown only, not commanded"
+        if not self.mirror:
+            what = f"commands are given {self._lead.now(self._at) * 1e3:.0f} ms ahead"
+            if state is not None and state.commander not in ("", self._sender):
+                what = f"obeys somebody else: {state.commander[:80]}"
         return (
             f"robot {self._info.name!r}, {self._info.clock} clock: {what}{self._refused()}{self._obedience.text(now)}"
         )
@@ -190,13 +194,15 @@ class ZenohPlant(RemoteWorld):
         """The robot at the time at which a command that is given now acts."""
         state: RobotState | None = self.link.newest("state")
         assert state is not None and self._origin is not None, "observe comes after ready"
-        self._note_arrivals()
+        arrived, self._arrived = self._arrived, []
+        for seq, at in arrived:
+            self._lead.heard(seq, at)
         motion: Motion = from_message(state, Motion)
         if self.mirror:
             now = until = max(motion.stamp, self._acts_at)
         else:
             now = self._at
-            until = max(now + self._ahead(), self._acts_at)
+            until = max(now + self._lead.now(self._at), self._acts_at)
             motion = self._predictor.predict(motion, until)
         self._acts_at = until
         pose, odometry = motion.pose, motion.odometry
@@ -251,15 +257,14 @@ class ZenohPlant(RemoteWorld):
         """Wait until dt [s] have passed on the robot's clock."""
         if self.shared and not self.mirror:
             self._grant(self._at + dt)
-        elif self.mirror:
-            self._follow(dt)
+        elif self.mirror:  # until its newest state is dt [s] further, or should have been
+            target, wait = self._acts_at + dt, dt if time.monotonic() - self.link.last_sign > GONE else 10.0 * dt
+            with self.link.changed:
+                self.link.changed.wait_for(lambda: self._reached("state", target), wait)
         else:
             self._at += dt
             behind = self._robot_now() - self._at
-            if behind > BEHIND:
-                self._at += behind
-                self._interrupted = True
-            elif behind < -LONGEST_STEP:  # the clock of the robot is another one than was thought
+            if behind > BEHIND or behind < -LONGEST_STEP:  # late, or its clock is another one than was thought
                 self._at += behind
                 self._interrupted = True
             elif behind < 0.0:
@@ -286,22 +291,12 @@ class ZenohPlant(RemoteWorld):
         if not self._is_taken_up(state.life):
             return
         self._clock.state(state.stamp, received)
-        now = received
         if not self.mirror:
             self._obedience.state(state, received, self._seq)
         for seq, at in state.heard:
             self._arrived.append((seq, at))
-            sent = self._sent.get(seq)
-            if sent is not None:
-                self._clock.command(sent, at, now)
-
-    def _note_arrivals(self) -> None:
-        arrived, self._arrived = self._arrived, []
-        for seq, at in arrived:
-            self._lead.heard(seq, at)
-
-    def _ahead(self) -> float:
-        return self._lead.now(self._at)
+            if (sent := self._sent.get(seq)) is not None:
+                self._clock.command(sent, at, received)
 
     def _robot_now(self) -> float:
         offset = self._clock.offset
@@ -318,9 +313,9 @@ class ZenohPlant(RemoteWorld):
     def _newest_scan(self, now: float) -> Scan | None:
         data, origin = self.link.newest("scan"), self._origin
         assert origin is not None
-        if data is None or data.stamp > now + ROUNDING:
-            return None if data is None else self._scan[1]
-        if data is not self._scan[0]:
+        if data is None:
+            return None
+        if data is not self._scan[0] and data.stamp <= now + ROUNDING:
             self._scan = (data, scan_of(data, origin))
         return self._scan[1]
 
@@ -338,18 +333,18 @@ class ZenohPlant(RemoteWorld):
         deadline = time.monotonic() + wait
         while True:
             self.link.grant(until, self._newest_sent)
-            again = min(deadline, time.monotonic() + AGAIN)
+            left = max(0.0, min(deadline - time.monotonic(), AGAIN))
             with self.link.changed:
-                if self.link.changed.wait_for(lambda: self._reached(until), max(0.0, again - time.monotonic())):
+                if self.link.changed.wait_for(lambda: self._reached("clock", until), left):
                     self._at, self._silent_since = self.link.newest("clock").stamp, 0.0
                     return
             if time.monotonic() >= deadline:
                 self._silent_since = self._silent_since or time.monotonic() - wait
                 return
 
-    def _reached(self, until: float) -> bool:
-        clock = self.link.newest("clock")
-        return clock is not None and clock.stamp >= until - ROUNDING
+    def _reached(self, name: str, until: float) -> bool:
+        newest = self.link.newest(name)
+        return newest is not None and newest.stamp >= until - ROUNDING
 
     def _answers(self) -> bool:
         """Shared clock: the robot answers again; what it said before it fell silent is no answer."""
@@ -360,16 +355,6 @@ class ZenohPlant(RemoteWorld):
         if answers:
             self._silent_since, self._interrupted = 0.0, True
         return answers
-
-    def _follow(self, dt: float) -> None:
-        """Mirror: until the robot's newest state is dt [s] further, or it should have been."""
-        target, wait = self._acts_at + dt, dt if time.monotonic() - self.link.last_sign > GONE else 10.0 * dt
-        with self.link.changed:
-            self.link.changed.wait_for(lambda: self._seen_until() >= target - ROUNDING, wait)
-
-    def _seen_until(self) -> float:
-        state = self.link.newest("state")
-        return -np.inf if state is None else state.stamp
 
     def _fresh(self) -> bool:
         """True when the robot has shown itself lately."""
@@ -392,17 +377,12 @@ class ZenohPlant(RemoteWorld):
         return self._settle()
 
     def _adopt(self, info: Info) -> None:
-        """Another robot, or the same one after it was started again or its clock was set."""
+        """Another robot, or the same one after it was started again or its clock was set: forget the one before."""
         self.link.live(info.life)
         self._info, self._clock_sets = info, self.link.clock_sets
-        self._forget()
-
-    def _forget(self) -> None:
-        """Forget a robot that is gone."""
-        assert self._info is not None
         self._predictor.clear()
         self._obedience = Obedience()
-        self._clock, self._lead = ClockOffset(), Lead(self._info.step)
+        self._clock, self._lead = ClockOffset(), Lead(info.step)
         self._arrived, self._sent, self._silent_since, self._newest_sent = [], {}, 0.0, -1
         self._scan, self._detections = (None, None), (None, ())
         if self._origin is not None:  # the run goes on

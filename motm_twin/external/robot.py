@@ -27,7 +27,6 @@ from motm_twin.bus.plant_messages import (
 )
 from motm_twin.external.emulator import Link, LinkSpec
 from motm_twin.external.guard import CommandGuard
-from motm_twin.model.plant import Detection
 from motm_twin.model.scene import Scene
 from motm_twin.plants import make_plant
 from motm_twin.sim.plant import SUBSTEP
@@ -146,7 +145,9 @@ class ReferenceRobot:
         if seen.scan is not None and seen.scan is not self._sent[0]:
             self._down.send(("scan", encode(to_message(seen.scan, ScanData, **self._about()))), now)
         if seen.detections is not self._sent[1]:
-            self._down.send(("detections", encode(self._detections(seen.detections))), now)
+            detections = [to_message(one, DetectionData) for one in seen.detections]
+            frame = DetectionList(**self._about(), stamp=now, detections=detections)
+            self._down.send(("detections", encode(frame)), now)
         self._sent = (seen.scan, seen.detections)
         state = to_message(
             seen,
@@ -172,7 +173,3 @@ class ReferenceRobot:
 
     def _about(self) -> dict[str, Any]:
         return {"version": VERSION, "life": self.life}
-
-    def _detections(self, seen: tuple[Detection, ...]) -> DetectionList:
-        detections = [to_message(one, DetectionData) for one in seen]
-        return DetectionList(**self._about(), stamp=self.time, detections=detections)

@@ -18,14 +18,7 @@ import zenoh
 
 from motm_twin.bus.connection import answers, direct
 from motm_twin.bus.keys import PlantKeys, spoken_on
-from motm_twin.bus.plant_messages import (
-    VERSION,
-    ClockGrant,
-    Info,
-    PlantAnswer,
-    RobotCommand,
-    RobotState,
-)
+from motm_twin.bus.plant_messages import VERSION, ClockGrant, Info, PlantAnswer, RobotCommand, RobotState
 from motm_twin.external.messages import MAX_AHEAD, NAMES, Message, RefusedMessage, read
 
 ANSWER = 2.0  # [s] for an answer
@@ -45,7 +38,7 @@ class RobotLink:
         self.keys, self.listen_only, self.session = PlantKeys(twin), listen_only, session
         self.changed = threading.Condition()
         self._newest: dict[str, Any] = {}
-        self._life = ""
+        self.life = ""  # of the robot whose messages these are
         self._since = -1e9  # [s] monotonic, when this life began to count
         self._aside: dict[str, dict[str, tuple[Message, float]]] = {}  # by life and key: the newest, received when
         self._other: tuple[str, float] = ("", -1e9)  # life that was heard beside this one, and when [s] monotonic
@@ -78,11 +71,6 @@ class RobotLink:
         return why if time.monotonic() - at < REFUSED_FOR else ""
 
     @property
-    def life(self) -> str:
-        """Of the robot whose messages these are."""
-        return self._life
-
-    @property
     def successor(self) -> str:
         """Life of another robot that has come after this one fell silent; "" without one."""
         with self.changed:
@@ -104,7 +92,7 @@ class RobotLink:
     def grant(self, until: float, after: int = -1) -> None:
         """Shared clock: let time pass until then [s], when the command of number ``after`` has come."""
         with suppress(zenoh.ZError):
-            self._grants.put(self._encode(ClockGrant(version=VERSION, life=self._life, until=until, after=after)))
+            self._grants.put(self._encode(ClockGrant(version=VERSION, life=self.life, until=until, after=after)))
 
     def info(self) -> Info | None:
         """The robot's answer about itself; None without one."""
@@ -125,7 +113,7 @@ class RobotLink:
     def live(self, life: str) -> None:
         """From now on only what this life of the robot says counts. Not in the middle of a period."""
         with self.changed:
-            if life != self._life:
+            if life != self.life:
                 self._begin(life)
             self._aside = {}
 
@@ -143,7 +131,7 @@ class RobotLink:
             return []
 
     def _begin(self, life: str) -> None:
-        self._life, self._jumped, self._since = life, None, time.monotonic()
+        self.life, self._jumped, self._since = life, None, time.monotonic()
         own = self._aside.pop(life, {})
         self._newest = {name: message for name, (message, _) in own.items()}
         self.last_sign = own["state"][1] if "state" in own else -1e9
@@ -165,9 +153,9 @@ class RobotLink:
 
     def _keep(self, name: str, message: Message, received: float) -> None:
         with self.changed:
-            if not self._life:
+            if not self.life:
                 self._begin(message.life)
-            if message.life != self._life:
+            if message.life != self.life:
                 self._keep_aside(name, message, received)
                 return
             before, state = self._newest.get(name), self._newest.get("state")

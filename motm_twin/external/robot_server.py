@@ -24,6 +24,7 @@ MAX_GRANT = 1.0  # [s] of shared time in one grant
 KEPT = 0.25  # [s] that a grant which overtook its command waits for it; the command may be lost
 CATCH_UP = 1.0  # [s] that a real clock falls behind before it gives up catching up
 IDLE = 0.1  # [s] between looks at the stop event
+Answer = Callable[[Any], msgspec.Struct]  # to a request
 SENT = ("state", "scan", "detections", "truth", "clock")
 
 
@@ -101,10 +102,10 @@ class RobotServer:
         self._declared = [
             session.declare_subscriber(self.keys.command, direct(self._on_command)),
             session.declare_subscriber(self.keys.grant, direct(self._on_grant)),
-            self._asked(session, self.keys.info, None, lambda _: encode(self.robot.info())),
+            self._asked(session, self.keys.info, None, lambda _: self.robot.info()),
             self._asked(session, self.keys.reset, ResetRequest, self._reset),
-            self._asked(session, self.keys.edit, EditRequest, lambda request: encode(self.robot.edit(request))),
-            self._asked(session, self.keys.tasks, TaskNotice, lambda notice: encode(self.robot.tasks(notice))),
+            self._asked(session, self.keys.edit, EditRequest, self.robot.edit),
+            self._asked(session, self.keys.tasks, TaskNotice, self.robot.tasks),
             session.liveliness().declare_token(self.keys.alive),
             self._publishers["state"].declare_matching_listener(direct(self._on_matching)),
         ]
@@ -158,13 +159,10 @@ class RobotServer:
                 self._newest = max(self._newest, command.seq)
 
     def _on_grant(self, sample: zenoh.Sample) -> None:
-        if not spoken_on(sample, self.keys.grant):
-            return
-        try:
-            grant = msgspec.json.decode(sample.payload.to_bytes(), type=ClockGrant)
-        except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
-            return
-        self._post(lambda: self._grant(grant))
+        if spoken_on(sample, self.keys.grant):
+            with suppress(msgspec.DecodeError, UnicodeDecodeError, RecursionError):
+                grant = msgspec.json.decode(sample.payload.to_bytes(), type=ClockGrant)
+                self._post(lambda: self._grant(grant))
 
     def _grant(self, grant: ClockGrant) -> None:
         if grant.life != self.robot.life or grant.version != VERSION:
@@ -188,13 +186,13 @@ class RobotServer:
         elif grant.after <= self._newest or time.monotonic() >= ends:
             self._granted, self._early = max(self._granted, grant.until), None
 
-    def _reset(self, request: ResetRequest) -> bytes:
+    def _reset(self, request: ResetRequest) -> PlantAnswer:
         answer = self.robot.reset(request)
         self._granted, self._started, self._newest, self._early = 0.0, time.monotonic(), -1, None
         self.robot.show()
-        return encode(answer)
+        return answer
 
-    def _asked(self, session: zenoh.Session, key: str, kind: Any, answer: Callable[[Any], bytes]) -> zenoh.Queryable:
+    def _asked(self, session: zenoh.Session, key: str, kind: Any, answer: Answer) -> zenoh.Queryable:
         """Answer questions on this key, in the robot's thread."""
 
         def on_query(query: zenoh.Query) -> None:
@@ -206,15 +204,15 @@ class RobotServer:
         return session.declare_queryable(key, on_query)
 
 
-def _reply(query: zenoh.Query, key: str, payload: bytes, kind: Any, answer: Callable[[Any], bytes]) -> None:
+def _reply(query: zenoh.Query, key: str, payload: bytes, kind: Any, answer: Answer) -> None:
     try:
         if len(payload) > MAX_REQUEST:
             raise ValueError(f"{len(payload)} bytes: at most {MAX_REQUEST} are taken")
         request = None if kind is None else msgspec.json.decode(payload, type=kind)
         if request is not None and request.version != VERSION:
             raise ValueError(f"version {request.version!r}: this robot reads {VERSION!r}")
-        text = answer(request)
+        told = answer(request)
     except (ValueError, RecursionError) as error:
-        text = encode(PlantAnswer(version=VERSION, ok=False, reason=str(error)))
+        told = PlantAnswer(version=VERSION, ok=False, reason=str(error))
     with suppress(zenoh.ZError), query:
-        query.reply(key, text, encoding=zenoh.Encoding.APPLICATION_JSON)
+        query.reply(key, encode(told), encoding=zenoh.Encoding.APPLICATION_JSON)

@@ -15,7 +15,7 @@ from motm_twin.sessions.session import Session
 RECORDED_SESSION_VERSION = "motm.recorded_session/1"
 RECORDED_GRID_VERSION = "motm.recorded_grid/1"
 PLOTS_VERSION = "motm.plots/1"
-MaybeNumber = float | None
+Maybe = float | msgspec.UnsetType
 
 
 class RecordedSession(msgspec.Struct, frozen=True, kw_only=True):
@@ -53,15 +53,15 @@ class PlotsMessage(msgspec.Struct, frozen=True, kw_only=True):
     acceleration: float  # planned, forward [m/s^2]
     joint_rate: float  # largest of the arm [rad/s]
     gripper_width: float  # [m]
-    path_length: float | msgspec.UnsetType = msgspec.UNSET  # [m] driven so far
-    manipulability: float | msgspec.UnsetType = msgspec.UNSET
-    position_slack: float | msgspec.UnsetType = msgspec.UNSET  # largest of the period [m/s]
-    turn_slack: float | msgspec.UnsetType = msgspec.UNSET  # [rad/s]
-    obstacle_distance: float | msgspec.UnsetType = msgspec.UNSET  # [m] gripper to the nearest seen obstacle
-    base_clearance: float | msgspec.UnsetType = msgspec.UNSET  # [m] least so far, by the referee
-    chosen_cost: float | msgspec.UnsetType = msgspec.UNSET  # [s] of the chosen base pose
-    period_ms: float | msgspec.UnsetType = msgspec.UNSET  # [ms] of wall time
-    plan_ms: float | msgspec.UnsetType = msgspec.UNSET
+    path_length: Maybe = msgspec.UNSET  # [m] driven so far
+    manipulability: Maybe = msgspec.UNSET
+    position_slack: Maybe = msgspec.UNSET  # largest of the period [m/s]
+    turn_slack: Maybe = msgspec.UNSET  # [rad/s]
+    obstacle_distance: Maybe = msgspec.UNSET  # [m] gripper to the nearest seen obstacle
+    base_clearance: Maybe = msgspec.UNSET  # [m] least so far, by the referee
+    chosen_cost: Maybe = msgspec.UNSET  # [s] of the chosen base pose
+    period_ms: Maybe = msgspec.UNSET  # [ms] of wall time
+    plan_ms: Maybe = msgspec.UNSET
     expansions: int
     stopped: bool
 
@@ -80,24 +80,28 @@ class Channel:
         return _encoded(self.topic)
 
 
-TICK = Channel("/motm/tick", "motm.Tick", bus.TickMessage)
-STATUS = Channel("/motm/status", "motm.Status", bus.StatusMessage)
-SCENE = Channel("/motm/scene", "motm.Scene", RecordedScene)
-GRID = Channel("/motm/grid", "motm.Grid", RecordedGrid)
-ROBOT = Channel("/motm/robot", "motm.Robot", bus.RobotStateMessage)
-SCAN = Channel("/motm/scan", "motm.Scan", bus.ScanMessage)
-EVENT = Channel("/motm/event", "motm.Event", bus.NumberedEvent)
-OBSERVATIONS = Channel("/motm/observations", "motm.Observations", ObservationsMessage)
-METRICS = Channel("/motm/metrics", "motm.Metrics", bus.MetricsMessage)
-SESSION = Channel("/motm/session", "motm.Session", RecordedSession)
-PLOTS = Channel("/motm/plots", "motm.Plots", PlotsMessage)
-OURS = (TICK, STATUS, SCENE, GRID, ROBOT, SCAN, EVENT, OBSERVATIONS, METRICS, SESSION, PLOTS)
+CHANNELS: dict[str, Channel] = {}
+
+
+def _ours(topic: str, schema_name: str, struct: Any) -> Channel:
+    return CHANNELS.setdefault(topic, Channel(topic, schema_name, struct))
 
 
 def _drawn(topic: str, schema: dict[str, Any]) -> Channel:
-    return Channel(topic, schema["title"], schema=schema)
+    return CHANNELS.setdefault(topic, Channel(topic, schema["title"], schema=schema))
 
 
+TICK = _ours("/motm/tick", "motm.Tick", bus.TickMessage)
+STATUS = _ours("/motm/status", "motm.Status", bus.StatusMessage)
+SCENE = _ours("/motm/scene", "motm.Scene", RecordedScene)
+GRID = _ours("/motm/grid", "motm.Grid", RecordedGrid)
+ROBOT = _ours("/motm/robot", "motm.Robot", bus.RobotStateMessage)
+SCAN = _ours("/motm/scan", "motm.Scan", bus.ScanMessage)
+EVENT = _ours("/motm/event", "motm.Event", bus.NumberedEvent)
+OBSERVATIONS = _ours("/motm/observations", "motm.Observations", ObservationsMessage)
+METRICS = _ours("/motm/metrics", "motm.Metrics", bus.MetricsMessage)
+SESSION = _ours("/motm/session", "motm.Session", RecordedSession)
+PLOTS = _ours("/motm/plots", "motm.Plots", PlotsMessage)
 DRAWN_FRAMES = _drawn("/tf", drawn.FRAME_TRANSFORMS)
 DRAWN_ROBOT = _drawn("/robot_model", drawn.SCENE_UPDATE)
 DRAWN_FURNITURE = _drawn("/furniture", drawn.SCENE_UPDATE)
@@ -109,20 +113,6 @@ DRAWN_GLOBAL = _drawn("/path/global", drawn.POSES_IN_FRAME)
 DRAWN_NEXT = _drawn("/path/next", drawn.POSES_IN_FRAME)
 DRAWN_LOCAL = _drawn("/path/local", drawn.POSES_IN_FRAME)
 DRAWN_LOG = _drawn("/log", drawn.LOG)
-DRAWN = (
-    DRAWN_FRAMES,
-    DRAWN_ROBOT,
-    DRAWN_FURNITURE,
-    DRAWN_BODIES,
-    DRAWN_CANDIDATES,
-    DRAWN_GRID,
-    DRAWN_SCAN,
-    DRAWN_GLOBAL,
-    DRAWN_NEXT,
-    DRAWN_LOCAL,
-    DRAWN_LOG,
-)
-CHANNELS = {channel.topic: channel for channel in (*OURS, *DRAWN)}
 
 
 @functools.cache

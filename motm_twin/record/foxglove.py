@@ -176,10 +176,8 @@ def bodies(tick: TickMessage) -> Json:
             x, y, z = body.position
             middle = (x, y, z if centred else z + 0.5 * body.size[2])
             tint = _BODY_COLOURS.get(body.kind, _OTHER_BODY)
-            if body.kind in _KINDS_ROUND:
-                listed.append(entity(at, WORLD, body.name, cylinders=[cylinder(middle, body.size, tint, body.yaw)]))
-            else:
-                listed.append(entity(at, WORLD, body.name, cubes=[cube(middle, body.size, tint, body.yaw)]))
+            shapes, shape = ("cylinders", cylinder) if body.kind in _KINDS_ROUND else ("cubes", cube)
+            listed.append(entity(at, WORLD, body.name, **{shapes: [shape(middle, body.size, tint, body.yaw)]}))
     return {"deletions": [{"timestamp": at, "type": 1, "id": ""}], "entities": listed}
 
 
@@ -325,8 +323,22 @@ def _bin(item: Bin) -> list[Json]:
     return [floor, *walls]
 
 
-def _object(title: str, **properties: Json) -> Json:
-    return {"title": title, "type": "object", "properties": properties}
+_NUMBER: Json = {"type": "number"}
+_COUNT: Json = {"type": "integer", "minimum": 0}
+_STRING: Json = {"type": "string"}
+_NANOSECONDS: Json = {"type": "integer", "minimum": 0, "maximum": 999_999_999}
+_OTHER: Json = {"type": "object"}  # of a primitive that is never drawn here
+_TYPES: dict[str, Json] = {  # of a field, wherever it occurs
+    **dict.fromkeys(("x", "y", "z", "w", "r", "g", "b", "a", "bottom_scale", "top_scale"), _NUMBER),
+    **dict.fromkeys(("start_angle", "end_angle"), _NUMBER),
+    **dict.fromkeys(("column_count", "row_stride", "cell_stride", "offset", "line"), _COUNT),
+    **dict.fromkeys(("frame_id", "parent_frame_id", "child_frame_id", "id", "name", "message", "file"), _STRING),
+}
+
+
+def _object(title: str, names: str = "", **properties: Json) -> Json:
+    """A schema with these properties; ``names``: those of `_TYPES` that come first."""
+    return {"title": title, "type": "object", "properties": {name: _TYPES[name] for name in names.split()} | properties}
 
 
 def _array(items: Json) -> Json:
@@ -338,114 +350,40 @@ def _choice(title: str, *names: str) -> Json:
     return {"title": title, "oneOf": [{"title": name, "const": number} for number, name in enumerate(names)]}
 
 
-_NUMBER: Json = {"type": "number"}
-_COUNT: Json = {"type": "integer", "minimum": 0}
-_STRING: Json = {"type": "string"}
-_BOOLEAN: Json = {"type": "boolean"}
-_BYTES: Json = {"type": "string", "contentEncoding": "base64"}
-_NANOSECONDS: Json = {"type": "integer", "minimum": 0, "maximum": 999_999_999}
-
-_TIME = _object("time", sec=_COUNT, nsec=_NANOSECONDS)
-_DURATION = _object("duration", sec={"type": "integer"}, nsec=_NANOSECONDS)
-_VECTOR2 = _object("foxglove.Vector2", x=_NUMBER, y=_NUMBER)
-_VECTOR3 = _object("foxglove.Vector3", x=_NUMBER, y=_NUMBER, z=_NUMBER)
-_POINT3 = _object("foxglove.Point3", x=_NUMBER, y=_NUMBER, z=_NUMBER)
-_QUATERNION = _object("foxglove.Quaternion", x=_NUMBER, y=_NUMBER, z=_NUMBER, w=_NUMBER)
-_POSE = _object("foxglove.Pose", position=_VECTOR3, orientation=_QUATERNION)
-_COLOUR = _object("foxglove.Color", r=_NUMBER, g=_NUMBER, b=_NUMBER, a=_NUMBER)
-_PAIR = _object("foxglove.KeyValuePair", key=_STRING, value=_STRING)
-
-_CUBE = _object("foxglove.CubePrimitive", pose=_POSE, size=_VECTOR3, color=_COLOUR)
-_SPHERE = _object("foxglove.SpherePrimitive", pose=_POSE, size=_VECTOR3, color=_COLOUR)
-_CYLINDER = _object(
-    "foxglove.CylinderPrimitive",
-    pose=_POSE,
-    size=_VECTOR3,
-    bottom_scale=_NUMBER,
-    top_scale=_NUMBER,
-    color=_COLOUR,
-)
-_TRIANGLES = _object(
-    "foxglove.TriangleListPrimitive",
-    pose=_POSE,
-    points=_array(_POINT3),
-    color=_COLOUR,
-    colors=_array(_COLOUR),
-    indices=_array(_COUNT),
-)
-_OTHER: Json = {"type": "object"}  # of a primitive that is never drawn here
+_TYPES["timestamp"] = _object("time", sec=_COUNT, nsec=_NANOSECONDS)
+_TYPES["lifetime"] = _object("duration", sec={"type": "integer"}, nsec=_NANOSECONDS)
+_TYPES["size"] = _TYPES["position"] = _TYPES["translation"] = _object("foxglove.Vector3", "x y z")
+_TYPES["orientation"] = _TYPES["rotation"] = _object("foxglove.Quaternion", "x y z w")
+_TYPES["pose"] = _object("foxglove.Pose", "position orientation")
+_TYPES["color"] = _object("foxglove.Color", "r g b a")
+_TYPES["points"] = _array(_object("foxglove.Point3", "x y z"))
+_TYPES["colors"], _TYPES["indices"] = _array(_TYPES["color"]), _array(_COUNT)
+_TYPES["frame_locked"] = {"type": "boolean"}
+_TYPES["metadata"] = _array(_object("foxglove.KeyValuePair", key=_STRING, value=_STRING))
+_TYPES["arrows"] = _TYPES["lines"] = _TYPES["texts"] = _TYPES["models"] = _array(_OTHER)
+_TYPES["cubes"] = _array(_object("foxglove.CubePrimitive", "pose size color"))
+_TYPES["spheres"] = _array(_object("foxglove.SpherePrimitive", "pose size color"))
+_TYPES["cylinders"] = _array(_object("foxglove.CylinderPrimitive", "pose size bottom_scale top_scale color"))
+_TYPES["triangles"] = _array(_object("foxglove.TriangleListPrimitive", "pose points color colors indices"))
+_TYPES["cell_size"] = _object("foxglove.Vector2", "x y")
+_TYPES["data"] = {"type": "string", "contentEncoding": "base64"}
+_TYPES["ranges"] = _TYPES["intensities"] = _array(_NUMBER)
+_TYPES["level"] = _choice("foxglove.LogLevel", "UNKNOWN", "DEBUG", "INFO", "WARNING", "ERROR", "FATAL")
+_DELETED = _choice("foxglove.SceneEntityDeletionType", "MATCHING_ID", "ALL")
+_DELETION = _object("foxglove.SceneEntityDeletion", "timestamp", type=_DELETED, id=_STRING)
 _ENTITY = _object(
     "foxglove.SceneEntity",
-    timestamp=_TIME,
-    frame_id=_STRING,
-    id=_STRING,
-    lifetime=_DURATION,
-    frame_locked=_BOOLEAN,
-    metadata=_array(_PAIR),
-    arrows=_array(_OTHER),
-    cubes=_array(_CUBE),
-    spheres=_array(_SPHERE),
-    cylinders=_array(_CYLINDER),
-    lines=_array(_OTHER),
-    triangles=_array(_TRIANGLES),
-    texts=_array(_OTHER),
-    models=_array(_OTHER),
+    "timestamp frame_id id lifetime frame_locked metadata arrows cubes spheres cylinders lines triangles texts models",
 )
-_DELETION = _object(
-    "foxglove.SceneEntityDeletion",
-    timestamp=_TIME,
-    type=_choice("foxglove.SceneEntityDeletionType", "MATCHING_ID", "ALL"),
-    id=_STRING,
-)
-_TRANSFORM = _object(
-    "foxglove.FrameTransform",
-    timestamp=_TIME,
-    parent_frame_id=_STRING,
-    child_frame_id=_STRING,
-    translation=_VECTOR3,
-    rotation=_QUATERNION,
-)
-_FIELD = _object(
-    "foxglove.PackedElementField",
-    name=_STRING,
-    offset=_COUNT,
-    type=_choice(
-        "foxglove.NumericType",
-        *("UNKNOWN", "UINT8", "INT8", "UINT16", "INT16", "UINT32", "INT32", "FLOAT32", "FLOAT64"),
-    ),
-)
+_TRANSFORM = _object("foxglove.FrameTransform", "timestamp parent_frame_id child_frame_id translation rotation")
+_NUMERIC = ("UNKNOWN", "UINT8", "INT8", "UINT16", "INT16", "UINT32", "INT32", "FLOAT32", "FLOAT64")
+_FIELD = _object("foxglove.PackedElementField", "name offset", type=_choice("foxglove.NumericType", *_NUMERIC))
+_TYPES["deletions"], _TYPES["entities"], _TYPES["fields"] = _array(_DELETION), _array(_ENTITY), _array(_FIELD)
+_TYPES["transforms"], _TYPES["poses"] = _array(_TRANSFORM), _array(_TYPES["pose"])
 
-SCENE_UPDATE = _object("foxglove.SceneUpdate", deletions=_array(_DELETION), entities=_array(_ENTITY))
-FRAME_TRANSFORMS = _object("foxglove.FrameTransforms", transforms=_array(_TRANSFORM))
-POSES_IN_FRAME = _object("foxglove.PosesInFrame", timestamp=_TIME, frame_id=_STRING, poses=_array(_POSE))
-GRID = _object(
-    "foxglove.Grid",
-    timestamp=_TIME,
-    frame_id=_STRING,
-    pose=_POSE,
-    column_count=_COUNT,
-    cell_size=_VECTOR2,
-    row_stride=_COUNT,
-    cell_stride=_COUNT,
-    fields=_array(_FIELD),
-    data=_BYTES,
-)
-LASER_SCAN = _object(
-    "foxglove.LaserScan",
-    timestamp=_TIME,
-    frame_id=_STRING,
-    pose=_POSE,
-    start_angle=_NUMBER,
-    end_angle=_NUMBER,
-    ranges=_array(_NUMBER),
-    intensities=_array(_NUMBER),
-)
-LOG = _object(
-    "foxglove.Log",
-    timestamp=_TIME,
-    level=_choice("foxglove.LogLevel", "UNKNOWN", "DEBUG", "INFO", "WARNING", "ERROR", "FATAL"),
-    message=_STRING,
-    name=_STRING,
-    file=_STRING,
-    line=_COUNT,
-)
+SCENE_UPDATE = _object("foxglove.SceneUpdate", "deletions entities")
+FRAME_TRANSFORMS = _object("foxglove.FrameTransforms", "transforms")
+POSES_IN_FRAME = _object("foxglove.PosesInFrame", "timestamp frame_id poses")
+GRID = _object("foxglove.Grid", "timestamp frame_id pose column_count cell_size row_stride cell_stride fields data")
+LASER_SCAN = _object("foxglove.LaserScan", "timestamp frame_id pose start_angle end_angle ranges intensities")
+LOG = _object("foxglove.Log", "timestamp level message name file line")

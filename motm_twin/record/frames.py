@@ -2,7 +2,6 @@
 
 import base64
 import zlib
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,7 +10,7 @@ import msgspec
 from motm_twin.bus.messages import GridInfo
 from motm_twin.methods import UNNAMED_METHOD
 from motm_twin.record import channels as ch
-from motm_twin.record.reader import Entry, Health, read
+from motm_twin.record.reader import Entry, read
 from motm_twin.record.recording import RunKey, TickPart
 from motm_twin.sessions.session import SessionError
 
@@ -61,12 +60,11 @@ class Frame:
         return msgspec.msgpack.decode(zlib.decompress(self.packed), type=list[Sent])
 
 
-class Frames:
+class Frames(list[Frame]):
     """All frames of a file. Raises SessionError when there is none."""
 
     def __init__(self, path: str | Path) -> None:
-        self.health = Health()
-        self._frames: list[Frame] = []
+        super().__init__()
         self._open: tuple[TickPart, list[Sent]] | None = None
         self._before: list[Sent] = []  # what came before the first tick
         self._held = 0  # bytes of what came since the last tick
@@ -74,23 +72,14 @@ class Frames:
         self._method, self._methods = UNNAMED_METHOD, dict[RunKey, str]()
         self._decode = msgspec.json.Decoder(TickPart).decode
         try:
-            for entry in read(path, self.health):
+            for entry in read(path):
                 self._take(entry)
         except (msgspec.MsgspecError, ValueError, RecursionError) as error:
             problem = error.problem if isinstance(error, SessionError) else f"a message in it is broken: {error}"
             raise SessionError(problem, file=str(path)) from error
         self._close()
-        if not self._frames:
+        if not self:
             raise SessionError("holds no period of a twin", file=str(path))
-
-    def __len__(self) -> int:
-        return len(self._frames)
-
-    def __getitem__(self, number: int) -> Frame:
-        return self._frames[number]
-
-    def __iter__(self) -> Iterator[Frame]:
-        return iter(self._frames)
 
     def method(self, frame: Frame) -> str:
         """Name of the method that drove in a frame."""
@@ -98,9 +87,9 @@ class Frames:
 
     def find(self, index: int, near: int) -> int | None:
         """Number of the frame of period ``index`` that is nearest to frame ``near``: of its run if there is one."""
-        began = self._frames[near].run[0]
-        found = [number for number, frame in enumerate(self._frames) if frame.index == index]
-        return min(found, key=lambda number: (self._frames[number].run[0] != began, abs(number - near)), default=None)
+        began = self[near].run[0]
+        found = [number for number, frame in enumerate(self) if frame.index == index]
+        return min(found, key=lambda number: (self[number].run[0] != began, abs(number - near)), default=None)
 
     def _take(self, entry: Entry) -> None:
         if entry.topic == ch.TICK.topic:
@@ -129,13 +118,11 @@ class Frames:
             return
         part, sent = self._open
         topics = [topic for topic, *_ in sent]
-        number = len(self._frames)
+        number = len(self)
         self._scene = number if ch.SCENE.topic in topics else self._scene
         self._grid = number if ch.GRID.topic in topics else self._grid
         packed = zlib.compress(msgspec.msgpack.encode(sent), _LEVEL)
-        self._frames.append(
-            Frame(part.key, part.first, part.past, part.index, part.time, self._scene, self._grid, packed)
-        )
+        self.append(Frame(part.key, part.first, part.past, part.index, part.time, self._scene, self._grid, packed))
         self._open = None
 
 

@@ -1,7 +1,6 @@
 """Contents of a recording, as numbers and as text."""
 
 from pathlib import Path
-from typing import Any
 
 import msgspec
 from rich.markup import escape
@@ -108,11 +107,6 @@ def _runs(path: str | Path) -> list[RunInfo]:
             )
         )
     return found
-
-
-def as_json(found: Info) -> dict[str, Any]:
-    """As plain values."""
-    return msgspec.to_builtins(found)
 
 
 def show(found: Info) -> None:

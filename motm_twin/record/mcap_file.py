@@ -106,7 +106,7 @@ class McapFile:
         self._channels: dict[str, int] = {}
         self._schemas: dict[str, int] = {}
         self._sequences: dict[str, int] = {}
-        self._whole = 0  # bytes up to the end of the last chunk on the disk
+        self.size = 0  # bytes up to the end of the last chunk on the disk
         self._failed = False
         try:
             self._do(lambda: self._writer.start(PROFILE, LIBRARY))
@@ -114,12 +114,8 @@ class McapFile:
             with suppress(RecordingFailed):
                 self._close_raw()
             self.path.unlink(missing_ok=True)
-            raise SessionError(f"cannot be written: {_reason(error.__cause__)}", file=str(path)) from error
-
-    @property
-    def size(self) -> int:
-        """Bytes on the disk."""
-        return self._whole
+            why = getattr(error.__cause__, "strerror", None) or error.__cause__
+            raise SessionError(f"cannot be written: {why}", file=str(path)) from error
 
     def add(self, channel: Channel, log_time: float, data: bytes, publish_time: float | None = None) -> None:
         """Take a message; times [s] on the server's clock."""
@@ -136,17 +132,17 @@ class McapFile:
     def save(self) -> None:
         """Close the chunk and hand it to the system: from now on no end of this program loses it."""
         self._do(self._writer.flush)
-        self._whole = self._raw.tell()
+        self.size = self._raw.tell()
 
     def close(self) -> None:
         """Write the index and close the file; after a failure only what is whole stays, if anything is."""
         try:
             if not self._failed:
                 self._do(self._writer.finish)
-                self._whole = self._raw.tell()
+                self.size = self._raw.tell()
         finally:
             self._close_raw()
-            if self._failed and not self._whole:
+            if self._failed and not self.size:
                 self.path.unlink(missing_ok=True)
 
     def _close_raw(self) -> None:
@@ -179,15 +175,11 @@ class McapFile:
     def _end_early(self) -> None:
         """Drop a half-written chunk, which also frees space on a full disk; a few bytes make the rest a whole file."""
         with suppress(OSError):
-            self._raw.cut(self._whole)
-            if not self._whole:
+            self._raw.cut(self.size)
+            if not self.size:
                 return
             try:
                 self._raw.write(_END)
-                self._whole += len(_END)
+                self.size += len(_END)
             except OSError:
-                self._raw.cut(self._whole)
-
-
-def _reason(error: BaseException | None) -> str:
-    return (isinstance(error, OSError) and error.strerror) or str(error)
+                self._raw.cut(self.size)

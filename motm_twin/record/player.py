@@ -8,23 +8,12 @@ import queue
 import time
 from collections import deque
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 
 import msgspec
 
-from motm_twin.bus.commands import (
-    Branch,
-    Command,
-    Envelope,
-    HandOver,
-    Pause,
-    Play,
-    Refused,
-    Reset,
-    Speed,
-    Step,
-    TakeWheel,
-)
+from motm_twin.bus import commands
 from motm_twin.bus.driver import Wheel
 from motm_twin.bus.library import MethodLibrary
 from motm_twin.bus.messages import STATUS_VERSION, MethodChoice, SceneChoice, StatusMessage
@@ -36,7 +25,7 @@ from motm_twin.record.frames import Frame, Frames, Sent
 IDLE = 0.1  # [s] between looks at the clock while time stands
 LATE = 0.5  # [s] behind, it does not catch up
 FILLED = 600  # periods before its end that a leap forward sends, so that readers can look back 30 s
-_STAMPED = (ch.ROBOT.topic, ch.SCAN.topic, ch.METRICS.topic, ch.EVENT.topic)
+_STAMPED = (ch.TICK.topic, ch.ROBOT.topic, ch.SCAN.topic, ch.METRICS.topic, ch.EVENT.topic)
 _ALLOWED = "this is a recording: it takes play, pause, step, speed, reset (to its start) and branch (to a period)"
 
 Put = Callable[[str, bytes, bytes | None], None]  # topic of the recording, payload, attachment
@@ -87,13 +76,13 @@ class Player:
         self._scene: Scene | None = None
         self._choices = MethodLibrary().choices()
 
-    def request(self, envelope: Envelope, reply: Callable[[str, int], None]) -> None:
+    def request(self, envelope: commands.Envelope, reply: Callable[[str, int], None]) -> None:
         """Hand a checked command over; ``reply`` is called once, with a reason or "". Raises Refused when full."""
         arrived = time.monotonic()
         try:
             self._requests.put_nowait(lambda: self._answer(envelope, arrived, reply))
         except queue.Full:
-            raise Refused("too many commands are waiting") from None
+            raise commands.Refused("too many commands are waiting") from None
 
     def stop(self) -> None:
         """Make `run` return."""
@@ -104,11 +93,11 @@ class Player:
         self._show(0)
         self._due = time.monotonic() + PERIOD / self._speed
         while not self._stopped:
-            wait = min(IDLE, self._next() - time.monotonic()) if self._state == "playing" else IDLE
-            try:
-                self._requests.get(timeout=wait)() if wait > 0.0 else self._requests.get_nowait()()
-            except queue.Empty:
-                pass
+            due = min(self._due, self._later[0][0]) if self._later else self._due  # [s] there is something to send
+            wait = min(IDLE, due - time.monotonic()) if self._state == "playing" else IDLE
+            with suppress(queue.Empty):
+                work = self._requests.get(timeout=max(0.0, wait))
+                work()
             self._wheel.look_after(time.monotonic())
             self._send_later(time.monotonic())
             if self._state == "playing" and time.monotonic() >= self._due:
@@ -120,6 +109,10 @@ class Player:
         chosen = "" if scene is None else scene.name
         variant = "" if scene is None else scene.variant
         about = f"a recording: {self._name}, {frame.time:.1f} of {last.time:.1f} s"
+        method = self._frames.method(frame)
+        unknown = MethodChoice(name=method, title=method, summary="")  # the file is untrusted
+        # [s] that `branch` can go to: of the runs that share their beginning with this frame's
+        times = [other.time for other in self._frames if other.run[0] == frame.run[0]]
         return StatusMessage(
             version=STATUS_VERSION,
             twin=self._twin,
@@ -139,22 +132,17 @@ class Player:
             oldest=min(frame.index for frame in (self._frames[0], frame)),
             plant="recording",
             plant_text=about,
-            span=self._span_of(frame),
-            method=self._frames.method(frame),
-            methods=[self._method_of(frame)],
+            span=[times[0], max(times)],
+            method=method,
+            methods=[next((choice for choice in self._choices if choice.name == method), unknown)],
         )
 
-    def _method_of(self, frame: Frame) -> MethodChoice:
-        name = self._frames.method(frame)
-        unknown = MethodChoice(name=name, title=name, summary="")  # the file is untrusted
-        return next((choice for choice in self._choices if choice.name == name), unknown)
-
-    def _answer(self, envelope: Envelope, arrived: float, reply: Callable[[str, int], None]) -> None:
+    def _answer(self, envelope: commands.Envelope, arrived: float, reply: Callable[[str, int], None]) -> None:
         index = self._frames[max(self._at, 0)].index
         try:
             self._wheel.require(envelope, arrived)
             work = self._apply(envelope.command)
-        except Refused as refusal:
+        except commands.Refused as refusal:
             reply(str(refusal), index)
             return
         self._wheel.turn(envelope, arrived)
@@ -162,37 +150,30 @@ class Player:
         work()
         self._changed()
 
-    def _apply(self, command: Command) -> Work:
+    def _apply(self, command: commands.Command) -> Work:
         """The work that follows the answer. Raises Refused."""
         match command:
-            case Play():
+            case commands.Play():
                 return self._play
-            case Pause():
+            case commands.Pause():
                 return lambda: self._set("paused")
-            case Step(count=count):
+            case commands.Step(count=count):
                 return lambda: self._step(count)
-            case Speed(factor=factor):
+            case commands.Speed(factor=factor):
                 return lambda: self._set_speed(factor)
-            case Reset():
+            case commands.Reset():
                 return lambda: self._seek(0)
-            case Branch(index=index):
+            case commands.Branch(index=index):
                 number = self._frames.find(index, max(self._at, 0))
                 if number is None:
-                    raise Refused(f"period {index} is not in the recording: {self._span()}")
+                    indices = [frame.index for frame in self._frames]
+                    known = f"it has {min(indices)} to {max(indices)}"
+                    raise commands.Refused(f"period {index} is not in the recording: {known}")
                 return lambda: self._seek(number)
-            case TakeWheel() | HandOver():
+            case commands.TakeWheel() | commands.HandOver():
                 return lambda: None
             case _:
-                raise Refused(_ALLOWED)
-
-    def _span_of(self, frame: Frame) -> list[float]:
-        """Times [s] that `branch` can go to: of the runs that share their beginning with this frame's."""
-        times = [other.time for other in self._frames if other.run[0] == frame.run[0]]
-        return [times[0], max(times)]
-
-    def _span(self) -> str:
-        indices = [frame.index for frame in self._frames]
-        return f"it has {min(indices)} to {max(indices)}"
+                raise commands.Refused(_ALLOWED)
 
     def _play(self) -> None:
         if self._state == "done":
@@ -225,10 +206,6 @@ class Player:
         else:
             self._set("done")
 
-    def _next(self) -> float:
-        """When [s] there is something to send."""
-        return min(self._due, self._later[0][0]) if self._later else self._due
-
     def _send_later(self, until: float) -> None:
         """Send what is due then [s]."""
         while self._later and self._later[0][0] <= until:
@@ -253,7 +230,9 @@ class Player:
         frame, before = self._frames[number], self._frames[self._at]
         self._turn(frame, self._began if frame.run[0] == before.run[0] else self._now(), frame.index, self._run)
         self._at = number - 1
-        self._send_state(frame)
+        if frame.grid >= 0:  # the map that was in force in a frame that did not bring one
+            grids = [item for item in self._frames[frame.grid].sent() if item[0] == ch.GRID.topic]
+            self._send(grids[-1])
         self._show(number)
 
     def _turn(self, frame: Frame, began: float, first: int, past: int) -> None:
@@ -267,12 +246,6 @@ class Player:
                 self._put(ch.SCENE.topic, payload, None)
                 self._changed()
 
-    def _send_state(self, frame: Frame) -> None:
-        """The map that was in force in a frame that did not bring one."""
-        if frame.grid >= 0:
-            grids = [item for item in self._frames[frame.grid].sent() if item[0] == ch.GRID.topic]
-            self._send(grids[-1])
-
     def _show(self, number: int) -> None:
         self._send_later(math.inf)
         frame = self._frames[number]
@@ -284,10 +257,9 @@ class Player:
             self._turn(frame, self._began if same else self._now(), frame.first, self._run if same else -1)
         self._at = number
         playing, sent = self._state == "playing", frame.sent()
+        later = (ch.SCENE.topic, ch.ROBOT.topic) if playing else (ch.SCENE.topic,)  # sent with its run, or spread
         for item in sent:
-            if item[0] != ch.SCENE.topic and not (
-                playing and item[0] == ch.ROBOT.topic
-            ):  # sent with its run, or spread
+            if item[0] not in later:
                 self._send(item)
         if playing:
             self._spread([item for item in sent if item[0] == ch.ROBOT.topic])
@@ -296,9 +268,8 @@ class Player:
         topic, payload, attachment = item
         about = {"run": self._run, "server_time": self._now()}
         if topic == ch.TICK.topic:
-            about = {**about, "began": self._began, "first": self._first, "past": self._past}
-            payload = self._encode(msgspec.json.decode(payload) | about)
-        elif topic in _STAMPED:
+            about |= {"began": self._began, "first": self._first, "past": self._past}
+        if topic in _STAMPED:
             payload = self._encode(msgspec.json.decode(payload) | about)
         elif attachment is not None:
             attachment = self._encode(msgspec.json.decode(attachment) | {"run": self._run})

@@ -12,14 +12,14 @@ from pathlib import Path
 import msgspec
 import zenoh
 
-from motm_twin.bus.connection import LOOPBACK, PortTaken, free_port, open_server
+from motm_twin.bus.connection import LOOPBACK, PortTaken, open_server
 from motm_twin.bus.events import EventLog
 from motm_twin.bus.keys import DEFAULT_PORT, DEFAULT_TWIN, Keys
 from motm_twin.bus.messages import NumberedEvent
 from motm_twin.bus.private_folder import forget
 from motm_twin.bus.processes import Reporter, leave, stop_event
 from motm_twin.bus.queries import Answering, Idle, LatestValues
-from motm_twin.bus.server import HEARTBEAT, ServerClock
+from motm_twin.bus.server import HEARTBEAT, Server, server_clock
 from motm_twin.program import BAD_INPUT
 from motm_twin.record import channels as ch
 from motm_twin.record.frames import Frames
@@ -29,8 +29,8 @@ from motm_twin.sessions.session import SessionError
 WATCH = 0.1  # [s] between looks at the state for the report
 
 
-class PlayerServer:
-    """Serves one recording. ``with PlayerServer(...) as server:`` plays it in a thread until the block ends."""
+class PlayerServer(Server):
+    """Serves one recording."""
 
     def __init__(
         self,
@@ -43,12 +43,11 @@ class PlayerServer:
     ) -> None:
         """Raises SessionError for a file that can not be played, PortTaken for the port."""
         frames = Frames(path)
+        super().__init__(port)
         keys = self.keys = Keys(twin)
-        self.port = port or free_port()
         self._session = open_server(self.port, LOOPBACK, keys.own, open_bus=open_bus)
-        self._clock = ServerClock()
+        clock = server_clock()
         self._encode = msgspec.json.Encoder().encode
-        self._decode_event = msgspec.json.Decoder(NumberedEvent).decode
         idle = Idle()  # always: nothing is computed here
         self._values = LatestValues(self._session, keys, idle)
         key_of = {
@@ -65,33 +64,22 @@ class PlayerServer:
             name=Path(path).name,
             twin=twin,
             put=lambda topic, payload, attachment: self._put(key_of[topic], payload, attachment),
-            now=self._clock,
+            now=clock,
             changed=self._send_status,
             playback=playback,
         )
-        self._log = EventLog(self._clock, lambda event: self._values.put(keys.event, self._encode(event)))
-        self._values.answer(keys.event, self._event_answer)
+        self._log = EventLog(clock, lambda event: self._values.put(keys.event, self._encode(event)))
+        self._values.answer(keys.event, self._log.answer)
         self._values.answer(keys.status, lambda _: self._encode(self.player.status()))
-        self._answering = Answering(self._session, keys, now=self._clock, request=self.player.request, idle=idle)
+        self._answering = Answering(self._session, keys, now=clock, request=self.player.request, idle=idle)
         self._queryable = self._session.declare_queryable(keys.session, self._on_session)
         self._token = self._session.liveliness().declare_token(keys.alive)
-        self._stop = threading.Event()
         self._threads = [
             threading.Thread(target=self.player.run, name="player", daemon=True),
             threading.Thread(target=self._heartbeat, name="heartbeat", daemon=True),
         ]
 
-    @property
-    def endpoint(self) -> str:
-        """Address for clients on this machine."""
-        return f"tcp/{LOOPBACK}:{self.port}"
-
-    def start(self) -> None:
-        """Begin to play."""
-        for thread in self._threads:
-            thread.start()
-
-    def close(self) -> None:
+    def close(self) -> bool:
         """Withdraw everything."""
         self._stop.set()
         self.player.stop()
@@ -103,26 +91,14 @@ class PlayerServer:
         self._values.close()
         self._session.close()
         forget(self.port)
-
-    def __enter__(self) -> "PlayerServer":
-        """Start."""
-        self.start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        """Stop."""
-        self.close()
+        return True
 
     def _put(self, key: str, payload: bytes, attachment: bytes | None) -> None:
         """Events get numbers of this server: those of the file begin anew with every file, and come again."""
         if key == self.keys.event:
-            self._log.tell_again(self._decode_event(payload))
+            self._log.tell_again(msgspec.json.decode(payload, type=NumberedEvent))
         else:
             self._values.put(key, payload, attachment)
-
-    def _event_answer(self, parameters: zenoh.Parameters) -> bytes | None:
-        answer = self._log.answer(parameters.get("from"))
-        return None if answer is None else self._encode(answer)
 
     def _send_status(self) -> None:
         self._values.put(self.keys.status, self._encode(self.player.status()))

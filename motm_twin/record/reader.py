@@ -221,18 +221,13 @@ def recover(path: str | Path, out: str | Path | None = None) -> Recovered:
     try:
         with target.open("xb") as file:
             messages, first, last = _copy(path, file, health)
+        _verify(target, messages)
     except FileExistsError as error:
         raise SessionError("exists already: choose another name with --out", file=str(target)) from error
-    except OSError as error:
+    except BaseException as error:
         target.unlink(missing_ok=True)
-        raise SessionError(f"cannot be written: {error.strerror or error}", file=str(target)) from error
-    except BaseException:
-        target.unlink(missing_ok=True)
-        raise
-    try:
-        _verify(target, messages)
-    except BaseException:
-        target.unlink(missing_ok=True)
+        if isinstance(error, OSError):
+            raise SessionError(f"cannot be written: {error.strerror or error}", file=str(target)) from error
         raise
     return Recovered(
         file=str(target),

@@ -90,15 +90,8 @@ class Recording:
             if index > end:
                 break  # what was done in the periods between is not known
             end = max(end, index + 1)
-        return msgspec.structs.replace(
-            base,
-            edits=tuple(entry for entry in edits if entry.index < end),
-            cuts=tuple(cut for cut in cuts if cut.index < end),
-            periods=end,
-            state_hash=run.hashes.get(end, ""),
-            parts={},
-            track=(),
-        )
+        whole = msgspec.structs.replace(base, edits=tuple(edits), cuts=tuple(cuts), parts={}, track=())
+        return _until(end, whole, run.hashes.get(end, ""))
 
     def _start_of(self, run: Run) -> Session:
         """The session of a run that was recorded without one."""
@@ -113,13 +106,13 @@ class Recording:
                 f"it goes on from period {run.first} of run {run.past}, of which what was done is known only up to "
                 f"period {whole.periods}"
             )
-        return msgspec.structs.replace(
-            whole,
-            edits=tuple(entry for entry in whole.edits if entry.index < run.first),
-            cuts=tuple(cut for cut in whole.cuts if cut.index < run.first),
-            periods=run.first,
-            state_hash="",
-        )
+        return _until(run.first, whole, "")
+
+
+def _until(period: int, session: Session, state_hash: str) -> Session:
+    edits = tuple(entry for entry in session.edits if entry.index < period)
+    cuts = tuple(cut for cut in session.cuts if cut.index < period)
+    return msgspec.structs.replace(session, edits=edits, cuts=cuts, periods=period, state_hash=state_hash)
 
 
 def load_recording(path: str | Path) -> Recording:

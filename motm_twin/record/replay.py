@@ -109,18 +109,13 @@ class Tracker:
     """Collects the track of a run."""
 
     def __init__(self) -> None:
-        self._poses: list[tuple[float, float, float]] = []
+        self.track: Track = ()  # poses so far
 
     def add(self, tick: Tick) -> None:
         """Take a Tick into account."""
         if (tick.index + 1) % TRACK_PERIODS == 0 and tick.truth is not None:
             x, y, heading = (float(value) for value in tick.truth.pose)
-            self._poses.append((x, y, heading))
-
-    @property
-    def track(self) -> Track:
-        """Poses so far."""
-        return tuple(self._poses)
+            self.track += ((x, y, heading),)
 
 
 def _first_sign(session: Session, track: Track, parts: dict[str, str]) -> str:

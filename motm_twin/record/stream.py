@@ -6,20 +6,12 @@ Knows no transport and no clock; `recorder` feeds it.
 import hashlib
 import math
 from collections.abc import Callable
+from typing import Any
 
 import msgspec
 
+from motm_twin.bus import messages
 from motm_twin.bus.keys import Keys
-from motm_twin.bus.messages import (
-    GridInfo,
-    NumberedEvent,
-    PlacementMessage,
-    RobotStateMessage,
-    ScanMessage,
-    SessionInfo,
-    StatusMessage,
-    TickMessage,
-)
 from motm_twin.model.scene import Scene
 from motm_twin.record import channels as ch
 from motm_twin.record import foxglove as fox
@@ -30,20 +22,21 @@ from motm_twin.sessions.session import Session
 INTERVAL = 0.1  # [s] between two messages of a drawn topic
 SLOW = 0.25  # [s] for candidates
 _TOLERANCE = 0.01  # [s] tolerance for a message that comes early
-_Add = Callable[[Channel, float, bytes], None]
+Add = Callable[[Channel, float, bytes], None]
+Take = Callable[[bytes, bytes | None], None]  # payload, attachment
 _DIGITS = 5
 
 
 class Drawer:
     """Adds drawn messages to a recording, through ``add`` (channel, server time, JSON)."""
 
-    def __init__(self, add: _Add) -> None:
+    def __init__(self, add: Add) -> None:
         self._add, self._encode = add, msgspec.json.Encoder().encode
         self._next: dict[str, float] = {}
         self._robot_shown, self._frames_known = False, False
-        self._placement: PlacementMessage | None = None
+        self._placement: messages.PlacementMessage | None = None
 
-    def tick(self, tick: TickMessage) -> None:
+    def tick(self, tick: messages.TickMessage) -> None:
         """Bodies, paths, candidates and curves of a period."""
         now = tick.server_time
         if not self._frames_known and self._due(ch.DRAWN_FRAMES, now):
@@ -62,7 +55,7 @@ class Drawer:
         """True when `tick` would add anything now."""
         return any(server_time >= self._next.get(channel.topic, 0.0) - _TOLERANCE for channel in _FROM_TICK)
 
-    def robot(self, robot: RobotStateMessage) -> None:
+    def robot(self, robot: messages.RobotStateMessage) -> None:
         """The frames of the robot, and once its shape."""
         self._frames_known = True
         if not self._robot_shown:
@@ -71,7 +64,7 @@ class Drawer:
         if self._due(ch.DRAWN_FRAMES, robot.server_time, INTERVAL / 2):
             self._put(ch.DRAWN_FRAMES, robot.server_time, fox.transforms(robot))
 
-    def scan(self, scan: ScanMessage) -> None:
+    def scan(self, scan: messages.ScanMessage) -> None:
         """A sweep."""
         if self._due(ch.DRAWN_SCAN, scan.server_time):
             self._put(ch.DRAWN_SCAN, scan.server_time, fox.scan(scan))
@@ -80,11 +73,11 @@ class Drawer:
         """The furniture."""
         self._put(ch.DRAWN_FURNITURE, server_time, furniture(scene, server_time))
 
-    def grid(self, info: GridInfo, cells: bytes, server_time: float) -> None:
+    def grid(self, info: messages.GridInfo, cells: bytes, server_time: float) -> None:
         """The map."""
         self._put(ch.DRAWN_GRID, server_time, fox.grid(info, cells, server_time))
 
-    def event(self, event: NumberedEvent) -> None:
+    def event(self, event: messages.NumberedEvent) -> None:
         """A line of the log."""
         self._put(ch.DRAWN_LOG, event.server_time, fox.log(event.server_time, event.kind, event.text))
 
@@ -102,7 +95,7 @@ class Drawer:
 _FROM_TICK = (ch.DRAWN_CANDIDATES, ch.PLOTS)
 
 
-def plots(tick: TickMessage) -> PlotsMessage:
+def plots(tick: messages.TickMessage) -> PlotsMessage:
     """The numbers of one period."""
     steps, score, placement = tick.arm, tick.score, tick.placement
     slacks = [[value or 0.0 for value in step.slack] for step in steps if len(step.slack) == 6]
@@ -137,8 +130,6 @@ def _known(value: float | None) -> float | msgspec.UnsetType:
 
 STATUS_INTERVAL = 1.0  # [s] between two recorded status messages that say the same
 
-Add = Callable[[Channel, float, bytes], None]
-
 
 class _TickPart(msgspec.Struct, frozen=True):
     """The part that is needed of every tick."""
@@ -165,24 +156,22 @@ class Stream:
         self._write, self._drawer = add, Drawer(self._add)
         self._encode = msgspec.json.Encoder().encode
         self._part = msgspec.json.Decoder(_TickPart).decode
-        self._tick = msgspec.json.Decoder(TickMessage).decode
-        self._robot_message = msgspec.json.Decoder(RobotStateMessage).decode
-        self._take: dict[str, Callable[[bytes, bytes | None], None]] = {
+        self._tick = msgspec.json.Decoder(messages.TickMessage).decode
+        self._take: dict[str, Take] = {
             keys.tick: self._on_tick,
             keys.grid: self._on_grid,
             keys.scene: self._on_scene,
             keys.status: self._on_status,
-            keys.robot: self._on_robot,
-            keys.scan: self._on_scan,
-            keys.event: self._on_event,
-            keys.metrics: self._on_metrics,
-            keys.observations: self._on_observations,
+            keys.robot: self._kept(ch.ROBOT, messages.RobotStateMessage, self._drawer.robot),
+            keys.scan: self._kept(ch.SCAN, messages.ScanMessage, self._drawer.scan),
+            keys.event: self._kept(ch.EVENT, messages.NumberedEvent, self._drawer.event),
+            keys.metrics: self._kept(ch.METRICS, _Stamped),
+            keys.observations: self._kept(ch.OBSERVATIONS, _Stamped),
         }
         self._grid_key, self._of_a_run = keys.grid, (keys.tick, keys.grid, keys.robot, keys.observations)
         self._told_run: int | None = None  # of the newest status
         self.wants_session = False
         self.lost = 0  # periods that did not arrive
-        self.plant = ""
         self.now = 0.0  # [s] newest server time
         self._earliest = 0.0  # [s] no message is logged before: what is taken may be older than the recording
         self.run: tuple[float, int] | None = None  # began, number: of the newest tick
@@ -218,10 +207,21 @@ class Stream:
 
     def session(self, payload: bytes, attachment: bytes | None) -> None:
         """Take the session of the run that its attachment names. Raises msgspec.MsgspecError."""
-        info = msgspec.json.decode(attachment or b"null", type=SessionInfo)
+        info = msgspec.json.decode(attachment or b"null", type=messages.SessionInfo)
         session = msgspec.json.decode(payload, type=Session)
         recorded = RecordedSession(run=info.run, began=info.began, session=session)
         self._add(ch.SESSION, self.now, self._encode(recorded))
+
+    def _kept(self, channel: Channel, kind: Any, draw: Callable[[Any], None] = lambda message: None) -> Take:
+        """Messages of this kind are recorded as they come, and drawn."""
+        decode = msgspec.json.Decoder(kind).decode
+
+        def take(payload: bytes, _: bytes | None) -> None:
+            message = decode(payload)
+            self._add(channel, message.server_time, payload)
+            draw(message)
+
+        return take
 
     def _add(self, channel: Channel, log_time: float, data: bytes) -> None:
         self._write(channel, max(log_time, self._earliest), data)
@@ -246,7 +246,7 @@ class Stream:
         self.run, self.index = run, part.index
 
     def _on_grid(self, payload: bytes, attachment: bytes | None) -> None:
-        info = msgspec.json.decode(attachment or b"null", type=GridInfo)
+        info = msgspec.json.decode(attachment or b"null", type=messages.GridInfo)
         same = hashlib.sha256(payload + f"{info.run} {info.origin} {info.width}".encode()).digest()
         if same == self._grid:
             return  # sent again for late joiners
@@ -260,31 +260,10 @@ class Stream:
         self._drawer.scene(scene, self.now)
 
     def _on_status(self, payload: bytes, _: bytes | None) -> None:
-        status = msgspec.json.decode(payload, type=StatusMessage)
+        status = msgspec.json.decode(payload, type=messages.StatusMessage)
         self._told_run = status.run
-        self.plant, self.now = status.plant, max(self.now, status.server_time)
+        self.now = max(self.now, status.server_time)
         said = (status.run, status.state, status.text, status.speed, status.driver, status.plant_text, status.method)
         if said != self._said or abs(status.server_time - self._said_at) >= STATUS_INTERVAL:
             self._said, self._said_at = said, status.server_time
             self._add(ch.STATUS, status.server_time, payload)
-
-    def _on_robot(self, payload: bytes, _: bytes | None) -> None:
-        robot = self._robot_message(payload)
-        self._add(ch.ROBOT, robot.server_time, payload)
-        self._drawer.robot(robot)
-
-    def _on_scan(self, payload: bytes, _: bytes | None) -> None:
-        scan = msgspec.json.decode(payload, type=ScanMessage)
-        self._add(ch.SCAN, scan.server_time, payload)
-        self._drawer.scan(scan)
-
-    def _on_event(self, payload: bytes, _: bytes | None) -> None:
-        event = msgspec.json.decode(payload, type=NumberedEvent)
-        self._add(ch.EVENT, event.server_time, payload)
-        self._drawer.event(event)
-
-    def _on_observations(self, payload: bytes, _: bytes | None) -> None:
-        self._add(ch.OBSERVATIONS, msgspec.json.decode(payload, type=_Stamped).server_time, payload)
-
-    def _on_metrics(self, payload: bytes, _: bytes | None) -> None:
-        self._add(ch.METRICS, msgspec.json.decode(payload, type=_Stamped).server_time, payload)

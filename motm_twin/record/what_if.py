@@ -135,7 +135,11 @@ class _Side:
             if not (free and isinstance(edit, SetParameter) and edit.name in self._changes):
                 self._post(edit, index, free=free)
         tick = self._twin.advance(SearchBudget() if free else self._log.budget(index))
-        self._note(tick)
+        assert tick.truth is not None
+        progress = (tick.truth.picks, tick.truth.places, *((task.target, task.status) for task in tick.tasks))
+        if progress != self._progress:
+            self._progress, self._progress_time = progress, tick.time
+        self._finish.add(tick)
         return tick
 
     def _post(self, edit: Edit, index: int, *, free: bool) -> None:
@@ -146,13 +150,6 @@ class _Side:
             if not free:
                 raise SessionError(f"an edit is refused: {said}") from error
             self._skipped.append(said)
-
-    def _note(self, tick: Tick) -> None:
-        assert tick.truth is not None
-        progress = (tick.truth.picks, tick.truth.places, *((task.target, task.status) for task in tick.tasks))
-        if progress != self._progress:
-            self._progress, self._progress_time = progress, tick.time
-        self._finish.add(tick)
 
     def ended(self, tick: Tick) -> tuple[bool, str]:
         """True when this was the last period, and the reason unless all is done."""

@@ -8,19 +8,10 @@ from typing import Any
 import msgspec
 import zenoh
 
+from motm_twin.bus import messages
 from motm_twin.bus.client import TwinClient
 from motm_twin.bus.connection import answers, direct
 from motm_twin.bus.keys import Keys
-from motm_twin.bus.messages import (
-    GRID_VERSION,
-    ROBOT_VERSION,
-    SCAN_VERSION,
-    TICK_VERSION,
-    GridInfo,
-    RobotStateMessage,
-    ScanMessage,
-    TickMessage,
-)
 from motm_twin.model.scene import Scene
 from motm_twin.ros2 import convert
 from motm_twin.ros2 import forms as topics
@@ -54,7 +45,7 @@ class Bridge:
         self._told: set[str] = set()  # keys on which the twin has published
         self._come, self._closed = threading.Event(), False
         self._requests = Requests(client, self._refuse)
-        self._outlets = Outlets(ros, form, self._accept)
+        self._outlets = Outlets(ros, form, self._requests.put)
         self._twin, self._keys = twin, Keys(client.keys.twin)
         keys = self._keys
         self._subscribers = [
@@ -141,7 +132,7 @@ class Bridge:
 
     def _robot(self, payload: bytes) -> None:
         robot = _ROBOT.decode(payload)
-        _require(robot.version, ROBOT_VERSION)
+        _require(robot.version, messages.ROBOT_VERSION)
         self._publish(topics.CLOCK, convert.clock(robot.time))
         self._publish(topics.ODOM, convert.odometry(robot))
         if self._model is not None:
@@ -150,28 +141,24 @@ class Bridge:
 
     def _scan(self, payload: bytes) -> None:
         scan = _SCAN.decode(payload)
-        _require(scan.version, SCAN_VERSION)
+        _require(scan.version, messages.SCAN_VERSION)
         if self._scene is not None:
             self._publish(topics.SCAN, convert.laser_scan(scan, self._scene.robot.lidar.rate))
 
     def _grid(self, cells: bytes, attachment: bytes) -> None:
         info = _GRID.decode(attachment)
-        _require(info.version, GRID_VERSION)
+        _require(info.version, messages.GRID_VERSION)
         self._publish(topics.MAP, convert.occupancy_grid(info, cells))
 
     def _tick(self, payload: bytes) -> None:
         tick = _TICK.decode(payload)
-        _require(tick.version, TICK_VERSION)
+        _require(tick.version, messages.TICK_VERSION)
         if not self._client.of_scene(tick):
             return
         self._publish(topics.PLAN, convert.plan_path(tick.plan.global_path, tick.time))
         self._publish(topics.LOCAL_PLAN, convert.local_path(tick.plan, tick.time))
         if tick.index % MARKERS_EVERY == 0 or tick.preview or not self.sent[topics.MARKERS.name]:
             self._publish(topics.MARKERS, self._markers.array(tick))
-
-    def _accept(self, topic: topics.Topic, payload: bytes) -> None:
-        """In Zenoh's thread."""
-        self._requests.put(topic, payload)
 
     def _refuse(self, topic: topics.Topic, text: str, *, unreadable: bool) -> None:
         if unreadable:
@@ -184,7 +171,7 @@ def _require(version: str, known: str) -> None:
         raise ValueError(f"the twin sends {version!r}, this bridge reads {known!r}: update the older of the two")
 
 
-_ROBOT = msgspec.json.Decoder(RobotStateMessage)
-_SCAN = msgspec.json.Decoder(ScanMessage)
-_GRID = msgspec.json.Decoder(GridInfo)
-_TICK = msgspec.json.Decoder(TickMessage)
+_ROBOT = msgspec.json.Decoder(messages.RobotStateMessage)
+_SCAN = msgspec.json.Decoder(messages.ScanMessage)
+_GRID = msgspec.json.Decoder(messages.GridInfo)
+_TICK = msgspec.json.Decoder(messages.TickMessage)

@@ -12,15 +12,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-DEFINITIONS: dict[str, tuple[str, ...]] = {
+DEFINITIONS: dict[str, tuple[str, ...]] = {  # a type, and the names of the fields of this type that follow
     "builtin_interfaces/msg/Time": ("int32 sec", "uint32 nanosec"),
     "builtin_interfaces/msg/Duration": ("int32 sec", "uint32 nanosec"),
     "std_msgs/msg/Header": ("builtin_interfaces/msg/Time stamp", "string frame_id"),
     "std_msgs/msg/String": ("string data",),
-    "std_msgs/msg/ColorRGBA": ("float32 r", "float32 g", "float32 b", "float32 a"),
-    "geometry_msgs/msg/Point": ("float64 x", "float64 y", "float64 z"),
-    "geometry_msgs/msg/Vector3": ("float64 x", "float64 y", "float64 z"),
-    "geometry_msgs/msg/Quaternion": ("float64 x", "float64 y", "float64 z", "float64 w"),
+    "std_msgs/msg/ColorRGBA": ("float32 r g b a",),
+    "geometry_msgs/msg/Point": ("float64 x y z",),
+    "geometry_msgs/msg/Vector3": ("float64 x y z",),
+    "geometry_msgs/msg/Quaternion": ("float64 x y z w",),
     "geometry_msgs/msg/Pose": ("geometry_msgs/msg/Point position", "geometry_msgs/msg/Quaternion orientation"),
     "geometry_msgs/msg/PoseStamped": ("std_msgs/msg/Header header", "geometry_msgs/msg/Pose pose"),
     "geometry_msgs/msg/PoseWithCovariance": ("geometry_msgs/msg/Pose pose", "float64[36] covariance"),
@@ -28,12 +28,9 @@ DEFINITIONS: dict[str, tuple[str, ...]] = {
         "std_msgs/msg/Header header",
         "geometry_msgs/msg/PoseWithCovariance pose",
     ),
-    "geometry_msgs/msg/Twist": ("geometry_msgs/msg/Vector3 linear", "geometry_msgs/msg/Vector3 angular"),
+    "geometry_msgs/msg/Twist": ("geometry_msgs/msg/Vector3 linear angular",),
     "geometry_msgs/msg/TwistWithCovariance": ("geometry_msgs/msg/Twist twist", "float64[36] covariance"),
-    "geometry_msgs/msg/Transform": (
-        "geometry_msgs/msg/Vector3 translation",
-        "geometry_msgs/msg/Quaternion rotation",
-    ),
+    "geometry_msgs/msg/Transform": ("geometry_msgs/msg/Vector3 translation", "geometry_msgs/msg/Quaternion rotation"),
     "geometry_msgs/msg/TransformStamped": (
         "std_msgs/msg/Header header",
         "string child_frame_id",
@@ -41,24 +38,11 @@ DEFINITIONS: dict[str, tuple[str, ...]] = {
     ),
     "tf2_msgs/msg/TFMessage": ("geometry_msgs/msg/TransformStamped[] transforms",),
     "rosgraph_msgs/msg/Clock": ("builtin_interfaces/msg/Time clock",),
-    "sensor_msgs/msg/JointState": (
-        "std_msgs/msg/Header header",
-        "string[] name",
-        "float64[] position",
-        "float64[] velocity",
-        "float64[] effort",
-    ),
+    "sensor_msgs/msg/JointState": ("std_msgs/msg/Header header", "string[] name", "float64[] position velocity effort"),
     "sensor_msgs/msg/LaserScan": (
         "std_msgs/msg/Header header",
-        "float32 angle_min",
-        "float32 angle_max",
-        "float32 angle_increment",
-        "float32 time_increment",
-        "float32 scan_time",
-        "float32 range_min",
-        "float32 range_max",
-        "float32[] ranges",
-        "float32[] intensities",
+        "float32 angle_min angle_max angle_increment time_increment scan_time range_min range_max",
+        "float32[] ranges intensities",
     ),
     "sensor_msgs/msg/CompressedImage": ("std_msgs/msg/Header header", "string format", "uint8[] data"),
     "nav_msgs/msg/Odometry": (
@@ -71,23 +55,16 @@ DEFINITIONS: dict[str, tuple[str, ...]] = {
     "nav_msgs/msg/MapMetaData": (
         "builtin_interfaces/msg/Time map_load_time",
         "float32 resolution",
-        "uint32 width",
-        "uint32 height",
+        "uint32 width height",
         "geometry_msgs/msg/Pose origin",
     ),
-    "nav_msgs/msg/OccupancyGrid": (
-        "std_msgs/msg/Header header",
-        "nav_msgs/msg/MapMetaData info",
-        "int8[] data",
-    ),
-    "visualization_msgs/msg/UVCoordinate": ("float32 u", "float32 v"),
+    "nav_msgs/msg/OccupancyGrid": ("std_msgs/msg/Header header", "nav_msgs/msg/MapMetaData info", "int8[] data"),
+    "visualization_msgs/msg/UVCoordinate": ("float32 u v",),
     "visualization_msgs/msg/MeshFile": ("string filename", "uint8[] data"),
     "visualization_msgs/msg/Marker": (
         "std_msgs/msg/Header header",
         "string ns",
-        "int32 id",
-        "int32 type",
-        "int32 action",
+        "int32 id type action",
         "geometry_msgs/msg/Pose pose",
         "geometry_msgs/msg/Vector3 scale",
         "std_msgs/msg/ColorRGBA color",
@@ -98,8 +75,7 @@ DEFINITIONS: dict[str, tuple[str, ...]] = {
         "string texture_resource",
         "sensor_msgs/msg/CompressedImage texture",
         "visualization_msgs/msg/UVCoordinate[] uv_coordinates",
-        "string text",
-        "string mesh_resource",
+        "string text mesh_resource",
         "visualization_msgs/msg/MeshFile mesh_file",
         "bool mesh_use_embedded_materials",
     ),
@@ -119,21 +95,19 @@ class Field(NamedTuple):
 
 def fields(message: str) -> tuple[Field, ...]:
     """The fields of a message in order; raises KeyError for an unsupported one."""
-    return tuple(_field(line) for line in DEFINITIONS[message])
+    found = []
+    for line in DEFINITIONS[message]:
+        kind, *names = line.split(" ")
+        base, is_array, length = kind.removesuffix("]").partition("[")
+        count = (int(length) if length else SEQUENCE) if is_array else NONE
+        found += [Field(name, base, count) for name in names]
+    return tuple(found)
 
 
 def dds_name(message: str) -> str:
     """``std_msgs/msg/String`` as DDS calls it: ``std_msgs::msg::dds_::String_``."""
     package, kind, name = message.split("/")
     return f"{package}::{kind}::dds_::{name}_"
-
-
-def _field(line: str) -> Field:
-    kind, name = line.split(" ")
-    if not kind.endswith("]"):
-        return Field(name, kind, NONE)
-    base, length = kind[:-1].split("[")
-    return Field(name, base, int(length) if length else SEQUENCE)
 
 
 HEADER = b"\x00\x01\x00\x00"  # CDR, little endian
@@ -144,7 +118,6 @@ _CODES = {
     "bool": "?", "int8": "b", "uint8": "B", "int16": "h", "uint16": "H", "int32": "i", "uint32": "I",
     "int64": "q", "uint64": "Q", "float32": "f", "float64": "d",
 }  # fmt: skip
-_DTYPES = {"bool": "?", "float32": "f4", "float64": "f8", "int8": "i1", "uint8": "u1"}
 
 Message = dict[str, Any]
 Write = Callable[[bytearray, Any], None]
@@ -198,7 +171,7 @@ def _writer(base: str) -> Write:
 def _field_writer(field: Field) -> Write:
     if field.count == NONE:
         return _writer(field.base)
-    if field.base in _DTYPES:
+    if field.base in _CODES:
         return _write_numbers(field.base, field.count)
     element, length, fixed = _writer(field.base), _writer("uint32"), field.count
 
@@ -244,15 +217,14 @@ def _write_flat(base: str, kind: str) -> Write:
     count = len(names) + sum(len(inner) for _, inner in nested)
     pack, size = struct.Struct(f"<{count}{_CODES[kind]}").pack, struct.calcsize(_CODES[kind])
 
-    def write_numbers(out: bytearray, value: Message) -> None:
+    def write(out: bytearray, value: Message) -> None:
+        numbers = [value[name] for name in names]
+        for outer, inner in nested:
+            numbers += [value[outer][name] for name in inner]
         out.extend(bytes(-len(out) % size))
-        out.extend(pack(*[value[name] for name in names]))
+        out.extend(pack(*numbers))
 
-    def write_nested(out: bytearray, value: Message) -> None:
-        out.extend(bytes(-len(out) % size))
-        out.extend(pack(*[value[outer][name] for outer, inner in nested for name in inner]))
-
-    return write_nested if nested else write_numbers
+    return write
 
 
 def _write_string(out: bytearray, value: str) -> None:
@@ -266,7 +238,7 @@ def _write_string(out: bytearray, value: str) -> None:
 
 
 def _write_numbers(base: str, fixed: int) -> Write:
-    dtype, size, length = np.dtype(f"<{_DTYPES[base]}"), struct.calcsize(_CODES[base]), _writer("uint32")
+    dtype, size, length = np.dtype(f"<{_CODES[base]}"), struct.calcsize(_CODES[base]), _writer("uint32")
 
     def write(out: bytearray, values: Any) -> None:
         array = _as(values, dtype)

@@ -24,11 +24,6 @@ def stamp(seconds: float) -> Message:
     return {"sec": nanoseconds // 10**9, "nanosec": nanoseconds % 10**9}
 
 
-def seconds(time: Message) -> float:
-    """The time [s] of a stamp."""
-    return time["sec"] + 1e-9 * time["nanosec"]
-
-
 def header(time: float, frame: str) -> Message:
     """A header."""
     return {"stamp": stamp(time), "frame_id": frame}
@@ -121,10 +116,7 @@ def tf_message(found: Iterable[Transform], time: float) -> Message:
             {
                 "header": {"stamp": at, "frame_id": item.parent},
                 "child_frame_id": item.child,
-                "transform": {
-                    "translation": vector(*item.translation),
-                    "rotation": quaternion(item.rotation),
-                },
+                "transform": {"translation": vector(*item.translation), "rotation": quaternion(item.rotation)},
             }
             for item in found
         ]

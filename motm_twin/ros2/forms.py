@@ -11,7 +11,7 @@ import struct
 import time
 from collections.abc import Callable
 from functools import cache
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import zenoh
 import zenoh.ext
@@ -97,26 +97,6 @@ def _type(field: Field) -> dict:
     }
 
 
-class Form(Protocol):
-    """Keys, liveliness tokens and attachments of one form."""
-
-    def key(self, topic: Topic) -> str:
-        """Key of a topic's data."""
-        ...
-
-    def own_tokens(self) -> list[str]:
-        """Tokens of the presence of this program."""
-        ...
-
-    def token(self, topic: Topic, kind: str, number: int) -> str:
-        """Token of one publisher or subscriber, the ``number``-th of this program."""
-        ...
-
-    def attachment(self, token: str, sequence: int, nanoseconds: int) -> bytes | None:
-        """Attachment of the ``sequence``-th message of the publisher with this token, sent at a Unix time [ns]."""
-        ...
-
-
 def check_prefix(prefix: str) -> str:
     """The namespace without a slash at its end; raises ValueError for one that ROS 2 does not allow."""
     if not _PREFIX.match(prefix):
@@ -134,15 +114,18 @@ class BridgeForm:
         self._zid, self._prefix, self._hashes = zid, check_prefix(prefix), _has_hashes(distro)
 
     def key(self, topic: Topic) -> str:
-        """The topic without its first slash."""
+        """Key of a topic's data: the topic without its first slash."""
         return f"{self._prefix}/{topic.name}".lstrip("/")
 
     def own_tokens(self) -> list[str]:
-        """Looks like another bridge."""
+        """Tokens of the presence of this program, which looks like another bridge."""
         return [f"@/{self._zid}/@ros2_lv"]
 
     def token(self, topic: Topic, kind: str, number: int) -> str:
-        """Bridges make a route from it, so that the topic is listed before somebody subscribes."""
+        """Token of one publisher or subscriber, the ``number``-th of this program.
+
+        Bridges make a route from it, so that the topic is listed before somebody subscribes.
+        """
         key, message = self.key(topic).replace("/", "§"), topic.message.replace("/", "§")
         qos = f":1:{int(topic.latched)}:0,{topic.depth}"  # no key; reliable; durability; keep last
         user_data = f":typehash={type_hash(topic.message)};" if self._hashes else ""
@@ -181,7 +164,7 @@ class RmwForm:
         return f"{endpoint}/{name}/{dds_name(topic.message)}/{self._hash(topic)}/{qos}"
 
     def attachment(self, token: str, sequence: int, nanoseconds: int) -> bytes:
-        """Sequence number, time and the publisher's id, without which rmw_zenoh drops a message."""
+        """Sequence number, Unix time and the publisher's id, without which rmw_zenoh drops a message."""
         gid = hashlib.sha256(token.encode()).digest()[:16]  # any 16 bytes of its own: nobody computes them again
         return struct.pack("<qqB", sequence, nanoseconds, len(gid)) + gid
 
@@ -199,15 +182,25 @@ def _mangled(name: str) -> str:
     return name.replace("/", "%") or "%"
 
 
+Form = BridgeForm | RmwForm
+
+
 class Outlet:
     """One published topic."""
 
     def __init__(self, session: zenoh.Session, form: Form, topic: Topic, number: int) -> None:
         self._form, self._topic, self._sequence = form, topic, 0
         self._name = form.token(topic, PUBLISHER, number)
-        self._publisher = (
-            _latched(session, form, topic) if topic.latched else session.declare_publisher(form.key(topic))
-        )
+        if topic.latched:  # the last messages are kept for late joiners, as both forms do since 2025
+            self._publisher = zenoh.ext.declare_advanced_publisher(
+                session,
+                form.key(topic),
+                cache=zenoh.ext.CacheConfig(max_samples=topic.depth),
+                sample_miss_detection=zenoh.ext.MissDetectionConfig(heartbeat=None, sporadic_heartbeat=0.5),
+                publisher_detection=True,
+            )
+        else:
+            self._publisher = session.declare_publisher(form.key(topic))
         self._token = session.liveliness().declare_token(self._name)
 
     def put(self, message: Message) -> None:
@@ -233,7 +226,8 @@ class Outlets:
         self._outlets = {topic: Outlet(session, form, topic, number) for number, topic in enumerate(PUBLISHED)}
         self._subscribers = []
         for number, topic in enumerate(ACCEPTED, len(PUBLISHED)):
-            self._subscribers.append(session.declare_subscriber(form.key(topic), _handler(topic, accept)))
+            heard = direct(lambda sample, topic=topic: accept(topic, sample.payload.to_bytes()))
+            self._subscribers.append(session.declare_subscriber(form.key(topic), heard))
             self._tokens.append(liveliness.declare_token(form.token(topic, SUBSCRIBER, number)))
 
     def put(self, topic: Topic, message: Message) -> None:
@@ -246,18 +240,3 @@ class Outlets:
             declared.undeclare()
         for outlet in self._outlets.values():
             outlet.close()
-
-
-def _latched(session: zenoh.Session, form: Form, topic: Topic) -> zenoh.ext.AdvancedPublisher:
-    """Keeps the last messages for late joiners with Zenoh's advanced publisher, as both forms do since 2025."""
-    return zenoh.ext.declare_advanced_publisher(
-        session,
-        form.key(topic),
-        cache=zenoh.ext.CacheConfig(max_samples=topic.depth),
-        sample_miss_detection=zenoh.ext.MissDetectionConfig(heartbeat=None, sporadic_heartbeat=0.5),
-        publisher_detection=True,
-    )
-
-
-def _handler(topic: Topic, accept: Callable[[Topic, bytes], None]) -> zenoh.handlers.Callback:
-    return direct(lambda sample: accept(topic, sample.payload.to_bytes()))

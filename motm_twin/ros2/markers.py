@@ -49,9 +49,12 @@ class Markers:
     def array(self, tick: TickMessage) -> Message:
         """Everything as it is at a tick, and a deletion for what is no longer there."""
         found = [*self._furniture(tick), *_placement(tick.placement)]
-        found += [self._body("objects", body, self._object_colour(body)) for body in tick.objects]
-        found += [self._body("agents", body, _BODY_COLOURS.get(body.kind, _OBSTACLE)) for body in tick.agents]
-        found += [self._body("obstacles", body, _BODY_COLOURS.get(body.kind, _OBSTACLE)) for body in tick.obstacles]
+        grey = colours.NAMED["grey"]
+        for body in tick.objects:
+            colour = colours.NAMED.get(self._colours.get(body.name, ""), grey)
+            found.append(self._body("objects", body, colour))
+        for space, group in (("agents", tick.agents), ("obstacles", tick.obstacles)):
+            found += [self._body(space, body, _BODY_COLOURS.get(body.kind, _OBSTACLE)) for body in group]
         shown = {(marker["ns"], marker["id"]) for marker in found}
         gone = [_marker(ns, number, CUBE, action=DELETE) for ns, number in sorted(self._shown - shown)]
         self._shown = shown
@@ -60,9 +63,6 @@ class Markers:
 
     def _number(self, space: str, name: str) -> int:
         return self._numbers.setdefault((space, name), len(self._numbers))
-
-    def _object_colour(self, body: BodyMessage) -> colours.Rgb:
-        return colours.NAMED.get(self._colours.get(body.name, ""), colours.NAMED["grey"])
 
     def _body(self, space: str, body: BodyMessage, colour: colours.Rgb) -> Message:
         x, y, z = body.position

@@ -3,7 +3,7 @@
 import math
 import threading
 import time
-from typing import Protocol
+from collections.abc import Callable
 
 import zenoh
 
@@ -20,18 +20,11 @@ ANSWER = 0.5  # [s] to wait for the twin's answer
 MAX_BYTES = 4096  # of a message that is accepted here; they have some hundred
 
 
-class Refuse(Protocol):
-    """Told why a message has no effect."""
-
-    def __call__(self, topic: Topic, text: str, *, unreadable: bool) -> None:
-        """``unreadable``: the bytes are no such message."""
-        ...
-
-
 class Requests:
     """Keeps the newest message of each topic, and forwards it from its own thread."""
 
-    def __init__(self, client: TwinClient, refuse: Refuse) -> None:
+    def __init__(self, client: TwinClient, refuse: Callable[..., None]) -> None:
+        """``refuse`` is told (topic, text, unreadable=) why a message has no effect, or is none."""
         self._client, self._refuse = client, refuse
         self._newest: dict[Topic, bytes] = {}
         self._changed, self._closed = threading.Condition(), False

@@ -90,17 +90,13 @@ def rotated(q: Quaternion, v: Vector) -> Vector:
 
 
 def _moved(joint: _Joint, value: float) -> Transform:
-    origin = joint.origin
+    origin, (ax, ay, az) = joint.origin, joint.axis
     if joint.kind == "prismatic":
-        step = rotated(origin.rotation, (joint.axis[0] * value, joint.axis[1] * value, joint.axis[2] * value))
-        place = (
-            origin.translation[0] + step[0],
-            origin.translation[1] + step[1],
-            origin.translation[2] + step[2],
-        )
-        return Transform(origin.parent, origin.child, place, origin.rotation)
+        dx, dy, dz = rotated(origin.rotation, (ax * value, ay * value, az * value))
+        x, y, z = origin.translation
+        return Transform(origin.parent, origin.child, (x + dx, y + dy, z + dz), origin.rotation)
     s = math.sin(0.5 * value)
-    turn = (joint.axis[0] * s, joint.axis[1] * s, joint.axis[2] * s, math.cos(0.5 * value))
+    turn = (ax * s, ay * s, az * s, math.cos(0.5 * value))
     return Transform(origin.parent, origin.child, origin.translation, product(origin.rotation, turn))
 
 

@@ -133,18 +133,8 @@ def _pem(key: ec.EllipticCurvePrivateKey) -> bytes:
 
 
 STATE = (
-    "tick",
-    "grid",
-    "scene",
-    "status",
-    "robot",
-    "scan",
-    "observations",
-    "event",
-    "metrics",
-    "session",
-    "schema/**",
-    "alive",
+    *("tick", "grid", "scene", "status", "robot", "scan", "observations", "event", "metrics"),
+    *("session", "schema/**", "alive"),
 )
 READABLE = tuple(f"motm/*/{key}" for key in STATE)
 COMMANDS = ("motm/*/cmd/**",)
@@ -160,6 +150,8 @@ ROLES = ("viewer", "driver", "robot", "twin")
 
 # Names by role; a robot has the name of the twin that it belongs to, a twin at a router its own.
 Named = dict[str, Sequence[str]]
+Json = dict[str, Any]
+Granted = tuple[Json, list[str]]  # a subject, and the names of its rules
 
 
 def identity(role: str, name: str) -> str:
@@ -167,41 +159,35 @@ def identity(role: str, name: str) -> str:
     return f"{role}-{name}"
 
 
-def access_control(people: Named, *, by: str) -> dict[str, Any]:
+def access_control(people: Named, *, by: str) -> Json:
     """The setting ``access_control`` for these people.
 
     ``by``: "cert_common_names" or "usernames", how they are known. Programs with the password of the user that serves
     may do everything over the loopback interface.
     """
+    of_robots, granted = _granted(people, by)
     rules = [
         _rule("everything", ["ingress", "egress"], EVERYTHING, ["**", *ROS2]),
         *_of_people(),
         _rule("forge", ["ingress"], TOLD, (*READABLE, *COMMANDS, *OF_THE_TWIN), permission="deny"),  # only the server
         _rule("ask a robot", ["ingress"], ["query"], ASKED_BY_THE_TWIN, permission="deny"),
     ]
-    subjects: list[dict[str, Any]] = [
-        {"id": "here", "interfaces": ["lo"], "link_protocols": ["tcp"], "usernames": [USER]}
-    ]
-    policies = [{"subjects": ["here"], "rules": ["everything", "forge", "ask a robot"]}]
-    _grant(people, by, rules, subjects, policies)
-    return _denying(rules, subjects, policies)
+    here = {"id": "here", "interfaces": ["lo"], "link_protocols": ["tcp"], "usernames": [USER]}
+    return _denying([*rules, *of_robots], [(here, ["everything", "forge", "ask a robot"]), *granted])
 
 
-def router_access_control(people: Named, *, by: str) -> dict[str, Any]:
+def router_access_control(people: Named, *, by: str) -> Json:
     """The same for a router: each twin publishes on its own keys; the others have the same rights as at a twin."""
-    rules = [*_of_people(), _rule("be asked", ["egress"], ASKING, ["motm/**"])]
-    subjects: list[dict[str, Any]] = []
-    policies: list[dict[str, Any]] = []
-    _grant(people, by, rules, subjects, policies)
+    of_robots, granted = _granted(people, by)
+    rules = [*_of_people(), _rule("be asked", ["egress"], ASKING, ["motm/**"]), *of_robots]
     for twin in people.get("twin", ()):
         known = identity("twin", twin)
         rules.append(_rule(known, ["ingress", "egress"], EVERYTHING, [f"motm/{twin}/**"]))
-        subjects.append({"id": known, by: [known]})
-        policies.append({"subjects": [known], "rules": [known, "be asked"]})
-    return _denying(rules, subjects, policies)
+        granted.append(({"id": known, by: [known]}, [known, "be asked"]))
+    return _denying(rules, granted)
 
 
-def _of_people() -> list[dict[str, Any]]:
+def _of_people() -> list[Json]:
     return [
         _rule("ask", ["ingress"], ASKING, READABLE),
         _rule("be told", ["egress"], TOLD, READABLE),
@@ -210,41 +196,34 @@ def _of_people() -> list[dict[str, Any]]:
     ]
 
 
-def _grant(
-    people: Named, by: str, rules: list[dict[str, Any]], subjects: list[dict[str, Any]], policies: list[dict[str, Any]]
-) -> None:
-    """Add viewers, drivers and robots."""
-    for role, granted in (
-        ("viewer", ["ask", "be told"]),
-        ("driver", ["ask", "be told", "command", "be answered"]),
-    ):
+def _granted(people: Named, by: str) -> tuple[list[Json], list[Granted]]:
+    """Rules of robots; viewers, drivers and robots with the names of their rules."""
+    rules: list[Json] = []
+    granted: list[Granted] = []
+    reads = ["ask", "be told"]
+    for role, names in (("viewer", reads), ("driver", [*reads, "command", "be answered"])):
         if people.get(role):
-            subjects.append({"id": role, by: [identity(role, name) for name in people[role]]})
-            policies.append({"subjects": [role], "rules": granted})
+            granted.append(({"id": role, by: [identity(role, name) for name in people[role]]}, names))
     for twin in people.get("robot", ()):
         known = identity("robot", twin)
         rules.append(_rule(known, ["ingress", "egress"], EVERYTHING, [f"motm/{twin}/plant/**"]))
         rules.append(_rule(f"{known} obeys", ["ingress"], ["put", "delete"], OF_THE_TWIN, permission="deny"))
         rules.append(_rule(f"{known} answers", ["ingress"], ["query"], ASKED_BY_THE_TWIN, permission="deny"))
-        subjects.append({"id": known, by: [known]})
-        policies.append({"subjects": [known], "rules": [known, f"{known} obeys", f"{known} answers"]})
+        granted.append(({"id": known, by: [known]}, [known, f"{known} obeys", f"{known} answers"]))
+    return rules, granted
 
 
-def _denying(
-    rules: list[dict[str, Any]], subjects: list[dict[str, Any]], policies: list[dict[str, Any]]
-) -> dict[str, Any]:
+def _denying(rules: list[Json], granted: list[Granted]) -> Json:
     return {
         "enabled": True,
         "default_permission": "deny",
         "rules": rules,
-        "subjects": subjects,
-        "policies": policies,
+        "subjects": [subject for subject, _ in granted],
+        "policies": [{"subjects": [subject["id"]], "rules": names} for subject, names in granted],
     }
 
 
-def _rule(
-    name: str, flows: list[str], messages: list[str], keys: Sequence[str], *, permission: str = "allow"
-) -> dict[str, Any]:
+def _rule(name: str, flows: list[str], messages: list[str], keys: Sequence[str], *, permission: str = "allow") -> Json:
     return {"id": name, "permission": permission, "flows": flows, "messages": messages, "key_exprs": list(keys)}
 
 
@@ -291,21 +270,9 @@ class Folder:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-
-    @property
-    def server(self) -> Path:
-        """Zenoh configuration of the twin server."""
-        return self.path / "server.json5"
-
-    @property
-    def router(self) -> Path:
-        """Zenoh configuration of a router to which twins connect; it is there when twins are known."""
-        return self.path / "router.json5"
-
-    @property
-    def here(self) -> Path:
-        """Zenoh configuration of the twin's own processes on the machine of the server."""
-        return self.path / "here.json5"
+        # Zenoh configurations: of the twin server, of its own processes on that machine, and of a router to which twins
+        # connect, which is there when twins are known.
+        self.server, self.here, self.router = (path / f"{name}.json5" for name in ("server", "here", "router"))
 
     def of(self, role: str, name: str) -> Path:
         """Zenoh configuration of a client."""
@@ -385,7 +352,7 @@ class Folder:
     def _server(self, people: People) -> None:
         """Write what depends on who is known."""
         mutual = not people.passwords
-        tls: dict[str, Any] = {
+        tls: Json = {
             "listen_certificate_base64": _base64((self.path / "server.crt").read_bytes()),
             "listen_private_key_base64": _base64((self.path / "server.key").read_bytes()),
             "enable_mtls": mutual,
@@ -393,7 +360,7 @@ class Folder:
         if mutual:
             tls["root_ca_certificate_base64"] = _base64((self.path / "ca.crt").read_bytes())
         by = "cert_common_names" if mutual else "usernames"
-        settings: dict[str, Any] = {
+        settings: Json = {
             "listen": {"endpoints": [f"tls/0.0.0.0:{people.port}"]},
             "tls": tls,
             "usrpwd": {"dictionary_file": str((self.path / "users.txt").resolve())},
@@ -408,19 +375,25 @@ class Folder:
         self._write("people.json", msgspec.json.format(msgspec.json.encode(people)) + b"\n", _PUBLIC)
 
     def _client(self, people: People, role: str, name: str, days: int) -> Path:
-        tls: dict[str, Any] = {
+        tls: Json = {
             "root_ca_certificate_base64": _base64((self.path / "ca.crt").read_bytes()),
             "verify_name_on_connect": True,
         }
         # A router does not pass on from peer to peer: those who look are its clients.
         at_router = bool(people.names.get("twin")) and role != "twin"
-        settings: dict[str, Any] = {"mode": "client"} if at_router else {}
-        settings |= {"connect": {"endpoints": [f"tls/{_address(people.hosts[0])}:{people.port}"]}}
-        user = identity(role, name)
-        settings["usrpwd"] = {"user": user, "password": self._password(user)}
+        settings: Json = {"mode": "client"} if at_router else {}
+        host = f"[{people.hosts[0]}]" if ":" in people.hosts[0] else people.hosts[0]
+        settings |= {"connect": {"endpoints": [f"tls/{host}:{people.port}"]}}
+        user, password = identity(role, name), secrets.token_urlsafe(24)  # 192 bits
+        self._write_users({**self._users(), user: password})
+        settings["usrpwd"] = {"user": user, "password": password}
         if not people.passwords:
             own = self._authority().issue(user, days=days)
-            tls |= {"enable_mtls": True, **_own(own)}
+            tls |= {
+                "enable_mtls": True,
+                "connect_certificate_base64": _base64(own.certificate),
+                "connect_private_key_base64": _base64(own.key),
+            }
         self._write(self.of(role, name).name, _settings(tls=tls, **settings), _SECRET)
         return self.of(role, name)
 
@@ -438,12 +411,6 @@ class Folder:
     def _write_users(self, users: dict[str, str]) -> None:
         self._write("users.txt", "".join(f"{user}:{word}\n" for user, word in users.items()).encode(), _SECRET)
 
-    def _password(self, user: str) -> str:
-        """A new password of 192 bits for a user."""
-        word = secrets.token_urlsafe(24)
-        self._write_users({**self._users(), user: word})
-        return word
-
     def _write(self, name: str, data: bytes, mode: int) -> None:
         """Write atomically, never readable by others."""
         target, temporary = self.path / name, self.path / f".{name}.new"
@@ -453,41 +420,16 @@ class Folder:
         temporary.replace(target)
 
 
-def _settings(
-    *,
-    mode: str | None = None,
-    listen: dict | None = None,
-    connect: dict | None = None,
-    tls: dict | None = None,
-    usrpwd: dict | None = None,
-    access_control: dict | None = None,
-) -> bytes:
+def _settings(*, tls: Json | None = None, usrpwd: Json | None = None, **sections: Any) -> bytes:
     """A whole configuration: the shipped one, and what is asked for on top."""
-    config = _shipped()
-    config |= {
-        key: value for key, value in (("mode", mode), ("listen", listen), ("connect", connect)) if value is not None
-    }
+    shipped = re.sub(r"//.*", "", SHIPPED.read_text(encoding="utf-8"))  # its JSON5 is YAML without the comments
+    config = yaml.safe_load(shipped) | sections
     if tls is not None:
         config["transport"]["link"]["tls"] = tls
     if usrpwd is not None:
         config["transport"]["auth"] = {"usrpwd": usrpwd}
-    if access_control is not None:
-        config["access_control"] = access_control
     return (json.dumps(config, indent=2) + "\n").encode()
-
-
-def _shipped() -> dict[str, Any]:
-    """The shipped file, as a mapping: without its comments, its JSON5 is YAML as well."""
-    return yaml.safe_load(re.sub(r"//.*", "", SHIPPED.read_text(encoding="utf-8")))
-
-
-def _own(who: Identity) -> dict[str, str]:
-    return {"connect_certificate_base64": _base64(who.certificate), "connect_private_key_base64": _base64(who.key)}
 
 
 def _base64(data: bytes) -> str:
     return base64.b64encode(data).decode()
-
-
-def _address(host: str) -> str:
-    return f"[{host}]" if ":" in host else host

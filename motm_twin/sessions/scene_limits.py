@@ -12,14 +12,7 @@ from motm_twin.model.scene_error import SceneError
 from motm_twin.model.scene_shapes import is_simple
 from motm_twin.model.scene_yaml import Node
 
-_SECTIONS = {
-    "solids": "furniture",
-    "objects": "objects",
-    "bins": "bins",
-    "bumps": "bumps",
-    "agents": "agents",
-    "tasks": "tasks",
-}
+_NAMED = ("solids", "objects", "bins", "bumps", "agents")  # entries that have a name
 _MOST_POINTS = 2_000  # of a lane or an outline
 _SHAPES = {Box: scene_format.BoxFile, Cylinder: scene_format.CylinderFile, Prism: scene_format.PolygonFile}
 _ROBOT = {
@@ -45,18 +38,18 @@ def check_scene(scene: Scene) -> None:
 
 
 def _check_counts(scene: Scene) -> None:
-    for what, section in _SECTIONS.items():
+    for what in (*_NAMED, "tasks"):
+        section = "furniture" if what == "solids" else what
         most, count = scene_format.most_entries(section), len(getattr(scene, what))
         if count > most:
             raise SceneError(f"scene.{what}: {count} are too many, at most {most}")
-    names = [item.name for what in ("solids", "objects", "bins", "bumps", "agents") for item in getattr(scene, what)]
+    names = [item.name for what in _NAMED for item in getattr(scene, what)]
     for name in names:
         if names.count(name) > 1:
             raise SceneError(f"scene: the name {name[:60]!r} is used twice")
 
 
 def _check_ranges(scene: Scene) -> None:
-    """Every number within the limits of the scene format."""
     _fits(scene.seed, scene_format.Seed, "scene.seed")
     _fits(scene.time_limit, scene_format.TimeLimit, "scene.time_limit")
     _fits(scene.title, scene_format.Text, "scene.title")
@@ -74,22 +67,18 @@ def _check_ranges(scene: Scene) -> None:
         _within(getattr(scene.robot, part), limits, f"scene.robot.{part}")
     for index, solid in enumerate(scene.solids):
         _check_solid(solid, f"scene.solids[{index}]")
-    for index, item in enumerate(scene.objects):
-        place = f"scene.objects[{index}]"
-        _within(item, scene_format.ObjectFile, place)
-        _fits(item.name, _NAME, f"{place}.name")
-        _fits(item.position, tuple[_COORDINATE, _COORDINATE, _TALL], f"{place}.position")
-    for index, item in enumerate(scene.bins):
-        place = f"scene.bins[{index}]"
-        _within(item, scene_format.BinFile, place)
-        _fits(item.name, _NAME, f"{place}.name")
-        _fits(item.centre, scene_format.Point, f"{place}.centre")
+    for section, limits, point, kind in (
+        ("objects", scene_format.ObjectFile, "position", tuple[_COORDINATE, _COORDINATE, _TALL]),
+        ("bins", scene_format.BinFile, "centre", scene_format.Point),
+        ("bumps", scene_format.BumpFile, "centre", scene_format.Point),
+    ):
+        for index, item in enumerate(getattr(scene, section)):
+            place = f"scene.{section}[{index}]"
+            _within(item, limits, place)
+            _fits(item.name, _NAME, f"{place}.name")
+            _fits(getattr(item, point), kind, f"{place}.{point}")
     for index, bump in enumerate(scene.bumps):
-        place = f"scene.bumps[{index}]"
-        _within(bump, scene_format.BumpFile, place)
-        _fits(bump.name, _NAME, f"{place}.name")
-        _fits(bump.centre, scene_format.Point, f"{place}.centre")
-        _fits(bump.yaw, _ANGLE, f"{place}.yaw")
+        _fits(bump.yaw, _ANGLE, f"scene.bumps[{index}].yaw")
     for index, agent in enumerate(scene.agents):
         place = f"scene.agents[{index}]"
         _within(agent, scene_format.AgentFile, place, skip=("start", "waypoints"))

@@ -33,11 +33,11 @@ PACKAGE = Path(__file__).parents[1]
 
 @functools.cache
 def _versions() -> dict[str, str]:
-    found = {"python": platform.python_version()}
-    for name in PACKAGES:
-        found[name] = _version(name)
+    found = {"python": platform.python_version(), **{name: _version(name) for name in PACKAGES}}
     found["system"] = " ".join(part for part in (platform.system(), platform.machine(), *platform.libc_ver()) if part)
-    found["processor"] = _processor()
+    # The vector instructions of numpy, which determine its order of summation; a dict in this mode.
+    vectors = np.show_config(mode="dicts")["SIMD Extensions"]  # type: ignore[index]
+    found["processor"] = " ".join([*vectors.get("baseline", []), *vectors.get("found", [])])
     found[SOURCE] = source_hash(PACKAGE)
     return found
 
@@ -61,12 +61,6 @@ def _version(package: str) -> str:
         return metadata.version(package)
     except metadata.PackageNotFoundError:
         return "not installed as a package"
-
-
-def _processor() -> str:
-    """The vector instructions of numpy, which determine its order of summation."""
-    found = np.show_config(mode="dicts")["SIMD Extensions"]  # type: ignore[index] - a dict in this mode
-    return " ".join([*found.get("baseline", []), *found.get("found", [])])
 
 
 def differences(recorded: dict[str, str]) -> tuple[str, ...]:
@@ -121,9 +115,8 @@ class Session(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
     made_with: dict[str, str] = msgspec.field(default_factory=made_with)  # versions, to explain another hash
     scene: Scene  # resolved: a later change of the scene file does not change the session
     method: str = UNNAMED_METHOD  # of `methods.registry`, or what a user's own is named, which a rerun is then given
-    parameters: dict[
-        str, ParameterValue
-    ] = {}  # of `control.tuning`, the method's included, set before the first period
+    # Of `control.tuning`, the method's included, set before the first period.
+    parameters: dict[str, ParameterValue] = {}
     edits: tuple[LoggedEdit, ...] = ()
     cuts: tuple[Cut, ...] = ()
     periods: int = 0
@@ -138,23 +131,20 @@ def load_session(path: str | Path) -> Session:
     try:
         if not path.is_file():
             raise SessionError("there is no such file: give the path of a saved session", file=str(path))
-        if _is_recording(path):
+        with path.open("rb") as file:
+            recording = file.read(len(MCAP_MAGIC)) == MCAP_MAGIC
+        if recording:
             wanted = "give a session, which `run --save`, `send save` or the page make (`rerun` takes FILE.mcap too)"
             raise SessionError(f"is a recording: {wanted}", file=str(path))
         size = path.stat().st_size
         if size > MAX_BYTES:
             raise SessionError(f"{size / 1e6:.0f} MB is no session: at most {MAX_BYTES / 1e6:.0f} MB", file=str(path))
         data = path.read_bytes()
+    except SessionError:
+        raise
     except (OSError, ValueError) as error:
-        if isinstance(error, SessionError):
-            raise
         raise SessionError(f"cannot be read: {error}", file=str(path)) from error
     return decode_session(data, file=str(path))
-
-
-def _is_recording(path: Path) -> bool:
-    with path.open("rb") as file:
-        return file.read(len(MCAP_MAGIC)) == MCAP_MAGIC
 
 
 def save_session(session: Session, path: str | Path) -> None:

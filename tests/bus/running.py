@@ -8,7 +8,17 @@ from waiting import until
 
 from motm_twin.bus.commands import Envelope, Load, Step
 from motm_twin.bus.interfaces import TwinSetup
+from motm_twin.bus.library import FileLibrary
 from motm_twin.bus.loop import TwinLoop
+from motm_twin.bus.server import TwinServer
+from motm_twin.twin import Twin
+
+
+def real_server(*, make_twin=Twin, playing=True, **options):
+    """A server of Experiment 1."""
+    first = Load(scene="exp1")
+    setup = TwinSetup(library=FileLibrary("exp1"), make_twin=make_twin, first=first, playing=playing)
+    return TwinServer(setup, **options)
 
 
 class Sink:

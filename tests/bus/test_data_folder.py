@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 from fake_twin import FakeTwin, fake_server
-from running import Running
+from running import Running, real_server
 from waiting import asked, until, until_paused
 
 from motm_twin.bus.client import TwinClient
@@ -28,9 +28,7 @@ from motm_twin.bus.commands import (
 )
 from motm_twin.bus.connection import open_client
 from motm_twin.bus.data_folder import RECORDER
-from motm_twin.bus.interfaces import TwinSetup
 from motm_twin.bus.library import FileLibrary
-from motm_twin.bus.server import TwinServer
 from motm_twin.model.scene_file import load_scene
 from motm_twin.sessions.session import load_session
 from motm_twin.twin import Twin
@@ -38,10 +36,7 @@ from motm_twin.twin import Twin
 
 @pytest.fixture
 def server(tmp_path):
-    with TwinServer(
-        TwinSetup(library=FileLibrary("exp1"), make_twin=Twin, first=Load(scene="exp1"), playing=False),
-        data=tmp_path / "data",
-    ) as running:
+    with real_server(playing=False, data=tmp_path / "data") as running:
         until_paused(running)
         yield running
 

@@ -126,7 +126,7 @@ def test_nobody_waits_for_a_robot_in_another_program():
         external = Elsewhere()
 
         def advance(self, budget=None):
-            seen.append(running.loop.idle.now)
+            seen.append(running.loop.idle.is_set())
             return super().advance(budget)
 
     seen = []
@@ -141,7 +141,7 @@ def test_it_is_quiet_except_while_a_period_is_computed():
 
     class Watched(FakeTwin):
         def advance(self, budget=None):
-            seen.append(running.loop.idle.now)
+            seen.append(running.loop.idle.is_set())
             if self.index == 3:
                 raise RuntimeError("broken")
             return super().advance(budget)
@@ -149,8 +149,8 @@ def test_it_is_quiet_except_while_a_period_is_computed():
     running = Running(Watched)
     with running:
         running.step(2)
-        assert running.loop.idle.now
+        assert running.loop.idle.is_set()
         assert seen == [False] * len(seen) and len(seen) >= 3
         running.ask(Step(count=2))
         until(lambda: running.loop.status().state == "error", "no error")
-        assert running.loop.idle.now
+        assert running.loop.idle.is_set()

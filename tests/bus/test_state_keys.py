@@ -8,6 +8,7 @@ import msgspec
 import pytest
 import zenoh
 from fake_twin import FakeTwin, fake_scene, fake_tick
+from running import real_server
 from waiting import asked, until, until_paused
 
 from motm_twin.bus.client import TwinClient
@@ -29,8 +30,6 @@ from motm_twin.bus.commands import (
 from motm_twin.bus.connection import open_client
 from motm_twin.bus.encode import tick_message
 from motm_twin.bus.events import EventLog, EventWatch
-from motm_twin.bus.interfaces import TwinSetup
-from motm_twin.bus.library import FileLibrary
 from motm_twin.bus.messages import (
     ContactMessage,
     EventMessage,
@@ -41,15 +40,11 @@ from motm_twin.bus.messages import (
     ScanMessage,
 )
 from motm_twin.bus.publisher import RobotStream
-from motm_twin.bus.server import TwinServer
-from motm_twin.twin import Twin
 
 
 @pytest.fixture(scope="module")
 def server():
-    with TwinServer(
-        TwinSetup(library=FileLibrary("exp1"), make_twin=Twin, first=Load(scene="exp1"), playing=False)
-    ) as running:
+    with real_server(playing=False) as running:
         until_paused(running)
         yield running
 

@@ -1,11 +1,11 @@
 """Members: sessions that see each other through the server, whether it is there already or not."""
 
 import threading
-import time
 from collections.abc import Iterator
 
 import pytest
 import zenoh
+from meeting import until
 
 from motm_twin.bus.connection import LOOPBACK, free_port, open_member, open_server
 from motm_twin.bus.zenoh_config import ConfigError
@@ -15,16 +15,6 @@ from motm_twin.bus.zenoh_config import ConfigError
 def port() -> Iterator[int]:
     """A free port."""
     yield free_port()
-
-
-def until(condition, seconds: float = 20.0) -> bool:
-    """Whether the condition comes true in time."""
-    deadline = time.monotonic() + seconds
-    while not condition():
-        if time.monotonic() > deadline:
-            return False
-        time.sleep(0.02)
-    return True
 
 
 def test_a_member_gives_up_with_a_sentence_when_nobody_answers(port: int) -> None:
@@ -81,9 +71,9 @@ def test_members_see_each_other_through_a_server_that_comes_late_and_is_started_
             def answered() -> bool:
                 return [r.ok.payload.to_string() for r in taker.get("t/question", timeout=1.0) if r.ok] == ["answer"]
 
-            assert until(arrived), life
-            assert until(answered), life
-            assert until(lambda: any(True for _ in taker.liveliness().get("t/*", timeout=1.0))), life
+            until(arrived)
+            until(answered)
+            until(lambda: any(True for _ in taker.liveliness().get("t/*", timeout=1.0)))
             if life == "first":
                 server.close()
                 server = open_server(port)

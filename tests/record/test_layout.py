@@ -30,7 +30,8 @@ def test_every_panel_is_placed_and_every_placed_panel_is_there():
 
 def test_the_scene_shows_every_drawn_topic_and_no_other():
     shown = set(PANELS["3D!motm"]["topics"])
-    assert shown == {channel.topic for channel in ch.DRAWN} - {ch.DRAWN_FRAMES.topic, ch.DRAWN_LOG.topic}
+    drawn = {topic for topic, channel in ch.CHANNELS.items() if channel.schema}
+    assert shown == drawn - {ch.DRAWN_FRAMES.topic, ch.DRAWN_LOG.topic}
     assert PANELS["RosOut!log"]["topicToRender"] == ch.DRAWN_LOG.topic
     assert PANELS["RawMessages!tick"]["topicPath"] == ch.TICK.topic
 

@@ -7,14 +7,11 @@ import msgspec
 import waiting
 import zenoh
 from rosbags.typesys import Stores, get_typestore
+from running import real_server
 
 from motm_twin.bus.client import TwinClient
-from motm_twin.bus.commands import Load
 from motm_twin.bus.connection import open_member
-from motm_twin.bus.interfaces import TwinSetup
-from motm_twin.bus.library import FileLibrary
 from motm_twin.bus.messages import RobotStateMessage, ScanMessage, TickMessage
-from motm_twin.bus.server import TwinServer
 from motm_twin.planning.types import SearchBudget
 from motm_twin.ros2.bridge import Bridge
 from motm_twin.ros2.forms import PUBLISHED, BridgeForm, RmwForm
@@ -38,16 +35,8 @@ class Served:
     """Twin server, two bridges, and sessions to listen with."""
 
     def __enter__(self):
-        self.server = TwinServer(
-            TwinSetup(
-                library=FileLibrary("exp1"),
-                make_twin=lambda scene, method: Twin(
-                    scene, method=method, budget=SearchBudget(seconds=0.02), clock=time.perf_counter
-                ),
-                first=Load(scene="exp1"),
-                playing=True,
-            )
-        )
+        by_the_clock = {"budget": SearchBudget(seconds=0.02), "clock": time.perf_counter}
+        self.server = real_server(make_twin=lambda scene, method: Twin(scene, method=method, **by_the_clock))
         self.server.start()
         self.session = open_member(self.server.endpoint)
         self.client = TwinClient(self.server.endpoint, sender="ros2")  # speaks for the same person as the bridges

@@ -8,14 +8,10 @@ import threading
 
 import pytest
 from ear import direct, until
+from running import real_server
 from waiting import until_paused
 
-from motm_twin.bus.commands import Load
 from motm_twin.bus.connection import free_port, open_member, open_server
-from motm_twin.bus.interfaces import TwinSetup
-from motm_twin.bus.library import FileLibrary
-from motm_twin.bus.server import TwinServer
-from motm_twin.twin import Twin
 
 
 class Bridge:
@@ -56,9 +52,7 @@ def test_it_waits_for_the_twin_and_finds_it_again():
     bridge = Bridge("--endpoint", f"tcp/127.0.0.1:{port}", "--prefix", "/lab")
     try:
         for _ in range(2):
-            with TwinServer(
-                TwinSetup(library=FileLibrary("exp1"), make_twin=Twin, first=Load(scene="exp1")), port=port
-            ):
+            with real_server(port=port):
                 heard(port, "lab/tf")
     finally:
         code = bridge.end()
@@ -69,8 +63,7 @@ def test_it_waits_for_the_twin_and_finds_it_again():
 
 
 def test_a_twin_that_is_paused_is_shown_as_it_stands():
-    library = FileLibrary("exp1")
-    with TwinServer(TwinSetup(library=library, make_twin=Twin, first=Load(scene="exp1"), playing=False)) as server:
+    with real_server(playing=False) as server:
         until_paused(server)
         session = open_member(server.endpoint)
         got = set()
@@ -92,7 +85,7 @@ def test_the_ros_side_may_be_another_router():
     router = open_server(router_port)
     bridge = Bridge("--endpoint", f"tcp/127.0.0.1:{port}", "--ros-endpoint", f"tcp/127.0.0.1:{router_port}")
     try:
-        with TwinServer(TwinSetup(library=FileLibrary("exp1"), make_twin=Twin, first=Load(scene="exp1")), port=port):
+        with real_server(port=port):
             heard(router_port, "tf")
     finally:
         code = bridge.end()

@@ -122,7 +122,7 @@ def test_no_token_is_for_this_machine_only(started, capsys):
 )
 def test_who_may_drive_is_told_with_the_address(monkeypatch, capsys, no_token, says):
     def run(supervisor):
-        supervisor._tell("page", {"event": "page", "url": "http://127.0.0.1:1/?token=x", "port": 1})
+        supervisor._tell({"event": "page", "url": "http://127.0.0.1:1/?token=x", "port": 1})
         supervisor._note.unlink()
         return OK
 
