@@ -6,7 +6,7 @@ from functools import partial
 from motm_twin.control.method import BaseChoices, Materials, Method, PlannerParts, Policies
 from motm_twin.planning.candidates import Rule
 from motm_twin.planning.types import BaseController, PlacementStrategy
-from motm_twin.rivals.parking import ParkingController, StationaryParameters, standing_arm
+from motm_twin.rivals.parking import ParkingController, standing_arm
 from motm_twin.rivals.stationary_placement import FixedPoses, PoseRule, StationaryPlacement, Terms
 
 MANIPULABILITY = Terms(current=False, onward=False)
@@ -28,28 +28,24 @@ _MAP = (
 _COST = "A pose without manipulability costs 5 s more than the best one; ways count their seconds, weight 1."
 
 
-def stationary(
-    terms: Terms,
-    first: Callable[[PlannerParts], PoseRule] | None = None,
-    parameters: StationaryParameters | None = None,
-) -> Callable[[Materials, Rule], PlacementStrategy]:
+def _placement(
+    materials: Materials, candidates: Rule, *, terms: Terms, first: Callable[[PlannerParts], PoseRule] | None = None
+) -> PlacementStrategy:
     """Placement by these terms of the cost; ``first``: poses that are wanted before all others."""
-
-    def placement(materials: Materials, candidates: Rule) -> PlacementStrategy:
-        parts = materials.parts
-        return StationaryPlacement(parts, materials.graphs, terms, parameters, None if first is None else first(parts))
-
-    return placement
+    parts = materials.parts
+    return StationaryPlacement(parts, materials.graphs, terms, first=None if first is None else first(parts))
 
 
-def parking(
-    materials: Materials, policies: Policies, *, overlap: bool = False,
-    parameters: StationaryParameters | None = None,
-) -> BaseController:  # fmt: skip
+def _parking(materials: Materials, policies: Policies, *, overlap: bool = False) -> BaseController:
     """A base that stands at the pose; ``overlap``: the arm comes early."""
-    return ParkingController(
-        materials.parts, materials.graphs, overlap=overlap, parameters=parameters, still=materials.ahead
-    )
+    return ParkingController(materials.parts, materials.graphs, overlap=overlap, still=materials.ahead)
+
+
+def _planner(
+    terms: Terms, first: Callable[[PlannerParts], PoseRule] | None = None, *, overlap: bool = False
+) -> BaseChoices:
+    placement, controller = partial(_placement, terms=terms, first=first), partial(_parking, overlap=overlap)
+    return BaseChoices(placement=placement, controller=controller)
 
 
 IRM = Method(
@@ -62,7 +58,7 @@ IRM = Method(
         "Of poses within 1 % of the best, the one that faces the target most: the heading hardly changes the measure. "
         f"{_MAP}{_STANDING}"
     ),
-    planner=BaseChoices(placement=stationary(MANIPULABILITY), controller=parking),
+    planner=_planner(MANIPULABILITY),
     arm=standing_arm,
 )
 
@@ -78,7 +74,7 @@ FIXED_SET = Method(
         "the nearest of seven poses that face the bin. Where none is free and near enough, it does as irm; it measures "
         "and stops as irm does."
     ),
-    planner=BaseChoices(placement=stationary(FIXED_TERMS, first=FixedPoses), controller=parking),
+    planner=_planner(FIXED_TERMS, FixedPoses),
     arm=standing_arm,
 )
 
@@ -89,7 +85,7 @@ GREEDY = Method(
     source=_SOURCE,
     known="Manipulability and the navigation cost to the candidate.",
     chosen=f"{_COST} It measures and stops as irm does.",
-    planner=BaseChoices(placement=stationary(GREEDY_TERMS), controller=parking),
+    planner=_planner(GREEDY_TERMS),
     arm=standing_arm,
 )
 
@@ -106,7 +102,7 @@ SEQUENTIAL = Method(
         f"{_COST} The way on ends at the pose of the next target that is best by the same cost. It measures and stops "
         "as irm does."
     ),
-    planner=BaseChoices(placement=stationary(ALL_TERMS), controller=parking),
+    planner=_planner(ALL_TERMS),
     arm=standing_arm,
 )
 
@@ -119,7 +115,7 @@ SEQUENTIAL_OVERLAP = Method(
         "The hand arrives as the base does, says the paper of Reister et al. (Sec. II); not how, nor in which times."
     ),
     chosen="The arm starts by the rule of motm, with the time until the base stands. All else is as in sequential.",
-    planner=BaseChoices(placement=stationary(ALL_TERMS), controller=partial(parking, overlap=True)),
+    planner=_planner(ALL_TERMS, overlap=True),
     arm=standing_arm,
 )
 
