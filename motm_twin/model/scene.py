@@ -149,7 +149,9 @@ class Noise(msgspec.Struct, frozen=True, kw_only=True):
     camera_position_sd_at_1m: float = 0.02  # [m], linear in distance between the two
     camera_position_sd_at_01m: float = 0.002  # [m]
     base_speed_scale_sd: float = 0.0  # share by which the base drives and turns faster than told, fixed for one seed
-    arm_rate_sd: float = 0.0  # [rad/s] of every joint that moves, about the rate it is told, drawn anew every 10 ms
+    arm_rate_sd: float = (
+        0.0  # [rad/s] of every joint that moves, about the rate that it is told, drawn anew every 10 ms
+    )
     localisation_drift_sd: float = 0.0  # [m] per axis, a second error that is correlated over localisation_drift_time
     localisation_drift_time: float = 60.0  # [s]
     camera_latency: float = 0.0  # [s] from a picture to its detections, which carry the picture's stamp

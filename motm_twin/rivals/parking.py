@@ -76,10 +76,11 @@ class ParkingController(Stateful[ParkingState]):
     """STAA* towards the chosen pose, then the shortest possible stop, as soon as it ends close enough."""
 
     def __init__(
-        self, parts: PlannerParts, graphs: GraphCache, *, overlap: bool, still: StillMap | None = None
-    ) -> None:
+        self, parts: PlannerParts, graphs: GraphCache, *, overlap: bool, parameters: StationaryParameters | None = None,
+        still: StillMap | None = None,
+    ) -> None:  # fmt: skip
         """``overlap``: the arm is told how soon the base will stand, and moves already while it arrives."""
-        p = self.stationary = StationaryParameters()
+        p = self.stationary = parameters or StationaryParameters()
         stopping = stopping_base(parts.parameters)
         near = dataclasses.replace(
             stopping.staa,
@@ -125,13 +126,13 @@ class ParkingController(Stateful[ParkingState]):
     def _advance(self, problem: BaseProblem, placement: Placement, target: Target) -> None:
         """Drive, stop, or stand."""
         state = self._state
-        if state.phase == STOPPING and _stands(problem.twist):
+        if state.phase == STOPPING and _stands(problem.twist, self.stationary):
             state.phase = PARKED
         if state.phase == PARKED and not problem.engaged:
             serves = self._reach.contains(problem.pose, np.zeros(2), target)
             state.phase = PARKED if serves else DRIVING
         if state.phase == DRIVING and placement.chosen >= 0 and self._may_stop(problem, placement, target):
-            state.phase = PARKED if _stands(problem.twist) else STOPPING
+            state.phase = PARKED if _stands(problem.twist, self.stationary) else STOPPING
         if state.phase != DRIVING:
             state.exact = False
         elif self._slow(problem.twist) and placement.chosen >= 0 and self._base.at_goal(problem.pose, placement):
@@ -209,14 +210,13 @@ _NEVER = -1.0  # [m/s] no hand is this slow
 
 def fingers_wait(usual: PhaseRules, inputs: ArmInputs) -> PhaseRules:
     """Rules of the phases by which fingers close on an object, and let go of it, only while the base stands."""
-    if _stands(inputs.observation.twist):
+    if _stands(inputs.observation.twist, StationaryParameters()):
         return usual
     waiting = msgspec.structs.replace(usual.parameters, close_speed=_NEVER, release_speed=_NEVER)
     return dataclasses.replace(usual, parameters=waiting)
 
 
-def _stands(twist: Array) -> bool:
-    p = StationaryParameters
+def _stands(twist: Array, p: StationaryParameters) -> bool:
     return abs(twist[0]) < p.stands_v and abs(twist[1]) < p.stands_w
 
 

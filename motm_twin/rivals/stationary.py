@@ -6,7 +6,7 @@ from functools import partial
 from motm_twin.control.method import BaseChoices, Materials, Method, PlannerParts, Policies
 from motm_twin.planning.candidates import Rule
 from motm_twin.planning.types import BaseController, PlacementStrategy
-from motm_twin.rivals.parking import ParkingController, standing_arm
+from motm_twin.rivals.parking import ParkingController, StationaryParameters, standing_arm
 from motm_twin.rivals.stationary_placement import FixedPoses, PoseRule, StationaryPlacement, Terms
 
 MANIPULABILITY = Terms(current=False, onward=False)
@@ -28,24 +28,28 @@ _MAP = (
 _COST = "A pose without manipulability costs 5 s more than the best one; ways count their seconds, weight 1."
 
 
-def _placement(
-    materials: Materials, candidates: Rule, *, terms: Terms, first: Callable[[PlannerParts], PoseRule] | None = None
-) -> PlacementStrategy:
+def stationary(
+    terms: Terms,
+    first: Callable[[PlannerParts], PoseRule] | None = None,
+    parameters: StationaryParameters | None = None,
+) -> Callable[[Materials, Rule], PlacementStrategy]:
     """Placement by these terms of the cost; ``first``: poses that are wanted before all others."""
-    parts = materials.parts
-    return StationaryPlacement(parts, materials.graphs, terms, first=None if first is None else first(parts))
+
+    def placement(materials: Materials, candidates: Rule) -> PlacementStrategy:
+        parts = materials.parts
+        return StationaryPlacement(parts, materials.graphs, terms, parameters, None if first is None else first(parts))
+
+    return placement
 
 
-def _parking(materials: Materials, policies: Policies, *, overlap: bool = False) -> BaseController:
+def parking(
+    materials: Materials, policies: Policies, *, overlap: bool = False,
+    parameters: StationaryParameters | None = None,
+) -> BaseController:  # fmt: skip
     """A base that stands at the pose; ``overlap``: the arm comes early."""
-    return ParkingController(materials.parts, materials.graphs, overlap=overlap, still=materials.ahead)
-
-
-def _planner(
-    terms: Terms, first: Callable[[PlannerParts], PoseRule] | None = None, *, overlap: bool = False
-) -> BaseChoices:
-    placement, controller = partial(_placement, terms=terms, first=first), partial(_parking, overlap=overlap)
-    return BaseChoices(placement=placement, controller=controller)
+    return ParkingController(
+        materials.parts, materials.graphs, overlap=overlap, parameters=parameters, still=materials.ahead
+    )
 
 
 IRM = Method(
@@ -58,7 +62,7 @@ IRM = Method(
         "Of poses within 1 % of the best, the one that faces the target most: the heading hardly changes the measure. "
         f"{_MAP}{_STANDING}"
     ),
-    planner=_planner(MANIPULABILITY),
+    planner=BaseChoices(placement=stationary(MANIPULABILITY), controller=parking),
     arm=standing_arm,
 )
 
@@ -74,7 +78,7 @@ FIXED_SET = Method(
         "the nearest of seven poses that face the bin. Where none is free and near enough, it does as irm; it measures "
         "and stops as irm does."
     ),
-    planner=_planner(FIXED_TERMS, FixedPoses),
+    planner=BaseChoices(placement=stationary(FIXED_TERMS, first=FixedPoses), controller=parking),
     arm=standing_arm,
 )
 
@@ -85,7 +89,7 @@ GREEDY = Method(
     source=_SOURCE,
     known="Manipulability and the navigation cost to the candidate.",
     chosen=f"{_COST} It measures and stops as irm does.",
-    planner=_planner(GREEDY_TERMS),
+    planner=BaseChoices(placement=stationary(GREEDY_TERMS), controller=parking),
     arm=standing_arm,
 )
 
@@ -102,7 +106,7 @@ SEQUENTIAL = Method(
         f"{_COST} The way on ends at the pose of the next target that is best by the same cost. It measures and stops "
         "as irm does."
     ),
-    planner=_planner(ALL_TERMS),
+    planner=BaseChoices(placement=stationary(ALL_TERMS), controller=parking),
     arm=standing_arm,
 )
 
@@ -115,7 +119,7 @@ SEQUENTIAL_OVERLAP = Method(
         "The hand arrives as the base does, says the paper of Reister et al. (Sec. II); not how, nor in which times."
     ),
     chosen="The arm starts by the rule of motm, with the time until the base stands. All else is as in sequential.",
-    planner=_planner(ALL_TERMS, overlap=True),
+    planner=BaseChoices(placement=stationary(ALL_TERMS), controller=partial(parking, overlap=True)),
     arm=standing_arm,
 )
 

@@ -76,9 +76,12 @@ class Rated(NamedTuple):
 class StationaryPlacement(Stateful[StationaryState]):
     """Base poses from the inverse reachability map; the paper's own candidates where it has none that is free."""
 
-    def __init__(self, parts: PlannerParts, graphs: GraphCache, terms: Terms, *, first: PoseRule | None = None) -> None:
+    def __init__(
+        self, parts: PlannerParts, graphs: GraphCache, terms: Terms, parameters: StationaryParameters | None = None,
+        first: PoseRule | None = None,
+    ) -> None:  # fmt: skip
         """``first``: poses that are wanted before all others."""
-        self.stationary = StationaryParameters()
+        self.stationary = parameters or StationaryParameters()
         self.paper = NextTargetPlacement(parts.known.robot, parts.parameters, graphs)
         self.model = self.paper.model
         self.arm_reach = TargetReach(parts.known, parts.parameters)
