@@ -30,10 +30,10 @@ from motm_twin.control.self_check import SelfCheck, SelfCheckSettings
 from motm_twin.measures.agents import compile_gaps
 from motm_twin.measures.people import compile_meetings
 from motm_twin.methods.registry import find_method
+from motm_twin.model.arm_kernels import manipulability_gradient
 from motm_twin.model.edits import ParameterValue
 from motm_twin.model.geometry import frozen
 from motm_twin.model.joint_limits import READY
-from motm_twin.model.kinematics import manipulability_gradient
 from motm_twin.model.known import known_world
 from motm_twin.model.period import PERIOD
 from motm_twin.model.plant import Actuation, Observation, Scan

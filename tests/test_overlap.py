@@ -7,9 +7,8 @@ from twin_steps import advance_until, caused, short
 from motm_twin.control.targets import odometry_to_world
 from motm_twin.methods.registry import find_method
 from motm_twin.model.edits import AddObstacle, RemoveBody
-from motm_twin.model.geometry import to_frame
+from motm_twin.model.geometry import rectangle, to_frame
 from motm_twin.model.scene_file import load_scene
-from motm_twin.sim.solids import rectangle
 from motm_twin.twin import Twin
 
 SCENE = """
@@ -22,8 +21,8 @@ time_limit: 40
 
 def overlap(pose, box, footprint):
     """The base body is in a box that stands along the axes of the world."""
-    body = Polygon(rectangle(*pose[:2], pose[2], (footprint.length, footprint.width)))
-    return body.intersects(Polygon(rectangle(*box.position[:2], box.yaw, box.size)))
+    body = Polygon(rectangle(pose, (footprint.length, footprint.width)))
+    return body.intersects(Polygon(rectangle((*box.position[:2], box.yaw), box.size)))
 
 
 @pytest.mark.parametrize(("method", "gap"), [("fast", 0.0), ("motm", 0.02), ("staa", -0.04)])

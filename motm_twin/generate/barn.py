@@ -44,16 +44,11 @@ Cells = NDArray[np.bool_]
 
 def made(asked: str) -> tuple[str, str]:
     """Name and text of the world that a name asks for. Raises SceneError."""
-    seed = parse_barn(asked)
-    return f"{PREFIX}{seed}", barn(seed)
-
-
-def parse_barn(name: str) -> int:
-    """The seed of ``barn:SEED``. Raises SceneError."""
-    match = _NAME.fullmatch(name)
+    match = _NAME.fullmatch(asked)
     if match is None or SEED.refusal("seed", int(match[1])):
-        raise SceneError(f"{name[:60]!r} is no world like those of BARN: write barn:SEED, as barn:17, up to 2^63 - 1")
-    return int(match[1])
+        raise SceneError(f"{asked[:60]!r} is no world like those of BARN: write barn:SEED, as barn:17, up to 2^63 - 1")
+    seed = int(match[1])
+    return f"{PREFIX}{seed}", barn(seed)
 
 
 def barn(seed: int) -> str:

@@ -18,7 +18,6 @@ import dataclasses
 import math
 from typing import Any
 
-import numpy as np
 from shapely.geometry import LineString, Point, Polygon, box
 from shapely.geometry.base import BaseGeometry
 from shapely.ops import unary_union
@@ -63,20 +62,10 @@ def passable(door: Door, bodies: list[BaseGeometry]) -> bool:
     return not any(body.intersects(way) for body in bodies)
 
 
-def at_height(z: float) -> bool:
-    """The arm reaches as far as `STAND` asks at a height [m]."""
-    return LOWEST <= z <= HIGHEST
-
-
 def can_stand(target: Place, ground: BaseGeometry) -> bool:
     """A standing robot can serve the target from some reachable place."""
     around = Point(target).buffer(STAND, quad_segs=32).difference(Point(target).buffer(NEAREST))
     return bool(around.intersects(ground))
-
-
-def can_turn(place: Place, ground: BaseGeometry) -> bool:
-    """The robot stands clear with any heading at a reachable place."""
-    return bool(ground.covers(Point(place)))
 
 
 FLOOR, RIM = 0.02, 0.12  # [m] of a bin above what it stands on
@@ -149,26 +138,16 @@ def _room(rng: Rng, dial: Dial, scale: float) -> Place:
 
 def _walls(layout: Layout) -> None:
     """Four walls round the room, outside its floor."""
-    width, depth = layout.size
-    half = 0.5 * WALL
-    for name, centre, size in (
-        ("wall_south", (0.5 * width, -half), (width, WALL)),
-        ("wall_north", (0.5 * width, depth + half), (width, WALL)),
-        ("wall_west", (-half, 0.5 * depth), (WALL, depth + 2.0 * WALL)),
-        ("wall_east", (width + half, 0.5 * depth), (WALL, depth + 2.0 * WALL)),
-    ):
-        layout.walls[name] = _wall(centre, size)
+    (width, depth), half = layout.size, 0.5 * WALL
+    layout.walls["wall_south"] = _wall((0.5 * width, -half), (width, WALL))
+    layout.walls["wall_north"] = _wall((0.5 * width, depth + half), (width, WALL))
+    layout.walls["wall_west"] = _wall((-half, 0.5 * depth), (WALL, depth + 2.0 * WALL))
+    layout.walls["wall_east"] = _wall((width + half, 0.5 * depth), (WALL, depth + 2.0 * WALL))
 
 
 def _wall(centre: Place, size: Place) -> Entry:
-    (x, y), (a, b) = centre, size
-    return {
-        "shape": "box",
-        "centre": [round(x, 3), round(y, 3)],
-        "size": [round(a, 3), round(b, 3)],
-        "z": [0.0, WALL_HEIGHT],
-        "style": "wall",
-    }
+    at, extent = ([round(value, 3) for value in pair] for pair in (centre, size))
+    return {"shape": "box", "centre": at, "size": extent, "z": [0.0, WALL_HEIGHT], "style": "wall"}
 
 
 def _partition(layout: Layout) -> None:
@@ -189,15 +168,13 @@ def _partition(layout: Layout) -> None:
 def _wanted(rng: Rng, dial: Dial) -> list[tuple[str, Maker]]:
     """Names and kinds of all pieces: those with tasks first, which need the most room."""
     kinds: list[tuple[str, Maker]] = []
-    for index in range(dial.surfaces):
-        kinds.append((f"surface_{index + 1}", (pieces.table, pieces.shelf)[int(rng.integers(2))]))
-    for index in range(dial.bins):
-        kinds.append((f"station_{index + 1}", (pieces.desk, pieces.stand)[int(rng.integers(2))]))
-    for index in range(dial.clutter):
-        kinds.append((f"clutter_{index + 1}", (pieces.cabinet, pieces.column, pieces.corner)[int(rng.integers(3))]))
-    for index in range(dial.boxes):
-        kinds.append((f"box_{index + 1}", pieces.box))
-    return kinds
+    for name, count, makers in (
+        ("surface", dial.surfaces, (pieces.table, pieces.shelf)),
+        ("station", dial.bins, (pieces.desk, pieces.stand)),
+        ("clutter", dial.clutter, (pieces.cabinet, pieces.column, pieces.corner)),
+    ):
+        kinds += [(f"{name}_{index + 1}", makers[int(rng.integers(len(makers)))]) for index in range(count)]
+    return kinds + [(f"box_{index + 1}", pieces.box) for index in range(dial.boxes)]
 
 
 def _placed(layout: Layout, name: str, maker: Maker) -> Piece:
@@ -224,10 +201,8 @@ def _against_a_wall(layout: Layout, draft: pieces.Draft) -> Pose:
     """Its back, +y of its own frame, to one of the four sides of the room."""
     rng, (width, depth) = layout.rng, layout.size
     side, along = int(rng.integers(4)), float(rng.random())
-    away = BACK + 0.5 * draft.width
-    x, y = ((along * width, depth - away), (away, along * depth), (along * width, away), (width - away, along * depth))[
-        side
-    ]
+    away, across, up = BACK + 0.5 * draft.width, along * width, along * depth
+    x, y = ((across, depth - away), (away, up), (across, away), (width - away, up))[side]
     return round(x, 3), round(y, 3), (0.0, 90.0, 180.0, -90.0)[side]
 
 
@@ -261,7 +236,8 @@ def _start(layout: Layout) -> None:
 def _all_served(layout: Layout) -> bool:
     """Every bin, and some place on every surface."""
     for piece in layout.pieces:
-        if not at_height(piece.top if piece.spots else piece.top + RIM) and (piece.spots or piece.bins):
+        target = piece.top if piece.spots else piece.top + RIM
+        if not LOWEST <= target <= HIGHEST and (piece.spots or piece.bins):
             return False
         if piece.spots and not serviceable(layout, piece.spots):
             return False
@@ -289,8 +265,3 @@ def _way_is_free(layout: Layout, points: list[list[float]]) -> bool:
     way = LineString([*points, points[0]]).buffer(AGENT_RADIUS + AGENT_SPARE)
     blocked = [*layout.bodies(), *layout.kept_free, Point(layout.start[:2]).buffer(0.6)]
     return layout.room.covers(way) and not any(way.intersects(body) for body in blocked)
-
-
-def random_of(seed: int, attempt_number: int) -> Rng:
-    """The stream of random numbers of one attempt."""
-    return np.random.default_rng([seed, 0x5CE7E, attempt_number])

@@ -84,13 +84,13 @@ def _crowd(prefix: str, seed: int, rng: np.random.Generator) -> str:
     what = "circle of radius 4 m" if prefix == "circle:" else "square of 10 m"
     lines = [
         *_head(f"CrowdNav, {what}, seed {seed}", start=(0.0, -CIRCLE), goal=(0.0, CIRCLE), limit=LIMIT, reach=7.0),
-        *_agents("", [_person(start, [goal]) for start, goal in ways]),
+        *_agents("", [_person(start, goal) for start, goal in ways]),
         f"seed: {seed}",
         "default_variant: visible",
         "variants:",
         "  visible: {}",
         "  invisible:  # they do not see the robot",
-        *_agents("    ", [_person(start, [goal], "sees_robot: false, ") for start, goal in ways]),
+        *_agents("    ", [_person(start, goal, "sees_robot: false, ") for start, goal in ways]),
     ]
     return "\n".join(lines) + "\n"
 
@@ -106,10 +106,8 @@ def _dynabarn(seed: int, rng: np.random.Generator) -> str:
         "variants:",
     ]
     for level, (slow, quick) in LEVELS.items():
-        there_and_back = [
-            (way, slow + (quick - slow) * share) for way, share in zip(ways, shares.tolist(), strict=True)
-        ]
-        lines += [f"  {level}:", *_agents("    ", [_cylinder(way, speed) for way, speed in there_and_back])]
+        speeds = slow + (quick - slow) * shares
+        lines += [f"  {level}:", *_agents("    ", [_cylinder(*one) for one in zip(ways, speeds, strict=True)])]
     return "\n".join(lines) + "\n"
 
 
@@ -141,18 +139,14 @@ def _head(title: str, *, start: Point, goal: Point, limit: float, reach: float) 
 
 
 def _agents(indent: str, entries: list[str]) -> list[str]:
-    return [f"{indent}agents:", *(f"{indent}  {name}: {entry}" for name, entry in _named(entries))]
+    return [f"{indent}agents:", *(f"{indent}  p_{number}: {entry}" for number, entry in enumerate(entries, 1))]
 
 
-def _named(entries: list[str]) -> list[tuple[str, str]]:
-    return [(f"p_{number}", entry) for number, entry in enumerate(entries, 1)]
-
-
-def _person(start: Point, waypoints: list[Point], more: str = "") -> str:
-    heading = math.degrees(math.atan2(waypoints[0][1] - start[1], waypoints[0][0] - start[0]))
-    points = ", ".join(f"[{x:.4f}, {y:.4f}]" for x, y in waypoints)
+def _person(start: Point, goal: Point, more: str = "") -> str:
+    heading = math.degrees(math.atan2(goal[1] - start[1], goal[0] - start[0]))
     return (
-        f"{{start: {{x: {start[0]:.4f}, y: {start[1]:.4f}, heading_deg: {heading:.3f}}}, waypoints: [{points}], "
+        f"{{start: {{x: {start[0]:.4f}, y: {start[1]:.4f}, heading_deg: {heading:.3f}}}, "
+        f"waypoints: [[{goal[0]:.4f}, {goal[1]:.4f}]], "
         f"speed_mps: {SPEED:g}, radius: {RADIUS:g}, kind: person, behaviour: orca, {more}"
         f"acceleration_mps2: {STEP_ACCELERATION:g}}}"
     )

@@ -132,30 +132,27 @@ def table(rng: Rng, dial: Dial, backed: bool) -> Draft:
 def shelf(rng: Rng, dial: Dial, backed: bool) -> Draft:
     """A solid shelf, cubes on its top."""
     length, width, height = _size(rng, 1.0, 2.4), _size(rng, 0.36, 0.5), _height(rng, dial)
-    return Draft(
-        length, width, {"body": _box(length, width, [0.0, height], "shelf")}, spots=_spots(rng, length, width, backed)
-    )
+    return _boxed(length, width, height, "shelf", spots=_spots(rng, length, width, backed))
 
 
 def desk(rng: Rng, dial: Dial, backed: bool) -> Draft:
     """A desk with a bin at its front edge."""
     length, width, height = _size(rng, 0.6, 1.4), _size(rng, 0.5, 0.7), _lower(rng, dial)
     x = round(float(rng.uniform(-1.0, 1.0)) * (0.5 * length - 0.25), 2)
-    return Draft(length, width, {"body": _box(length, width, [0.0, height], "desk")}, bins=((x, 0.22 - 0.5 * width),))
+    return _boxed(length, width, height, "desk", bins=((x, 0.22 - 0.5 * width),))
 
 
 def stand(rng: Rng, dial: Dial, backed: bool) -> Draft:
     """A round stand, a bin in its middle."""
     radius, height = _size(rng, 0.2, 0.26), _lower(rng, dial)
-    return Draft(
-        2.0 * radius, 2.0 * radius, {"body": _cylinder(radius, [0.0, height], "desk", (0.0, 0.0))}, bins=((0.0, 0.0),)
-    )
+    body = _cylinder(radius, [0.0, height], "desk", (0.0, 0.0))
+    return Draft(2.0 * radius, 2.0 * radius, {"body": body}, bins=((0.0, 0.0),))
 
 
 def cabinet(rng: Rng, dial: Dial, backed: bool) -> Draft:
     """A large piece without tasks."""
     length, width, height = _size(rng, 0.6, 1.6), _size(rng, 0.3, 0.5), _size(rng, 0.5, 1.3)
-    return Draft(length, width, {"body": _box(length, width, [0.0, height], "cabinet")})
+    return _boxed(length, width, height, "cabinet")
 
 
 def column(rng: Rng, dial: Dial, backed: bool) -> Draft:
@@ -176,8 +173,7 @@ def corner(rng: Rng, dial: Dial, backed: bool) -> Draft:
 def box(rng: Rng, dial: Dial, backed: bool) -> Draft:
     """A box that no map knows; the lidar, 0.2 m above the floor, sees it."""
     length, width, height = _size(rng, 0.3, 0.55), _size(rng, 0.3, 0.5), _size(rng, 0.3, 0.6)
-    part = {**_box(length, width, [0.0, height], "box"), "mapped": False}
-    return Draft(length, width, {"body": part})
+    return _boxed(length, width, height, "box", {"mapped": False})
 
 
 def _size(rng: Rng, low: float, high: float) -> float:
@@ -206,6 +202,11 @@ def _spots(rng: Rng, length: float, width: float, backed: bool) -> tuple[tuple[f
 
 def _box(length: float, width: float, z: list[float], style: str) -> Entry:
     return {"shape": "box", "centre": [0.0, 0.0], "size": [length, width], "z": _rounded(z), "style": style}
+
+
+def _boxed(length: float, width: float, height: float, style: str, more: Entry | None = None, **places: Any) -> Draft:
+    """A piece that is one box; ``places`` on it."""
+    return Draft(length, width, {"body": _box(length, width, [0.0, height], style) | (more or {})}, **places)
 
 
 def _cylinder(radius: float, z: list[float], style: str, at: tuple[float, float]) -> Entry:

@@ -8,6 +8,7 @@ import math
 from dataclasses import dataclass, field
 from functools import partial
 
+import msgspec
 import numpy as np
 
 from motm_twin.control.arm.controller import Decision, Manipulator
@@ -31,16 +32,7 @@ from motm_twin.planning.parameters import PlanningParameters
 from motm_twin.planning.planner import BasePlanner
 from motm_twin.planning.reach import Job, ReachModel, in_reach
 from motm_twin.planning.rtr import turn
-from motm_twin.planning.types import (
-    BasePlan,
-    BaseProblem,
-    Mode,
-    Placement,
-    PlanStatus,
-    SearchBudget,
-    Target,
-    empty_path,
-)
+from motm_twin.planning.types import BasePlan, BaseProblem, Placement, PlanStatus, SearchBudget, Target, no_placement
 
 STEP = 0.1  # [s] between two poses of the forecast
 STEPS = 30  # 3 s: the arm leaves at most as long before
@@ -56,16 +48,8 @@ class Forecast:
 
     def motion(self, pose: Array, twist: Array, wanted: Array) -> tuple[Array, Array]:
         """Times [s] from now (31,), and x, y, heading, v, w at each, shape (31, 5), when ``wanted`` is kept."""
-        poses = np.empty((STEPS + 1, 5))
-        limits = self._limits
-        follow(
-            np.asarray(pose, dtype=float),
-            np.asarray(twist, dtype=float),
-            np.asarray(wanted, dtype=float),
-            limits.linear_acceleration * STEP,
-            limits.yaw_acceleration * STEP,
-            poses,
-        )
+        poses, (dv, dw) = np.empty((STEPS + 1, 5)), (self._limits.accelerations * STEP).tolist()
+        follow(*(np.asarray(one, dtype=float) for one in (pose, twist, wanted)), dv, dw, poses)
         return frozen(STEP * np.arange(STEPS + 1)), poses
 
     def time_to_range(self, times: Array, poses: Array, target: Target | None) -> float:
@@ -151,26 +135,19 @@ class BaseAction(Stateful[BaseActionState]):
             acceleration=frozen(acceleration),
             status=PlanStatus.AGENT,
             why=why,
-            global_path=empty_path(),
-            next_path=empty_path(),
             intermediate_goal=frozen(np.full(3, math.nan)),
             local_poses=frozen(poses),
             local_times=frozen(times),
-            bezier=empty_path(),
-            expansions=0,
-            cut_by_clock=False,
             t_h=math.inf,
-            k=1.0,
             time_to_range=self.forecast.time_to_range(times, poses, problem.target),
         )
 
     def _acceleration(self, problem: BaseProblem) -> tuple[Array, Reason | None]:
         """Acceleration towards the requested twist, and the reason when it is limited; shape (2,) [m/s^2, rad/s^2]."""
-        v, w = (float(value) for value in self._state.twist)
-        most = np.array([self._limits.linear_acceleration, self._limits.yaw_acceleration])
-        asked = np.clip(((v, w) - problem.twist) / problem.period, -most, most)
+        asked = self._limits.within((self._state.twist - problem.twist) / problem.period)
         if self._guard is None:
             return asked, None
+        v, w = self._state.twist.tolist()
         self._guard.take(Drive(v=v, w=w))
         guarded = self._guard.plan(problem)
         assert guarded is not None  # it was told right now
@@ -183,21 +160,7 @@ class NoPlacement:
 
     def place(self, problem: BaseProblem) -> Placement:
         """No candidates; the goal is where the base is."""
-        none = frozen(np.zeros(0))
-        return Placement(
-            mode=Mode.NONE,
-            radius=0.0,
-            poses=frozen(np.zeros((0, 3))),
-            cost_current=none,
-            cost_next=none,
-            cost=none,
-            rejected=(),
-            chosen=-1,
-            goal=frozen(problem.pose),
-            goal_has_heading=False,
-            why=Reason(kind=Kind.BY_AGENT),
-            next_goal=None,
-        )
+        return msgspec.structs.replace(no_placement(problem.pose), why=Reason(kind=Kind.BY_AGENT))
 
 
 @dataclass
@@ -246,7 +209,8 @@ class ArmAction(Manipulator):
         """The phase of this step, from what the gripper was told and what its width says; returns the outcome."""
         state = self._state
         if state.phase == Phase.RELEASE:
-            return self._let_go(view)
+            open_now = self._over(self.profile.gripper.opening_time, view)
+            return self._drop(view, "placed" if state.over_bin else "lost") if open_now else ""
         if state.holding:
             return self._hold(view)
         state.gripper = state.asked_gripper
@@ -284,11 +248,6 @@ class ArmAction(Manipulator):
             enter(state, Phase.CARRY, view.time)
             return "picked"
         return ""
-
-    def _let_go(self, view: View) -> str:
-        if not self._over(self.profile.gripper.opening_time, view):
-            return ""
-        return self._drop(view, "placed" if self._state.over_bin else "lost")
 
     def _drop(self, view: View, outcome: str) -> str:
         """Nothing is held any more; an object that was never lifted makes no outcome."""

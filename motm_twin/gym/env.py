@@ -192,6 +192,7 @@ class MotmEnv(gymnasium.Env[Observed, Action]):
     def _info(self) -> dict[str, Any]:
         """Counts of the referee so far, and why the robot stands or is slowed."""
         score, tick, scene = self._score, self._view.tick, self.twin.scene
+        whole = tick is not None and tick.success and len(score.placed) == _places(tick)
         return {
             "variant": scene.variant,
             "seed": scene.seed,
@@ -204,11 +205,7 @@ class MotmEnv(gymnasium.Env[Observed, Action]):
             "contacts_caused": score.caused,
             "given_up": score.given_up,
             "stop_reason": "" if tick is None else tick.stop_reason,
-            "is_success": tick is not None
-            and tick.success
-            and len(score.placed) == _places(tick)
-            and not score.caused
-            and not score.dropped,
+            "is_success": whole and not score.caused and not score.dropped,
         }
 
 

@@ -6,7 +6,7 @@ For imitation, as a baseline, and to check that the environment is the same task
 import numpy as np
 from numpy.typing import NDArray
 
-from motm_twin.control.arm.types import ArmInputs, ArmObstacles, ArmStep
+from motm_twin.control.arm.types import ArmInputs, ArmObstacles
 from motm_twin.control.method import ArmParts, PlannerParts
 from motm_twin.control.predictor import followed
 from motm_twin.control.targets import odometry_to_world
@@ -30,9 +30,8 @@ class Expert:
         check_fits(chosen, whole_body=env.whole_body)
         numbers = tuned(chosen.parameters)
         self._env, self._known = env, env.twin.loop.known
-        self._planner = chosen.planner(
-            PlannerParts(known=self._known, parameters=numbers.planning, movers=numbers.movers)
-        )
+        parts = PlannerParts(known=self._known, parameters=numbers.planning, movers=numbers.movers)
+        self._planner = chosen.planner(parts)
         self._arm = chosen.arm(ArmParts(known=self._known, parameters=numbers.arm))
 
     def action(self) -> NDArray[np.float32]:
@@ -48,19 +47,12 @@ class Expert:
         if len(action) > 2:
             step = self._arm.step(_inputs(view, plan, twist, self._known.robot.base.velocity_lag))
             twist = step.actuation.twist
-            action[2:] = _of_arm(step)
-        action[:2] = self._of_base(twist)
-        return np.clip(action, -1.0, 1.0).astype(np.float32)
-
-    def _of_base(self, twist: Array) -> tuple[float, float]:
+            action[2:9] = step.actuation.joint_velocity / DQ_MAX
+            action[9] = 1.0 if step.actuation.gripper == "close" else -1.0
         base = self._known.robot.base
         speed = base.forward_speed if twist[0] > 0.0 else base.reverse_speed
-        return float(twist[0]) / speed if speed > 0.0 else 0.0, float(twist[1]) / base.yaw_rate
-
-
-def _of_arm(step: ArmStep) -> Array:
-    fingers = 1.0 if step.actuation.gripper == "close" else -1.0
-    return np.append(step.actuation.joint_velocity / DQ_MAX, fingers)
+        action[:2] = float(twist[0]) / speed if speed > 0.0 else 0.0, float(twist[1]) / base.yaw_rate
+        return np.clip(action, -1.0, 1.0).astype(np.float32)
 
 
 def _inputs(view: AgentView, plan: BasePlan, twist: Array, lag: float) -> ArmInputs:

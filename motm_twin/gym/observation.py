@@ -2,13 +2,14 @@
 
 import math
 import sys
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from motm_twin.control.arm.types import ArmGoal, Phase
+from motm_twin.control.arm.types import ArmGoal, ArmStep, Phase
 from motm_twin.control.predictor import dwell_to_plan
 from motm_twin.control.targets import odometry_to_world
 from motm_twin.control.tick import Tick
@@ -100,8 +101,17 @@ FAR = 50.0  # [m] positions are clipped to
 LATE = 60.0  # [s] times are clipped to
 SPEED_ROOM = 1.5  # measured speeds may exceed the limits of the robot by this, noise and lags included
 
-Floats = NDArray[np.float32]
 Observed = dict[str, Any]
+
+
+class Now(NamedTuple):
+    """All that an observation is made of."""
+
+    view: AgentView
+    seen: Observation
+    arm: ArmStep | None  # of the last period
+    limit: float  # [s] of the episode
+    tasks: int
 
 
 class ObservationReader:
@@ -116,48 +126,13 @@ class ObservationReader:
         self._mount = np.array([arm.mount_x, arm.mount_y, arm.mount_z])
         self._sectors: tuple[Any, NDArray[np.int64], NDArray[np.int64]] | None = None  # of the last kind of scan
         self.range_max = robot.lidar.range_max
-        self.space = self._space()
+        self._entries = self._table()
+        self.space = spaces.Dict({name: space for name, (space, _) in self._entries.items()})
 
     def read(self, view: AgentView, *, limit: float, tasks: int) -> Observed:
         """The observation; ``limit`` [s] of the episode, ``tasks``: length of the task list."""
-        now, tick = view.observation, view.tick
-        done = 0 if tick is None else sum(task.status in ("done", "failed") for task in tick.tasks)
-        phase = Phase.STOW if tick is None else tick.arm[-1].phase
-        holding = tick is not None and tick.arm[-1].holding
-        x, y, heading = now.pose
-        values: dict[str, Any] = {
-            "pose": (x, y, math.cos(heading), math.sin(heading)),
-            "twist": now.twist,
-            "command": view.twist,
-            "target": _place(view.target, view.goal, view),
-            "target_turn": _turn(view.goal, now.odometry),
-            "target_sd": view.goal.position_sd,
-            "next_target": _place(view.next_target, view.next_goal, view),
-            "time_to_range": view.time_to_range,
-            "dwell": view.dwell,
-            "lidar": self._ranges(now.scan),
-            "joints": now.q,
-            "joint_rates": now.dq,
-            "hand": self._mount + fk_arm(now.q)[TCP, :3, 3],
-            "gripper": now.gripper_width,
-            "time_left": 1.0 - now.time / limit,
-            "progress": done / max(1, tasks),
-        }
-        observed: Observed = {name: self._fitted(name, value) for name, value in values.items()}
-        observed |= {
-            "task": np.int64(_task(view.target)),
-            "next_task": np.int64(_task(view.next_target)),
-            "phase": np.int64(PHASES.index(phase)),
-            "engaged": np.int64(view.engaged),
-            "holding": np.int64(holding),
-        }
-        return {name: observed[name] for name in self.space.spaces}
-
-    def _fitted(self, name: str, value: Any) -> Floats:
-        """As float32 within the bounds of its box."""
-        box = self.space.spaces[name]
-        assert isinstance(box, spaces.Box)
-        return np.clip(np.atleast_1d(np.asarray(value, dtype=np.float32)), box.low, box.high)
+        now = Now(view, view.observation, None if view.tick is None else view.tick.arm[-1], limit, tasks)
+        return {name: _fitted(space, self._entries[name][1](now)) for name, space in self.space.spaces.items()}
 
     def _ranges(self, scan: Scan | None) -> Array:
         """The nearest return [m] of every sector, from straight behind counter-clockwise."""
@@ -177,35 +152,54 @@ class ObservationReader:
             self._sectors = (kind, *np.unique(sector, return_index=True))
         return self._sectors[1:]
 
-    def _space(self) -> spaces.Dict:
-        base, lidar = self._robot.base, self._robot.lidar
+    def _table(self) -> dict[str, tuple[spaces.Space, Callable[["Now"], Any]]]:
+        """Space and value of every entry."""
+        base, lidar, mount = self._robot.base, self._robot.lidar, self._mount
         fastest = SPEED_ROOM * np.array([max(base.forward_speed, base.reverse_speed), base.yaw_rate])
-        point = _box([-FAR, -FAR, 0.0], [FAR, FAR, 5.0])
-        return spaces.Dict(
-            {
-                "pose": _box([-FAR, -FAR, -1.0, -1.0], [FAR, FAR, 1.0, 1.0]),
-                "twist": _box(-fastest, fastest),
-                "command": _box(-fastest, fastest),
-                "task": spaces.Discrete(len(TASKS)),
-                "target": point,
-                "target_turn": _box([-1.0, -1.0], [1.0, 1.0]),
-                "target_sd": _box([0.0], [1.0]),
-                "next_task": spaces.Discrete(len(TASKS)),
-                "next_target": point,
-                "time_to_range": _box([0.0], [LATE]),
-                "dwell": _box([0.0], [LATE]),
-                "lidar": _box([0.0] * self._beams, [lidar.range_max] * self._beams),
-                "joints": _box(Q_MIN - 0.1, Q_MAX + 0.1),
-                "joint_rates": _box(-SPEED_ROOM * DQ_MAX, SPEED_ROOM * DQ_MAX),
-                "hand": _box([-2.0, -2.0, -0.5], [2.0, 2.0, 2.0]),
-                "gripper": _box([0.0], [0.1]),
-                "phase": spaces.Discrete(len(PHASES)),
-                "engaged": spaces.Discrete(2),
-                "holding": spaces.Discrete(2),
-                "time_left": _box([0.0], [1.0]),
-                "progress": _box([0.0], [1.0]),
-            }
-        )
+        point, unit, times = _box([-FAR, -FAR, 0.0], [FAR, FAR, 5.0]), _box([0.0], [1.0]), _box([0.0], [LATE])
+        yes_or_no, task = spaces.Discrete(2), spaces.Discrete(len(TASKS))
+        sectors = _box([0.0] * self._beams, [lidar.range_max] * self._beams)
+        return {
+            "pose": (_box([-FAR, -FAR, -1.0, -1.0], [FAR, FAR, 1.0, 1.0]), _pose),
+            "twist": (_box(-fastest, fastest), lambda now: now.seen.twist),
+            "command": (_box(-fastest, fastest), lambda now: now.view.twist),
+            "task": (task, lambda now: _task(now.view.target)),
+            "target": (point, lambda now: _place(now.view.target, now.view.goal, now.seen)),
+            "target_turn": (_box([-1.0, -1.0], [1.0, 1.0]), lambda now: _turn(now.view.goal, now.seen.odometry)),
+            "target_sd": (unit, lambda now: now.view.goal.position_sd),
+            "next_task": (task, lambda now: _task(now.view.next_target)),
+            "next_target": (point, lambda now: _place(now.view.next_target, now.view.next_goal, now.seen)),
+            "time_to_range": (times, lambda now: now.view.time_to_range),
+            "dwell": (times, lambda now: now.view.dwell),
+            "lidar": (sectors, lambda now: self._ranges(now.seen.scan)),
+            "joints": (_box(Q_MIN - 0.1, Q_MAX + 0.1), lambda now: now.seen.q),
+            "joint_rates": (_box(-SPEED_ROOM * DQ_MAX, SPEED_ROOM * DQ_MAX), lambda now: now.seen.dq),
+            "hand": (_box([-2.0, -2.0, -0.5], [2.0, 2.0, 2.0]), lambda now: mount + fk_arm(now.seen.q)[TCP, :3, 3]),
+            "gripper": (_box([0.0], [0.1]), lambda now: now.seen.gripper_width),
+            "phase": (spaces.Discrete(len(PHASES)), lambda now: PHASES.index(now.arm.phase if now.arm else Phase.STOW)),
+            "engaged": (yes_or_no, lambda now: now.view.engaged),
+            "holding": (yes_or_no, lambda now: now.arm is not None and now.arm.holding),
+            "time_left": (unit, lambda now: 1.0 - now.seen.time / now.limit),
+            "progress": (unit, _progress),
+        }
+
+
+def _fitted(space: spaces.Space, value: Any) -> Any:
+    """As float32 within the bounds of a box, or as a discrete number."""
+    if not isinstance(space, spaces.Box):
+        return np.int64(value)
+    return np.clip(np.atleast_1d(np.asarray(value, dtype=np.float32)), space.low, space.high)
+
+
+def _pose(now: Now) -> tuple[float, ...]:
+    x, y, heading = now.seen.pose
+    return x, y, math.cos(heading), math.sin(heading)
+
+
+def _progress(now: Now) -> float:
+    tick = now.view.tick
+    done = 0 if tick is None else sum(task.status in ("done", "failed") for task in tick.tasks)
+    return done / max(1, now.tasks)
 
 
 def _box(low: Any, high: Any) -> spaces.Box:
@@ -216,9 +210,8 @@ def _task(target: Target | None) -> int:
     return TASKS.index("none" if target is None else target.kind)
 
 
-def _place(target: Target | None, goal: ArmGoal, view: AgentView) -> Array:
+def _place(target: Target | None, goal: ArmGoal, now: Observation) -> Array:
     """Position of a target in the base frame, z above the floor [m], shape (3,); zeros without one."""
-    now = view.observation
     if goal.kind != "none":
         return to_frame(now.odometry, goal.position)
     if target is None:

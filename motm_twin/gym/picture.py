@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,7 +11,7 @@ from PIL import Image, ImageDraw, ImageFont
 from motm_twin.gym.observation import AgentView
 from motm_twin.gym.reward import Score
 from motm_twin.model.arm_kernels import TCP, fk_arm
-from motm_twin.model.geometry import Array, from_frame
+from motm_twin.model.geometry import Array, from_frame, rectangle
 from motm_twin.model.plant import BodyTruth, Truth
 from motm_twin.model.scene import Bin, Box, Cylinder, Prism, Scene
 from motm_twin.ui.colours import BRAND, NAMED, PEOPLE, TARGET, WAY_THERE, Rgb
@@ -59,7 +60,7 @@ class TopView:
         for body in truth.objects:
             self._body(pen, body, NAMED["red"] if body.state != "held" else NAMED["orange"])
         if view.target is not None:
-            self._ring(pen, view.target.position, 0.12)
+            self._disc(pen, view.target.position, 0.12, outline=TARGET, width=2 * FINER)
         self._header(pen, view, score)
         small = image.resize((self._size[0] // FINER, self._size[1] // FINER), Image.Resampling.BOX)
         return np.asarray(small, dtype=np.uint8)
@@ -77,7 +78,7 @@ class TopView:
             colour = {"wall": WALL, "table": TABLE, "desk": TABLE}.get(solid.style, LOW)
             shape = solid.shape
             if isinstance(shape, Cylinder):
-                self._disc(pen, np.array(shape.centre), shape.radius, colour)
+                self._disc(pen, shape.centre, shape.radius, fill=colour, outline=INK)
             else:
                 pen.polygon(self._pixels(_corners(shape)), fill=colour, outline=INK)
         for place in self._scene.bins:
@@ -87,34 +88,27 @@ class TopView:
     def _grid(self, pen: ImageDraw.ImageDraw) -> None:
         """A line each metre."""
         x_min, y_min, x_max, y_max = self._scene.bounds
-        for x in range(math.ceil(x_min), math.floor(x_max) + 1):
-            pen.line(self._pixels([(x, y_min), (x, y_max)]), fill=(232, 232, 228), width=FINER)
-        for y in range(math.ceil(y_min), math.floor(y_max) + 1):
-            pen.line(self._pixels([(x_min, y), (x_max, y)]), fill=(232, 232, 228), width=FINER)
+        lines = [[(x, y_min), (x, y_max)] for x in range(math.ceil(x_min), math.floor(x_max) + 1)]
+        lines += [[(x_min, y), (x_max, y)] for y in range(math.ceil(y_min), math.floor(y_max) + 1)]
+        for line in lines:
+            pen.line(self._pixels(line), fill=(232, 232, 228), width=FINER)
 
     def _bin(self, pen: ImageDraw.ImageDraw, place: Bin) -> None:
-        frame = np.array([*place.centre, place.yaw])
-        pen.polygon(self._pixels(from_frame(frame, _square(place.side))), fill=BRAND, outline=INK)
-        inner = place.side - 2.0 * max(place.wall, 0.02)
-        pen.polygon(self._pixels(from_frame(frame, _square(inner))), fill=(176, 200, 222))
+        frame, inner = (*place.centre, place.yaw), place.side - 2.0 * max(place.wall, 0.02)
+        pen.polygon(self._pixels(rectangle(frame, (place.side, place.side))), fill=BRAND, outline=INK)
+        pen.polygon(self._pixels(rectangle(frame, (inner, inner))), fill=(176, 200, 222))
 
-    def _disc(self, pen: ImageDraw.ImageDraw, centre: Array, radius: float, colour: Rgb) -> None:
+    def _disc(self, pen: ImageDraw.ImageDraw, centre: Sequence[float] | Array, radius: float, **style: Any) -> None:
         (x, y), r = self._pixels([centre])[0], radius * self._scale
-        pen.ellipse((x - r, y - r, x + r, y + r), fill=colour, outline=INK)
-
-    def _ring(self, pen: ImageDraw.ImageDraw, centre: Array, radius: float) -> None:
-        (x, y), r = self._pixels([centre])[0], radius * self._scale
-        pen.ellipse((x - r, y - r, x + r, y + r), outline=TARGET, width=2 * FINER)
+        pen.ellipse((x - r, y - r, x + r, y + r), **style)
 
     def _body(self, pen: ImageDraw.ImageDraw, body: BodyTruth, colour: Rgb) -> None:
-        half = 0.5 * np.array(body.size[:2])
-        corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * half
-        frame = np.array([body.position[0], body.position[1], body.yaw])
-        pen.polygon(self._pixels(from_frame(frame, corners)), fill=colour, outline=INK)
+        corners = rectangle((*body.position[:2], body.yaw), body.size)
+        pen.polygon(self._pixels(corners), fill=colour, outline=INK)
 
     def _agent(self, pen: ImageDraw.ImageDraw, body: BodyTruth) -> None:
         centre, radius = np.array(body.position[:2]), 0.5 * body.size[0]
-        self._disc(pen, centre, radius, AGENT)
+        self._disc(pen, centre, radius, fill=AGENT, outline=INK)
         nose = centre + radius * np.array([math.cos(body.yaw), math.sin(body.yaw)])
         pen.line(self._pixels([centre, nose]), fill=INK, width=2 * FINER)
 
@@ -132,9 +126,8 @@ class TopView:
     def _robot(self, pen: ImageDraw.ImageDraw, truth: Truth, view: AgentView) -> None:
         robot = self._scene.robot
         foot, arm = robot.footprint, robot.arm
-        corners = np.array([[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]]) * (foot.length, foot.width)
-        corners[:, 0] += foot.offset_x
-        pen.polygon(self._pixels(from_frame(truth.pose, corners)), fill=BODY, outline=INK)
+        corners = rectangle(truth.pose.tolist(), (foot.length, foot.width), foot.offset_x)
+        pen.polygon(self._pixels(corners), fill=BODY, outline=INK)
         front = foot.offset_x + 0.5 * foot.length
         nose = np.array([[front - 0.1, 0.08], [front - 0.02, 0.0], [front - 0.1, -0.08]])
         pen.line(self._pixels(from_frame(truth.pose, nose)), fill=ARM, width=2 * FINER, joint="curve")
@@ -159,14 +152,5 @@ class TopView:
         pen.text((FINER * 8, FINER * 4), text, fill=INK, font=self._font)
 
 
-def _square(side: float) -> Array:
-    half = 0.5 * side
-    return np.array([[-half, -half], [half, -half], [half, half], [-half, half]])
-
-
 def _corners(shape: Box | Prism) -> Array:
-    if isinstance(shape, Prism):
-        return np.array(shape.corners)
-    half = 0.5 * np.array(shape.size)
-    frame = np.array([*shape.centre, shape.yaw])
-    return from_frame(frame, np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * half)
+    return np.array(shape.corners) if isinstance(shape, Prism) else rectangle((*shape.centre, shape.yaw), shape.size)

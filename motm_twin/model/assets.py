@@ -14,12 +14,7 @@ from motm_twin.model.kinematics import LINKS
 Faces = NDArray[np.uint32]
 
 _SHAPED = {link: "base" if link == "base_link" else link.removeprefix("panda_") for link in LINKS}
-PROPS = (
-    "temi",
-    "person",
-    "cube",
-    "bin",
-)  # modelled things of a scene, origin on the floor (temi) or at the centre (cube)
+PROPS = ("temi", "person", "cube", "bin")  # things of a scene, origin on the floor (temi) or at the centre (cube)
 
 VISUAL = {**{link: f"visual/{name}.glb" for link, name in _SHAPED.items()}, **{n: f"visual/{n}.glb" for n in PROPS}}
 GHOST = {link: f"ghost/{name}.glb" for link, name in _SHAPED.items()}

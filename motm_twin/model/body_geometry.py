@@ -7,9 +7,9 @@ stands within it. Fingers are regions of the hand that contain them at every gri
 
 import numpy as np
 
+from motm_twin.model.arm_kernels import ARM_FRAMES
 from motm_twin.model.compiler import njit
 from motm_twin.model.geometry import Array, frozen
-from motm_twin.model.kinematics import ARM_FRAMES
 
 _TABLE = (  # link, end points x, y, z, x, y, z and radius [m] in the link's frame
     ("panda_link1", 0.0002, -0.0488, 0.0000, -0.0010, -0.0043, -0.1486, 0.0742),

@@ -4,7 +4,7 @@ Everything that lists faults is generated from or checked against it: the edit, 
 and the documents.
 """
 
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import msgspec
 
@@ -13,17 +13,18 @@ from motm_twin.model.bounds import Between, OneOf
 SECONDS = Between(0.05, 60.0, unit="s", called="a fault of")  # that it lasts
 DELAY = Between(0, 5.0, unit="s", called="a delay of")  # of whatever comes or acts late
 JOINT = Between(1, 7)
+USUAL_JOINT = 4
 Field = Literal["", "delay", "amount", "joint"]
 
 
-class FaultKind(msgspec.Struct, frozen=True, kw_only=True):
+class FaultKind(msgspec.Struct, frozen=True):
     """One kind of fault. Its number, if it has one, is a field of the edit: ``delay``, ``amount`` or ``joint``."""
 
     name: str
     group: str  # lidar | camera | localisation | wheels | arm | state
     button: str  # on the page
-    what: str  # one line for documents
     phrase: str  # while it lasts; "{}" stands for its number
+    what: str  # one line for documents
     number: Field = ""
     low: float = 0.0
     high: float = 0.0
@@ -42,182 +43,98 @@ class FaultKind(msgspec.Struct, frozen=True, kw_only=True):
         return 0.0
 
 
-def _late(name: str, group: str, button: str, what: str, phrase: str) -> FaultKind:
-    return FaultKind(
-        name=name,
-        group=group,
-        button=button,
-        what=what,
-        phrase=phrase,
-        number="delay",
-        high=DELAY.high,
-        usual=0.5,
-        unit="s",
-    )
+_LATE = ("delay", 0.0, DELAY.high, 0.5, "s")
 
 
-def _by(
-    name: str, group: str, button: str, what: str, phrase: str, bounds: tuple[float, float, float], unit: str
-) -> FaultKind:
-    """A kind with an amount; ``bounds``: least, most, usual."""
-    low, high, usual = bounds
-    return FaultKind(
-        name=name, group=group, button=button, what=what, phrase=phrase, number="amount", low=low, high=high,
-        usual=usual, unit=unit,
-    )  # fmt: skip
+def _kind(head: tuple[str, str, str, str], what: str, number: tuple[Any, ...]) -> FaultKind:
+    return FaultKind(*head, what, *number)
 
 
-KINDS: dict[str, FaultKind] = {
-    kind.name: kind
-    for kind in (
-        FaultKind(name="lidar_off", group="lidar", button="Lidar off", what="no sweep comes", phrase="lidar off"),
-        FaultKind(
-            name="lidar_frozen",
-            group="lidar",
-            button="Lidar frozen",
-            what="the last sweep comes again and again, with fresh stamps",
-            phrase="lidar frozen",
-        ),
-        FaultKind(
-            name="lidar_blind", group="lidar", button="Lidar blind", what="no beam returns", phrase="lidar blind"
-        ),
-        _by(
-            "lidar_sector",
-            "lidar",
-            "Lidar half blind",
-            "no beam within this angle, straight ahead, returns",
-            "{:.0f} deg of the lidar blind",
-            (5.0, 360.0, 90.0),
-            "deg",
-        ),
-        _by(
-            "lidar_nan",
-            "lidar",
-            "Lidar NaN",
-            "a share of the beams, at least one, says nan",
-            "{:.3g} of the lidar's beams nan",
-            (0.0, 1.0, 0.3),
-            "share",
-        ),
-        _by(
-            "lidar_noise",
-            "lidar",
-            "Lidar noisy",
-            "the noise of the ranges is so many times as large (of 0.01 m where it is none)",
-            "lidar noise {:g} times as large",
-            (1.0, 50.0, 10.0),
-            "times",
-        ),
-        _late("lidar_delay", "lidar", "Lidar late", "sweeps come late, with their true stamps", "lidar {:.2f} s late"),
-        FaultKind(
-            name="camera_off", group="camera", button="Camera off", what="nothing is detected", phrase="camera off"
-        ),
-        _late(
-            "camera_delay",
-            "camera",
-            "Camera late",
-            "detections come late, with their true stamps",
-            "camera {:.2f} s late",
-        ),
-        _by(
-            "camera_ghost",
-            "camera",
-            "Ghost cube",
-            "an object is reported beside where it stands, whatever the camera looks at",
-            "a ghost {:.2f} m beside an object",
-            (0.1, 2.0, 0.3),
-            "m",
-        ),
-        FaultKind(
-            name="camera_swap",
-            group="camera",
-            button="Cube swap",
-            what="the two objects nearest to the camera are taken for each other",
-            phrase="two objects swapped",
-        ),
-        FaultKind(
-            name="camera_lost",
-            group="camera",
-            button="Cube lost",
-            what="the object nearest to the camera is not detected",
-            phrase="the nearest object not detected",
-        ),
-        _by(
-            "pose_jump",
-            "localisation",
-            "Pose jump",
-            "the localised pose is so far off",
-            "localisation {:.2f} m off",
-            (0.1, 1.0, 0.3),
-            "m",
-        ),
-        _by(
-            "pose_drift",
-            "localisation",
-            "Pose drift",
-            "the localised pose drifts off at this speed",
-            "localisation drifts at {:.2f} m/s",
-            (0.05, 0.5, 0.1),
-            "m/s",
-        ),
-        _by(
-            "odometry_jump",
-            "wheels",
-            "Odometry jump",
-            "odometry is so far off",
-            "odometry {:.2f} m off",
-            (0.1, 1.0, 0.3),
-            "m",
-        ),
-        _by(
-            "wheel_slip",
-            "wheels",
-            "Wheels slip",
-            "this share of what the wheels turn does not move the base",
-            "wheels slip by {:.0%}",
-            (0.05, 1.0, 0.5),
-            "share",
-        ),
-        _late(
-            "base_lag",
-            "wheels",
-            "Base late",
-            "the base follows its commands with so much more lag",
-            "base lags {:.2f} s more",
-        ),
-        FaultKind(
-            name="base_stuck",
-            group="wheels",
-            button="Base stuck",
-            what="the wheels brake, and stand",
-            phrase="base stuck",
-        ),
-        FaultKind(
-            name="joint_stuck",
-            group="arm",
-            button="Joint stuck",
-            what="one joint of the arm brakes, and stands",
-            phrase="joint {:.0f} stuck",
-            number="joint",
-            low=JOINT.low,
-            high=JOINT.high,
-            usual=4,
-            unit="",
-        ),
-        FaultKind(
-            name="gripper_stuck", group="arm", button="Fingers stuck", what="the fingers stand", phrase="gripper stuck"
-        ),
-        _late(
-            "state_delay",
-            "state",
-            "State late",
-            "all that the robot says of its own motion comes late, and says so",
-            "state of the robot {:.2f} s late",
-        ),
-    )
-}
+_TABLE = (  # name, group, button and phrase; one line for documents; number: its field, least, most, usual, unit
+    (("lidar_off", "lidar", "Lidar off", "lidar off"), "no sweep comes", ()),
+    (
+        ("lidar_frozen", "lidar", "Lidar frozen", "lidar frozen"),
+        "the last sweep comes again and again, with fresh stamps",
+        (),
+    ),
+    (("lidar_blind", "lidar", "Lidar blind", "lidar blind"), "no beam returns", ()),
+    (
+        ("lidar_sector", "lidar", "Lidar half blind", "{:.0f} deg of the lidar blind"),
+        "no beam within this angle, straight ahead, returns",
+        ("amount", 5.0, 360.0, 90.0, "deg"),
+    ),
+    (
+        ("lidar_nan", "lidar", "Lidar NaN", "{:.3g} of the lidar's beams nan"),
+        "a share of the beams, at least one, says nan",
+        ("amount", 0.0, 1.0, 0.3, "share"),
+    ),
+    (
+        ("lidar_noise", "lidar", "Lidar noisy", "lidar noise {:g} times as large"),
+        "the noise of the ranges is so many times as large (of 0.01 m where it is none)",
+        ("amount", 1.0, 50.0, 10.0, "times"),
+    ),
+    (("lidar_delay", "lidar", "Lidar late", "lidar {:.2f} s late"), "sweeps come late, with their true stamps", _LATE),
+    (("camera_off", "camera", "Camera off", "camera off"), "nothing is detected", ()),
+    (
+        ("camera_delay", "camera", "Camera late", "camera {:.2f} s late"),
+        "detections come late, with their true stamps",
+        _LATE,
+    ),
+    (
+        ("camera_ghost", "camera", "Ghost cube", "a ghost {:.2f} m beside an object"),
+        "an object is reported beside where it stands, whatever the camera looks at",
+        ("amount", 0.1, 2.0, 0.3, "m"),
+    ),
+    (
+        ("camera_swap", "camera", "Cube swap", "two objects swapped"),
+        "the two objects nearest to the camera are taken for each other",
+        (),
+    ),
+    (
+        ("camera_lost", "camera", "Cube lost", "the nearest object not detected"),
+        "the object nearest to the camera is not detected",
+        (),
+    ),
+    (
+        ("pose_jump", "localisation", "Pose jump", "localisation {:.2f} m off"),
+        "the localised pose is so far off",
+        ("amount", 0.1, 1.0, 0.3, "m"),
+    ),
+    (
+        ("pose_drift", "localisation", "Pose drift", "localisation drifts at {:.2f} m/s"),
+        "the localised pose drifts off at this speed",
+        ("amount", 0.05, 0.5, 0.1, "m/s"),
+    ),
+    (
+        ("odometry_jump", "wheels", "Odometry jump", "odometry {:.2f} m off"),
+        "odometry is so far off",
+        ("amount", 0.1, 1.0, 0.3, "m"),
+    ),
+    (
+        ("wheel_slip", "wheels", "Wheels slip", "wheels slip by {:.0%}"),
+        "this share of what the wheels turn does not move the base",
+        ("amount", 0.05, 1.0, 0.5, "share"),
+    ),
+    (
+        ("base_lag", "wheels", "Base late", "base lags {:.2f} s more"),
+        "the base follows its commands with so much more lag",
+        _LATE,
+    ),
+    (("base_stuck", "wheels", "Base stuck", "base stuck"), "the wheels brake, and stand", ()),
+    (
+        ("joint_stuck", "arm", "Joint stuck", "joint {:.0f} stuck"),
+        "one joint of the arm brakes, and stands",
+        ("joint", JOINT.low, JOINT.high, USUAL_JOINT, ""),
+    ),
+    (("gripper_stuck", "arm", "Fingers stuck", "gripper stuck"), "the fingers stand", ()),
+    (
+        ("state_delay", "state", "State late", "state of the robot {:.2f} s late"),
+        "all that the robot says of its own motion comes late, and says so",
+        _LATE,
+    ),
+)
+KINDS = {head[0]: _kind(head, what, number) for head, what, number in _TABLE}
 NAMES = tuple(KINDS)
-USUAL_JOINT = 4
 
 
 class FaultFields(msgspec.Struct, frozen=True, kw_only=True):

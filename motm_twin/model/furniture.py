@@ -12,7 +12,7 @@ import numpy as np
 
 from motm_twin.model.geometry import Array, from_frame, frozen, to_frame, wrap_angle
 from motm_twin.model.scene import Bin, Box, Cylinder, PlanarPose, Point, Prism, Scene, SceneObject, Solid
-from motm_twin.model.scene_shapes import outline
+from motm_twin.model.scene_shapes import covers, outline
 
 REST = 0.03  # [m] between an object's lower face and the top of what it stands on
 
@@ -36,14 +36,13 @@ def pieces(scene: Scene) -> dict[str, Piece]:
     for name, solids in groups.items():
         if any(isinstance(solid.shape, Prism) for solid in solids) or min(s.z_min for s in solids) > 0.0:
             continue
-        outlines = [outline(solid.shape) for solid in solids]
-        bounds = np.array([shape.bounds for shape in outlines])
+        bounds = np.array([outline(solid.shape).bounds for solid in solids])
         low, high = bounds[:, :2].min(axis=0), bounds[:, 2:].max(axis=0)
         top = max(solid.z_max for solid in solids)
         bins = [
             box.name
             for box in scene.bins
-            if abs(box.floor_z - top) <= REST and any(_inside(shape, box.centre) for shape in outlines)
+            if abs(box.floor_z - top) <= REST and any(covers(solid.shape, box.centre) for solid in solids)
         ]
         found[name] = Piece(
             name=name,
@@ -101,10 +100,8 @@ def moved_object(transform: Array, item: SceneObject) -> SceneObject:
 
 def stands_on(scene: Scene, piece: Piece, point: Point, bottom: float) -> bool:
     """A body with its lower face at ``bottom`` [m] over a point stands on a piece, as the scene has both."""
-    for solid in scene.solids:
-        if solid.name in piece.solids and abs(bottom - solid.z_max) <= REST and _inside(outline(solid.shape), point):
-            return True
-    return False
+    parts = [solid for solid in scene.solids if solid.name in piece.solids]
+    return any(abs(bottom - solid.z_max) <= REST and covers(solid.shape, point) for solid in parts)
 
 
 def moved_scene(scene: Scene, moved: Mapping[str, PlanarPose], removed: tuple[str, ...] = ()) -> Scene:
@@ -137,13 +134,5 @@ def moved_scene(scene: Scene, moved: Mapping[str, PlanarPose], removed: tuple[st
 
 def relative(transform: Array, other: Array) -> Array:
     """The transform from where one `rigid` transform put a piece to where ``other`` puts it."""
-    origin = to_frame(transform, np.zeros(2))
-    turn = wrap_angle(float(other[2] - transform[2]))
-    moved = from_frame(other, origin)
-    return frozen([moved[0], moved[1], turn])
-
-
-def _inside(shape: object, point: Point) -> bool:
-    from shapely.geometry import Point as ShapelyPoint
-
-    return bool(shape.covers(ShapelyPoint(point)))  # type: ignore[attr-defined]
+    moved = from_frame(other, to_frame(transform, np.zeros(2)))
+    return frozen([*moved, wrap_angle(float(other[2] - transform[2]))])

@@ -4,6 +4,7 @@ A planar pose is an array ``(x, y, heading)`` in [m], [m], [rad]. ``T_a_b`` maps
 """
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,6 +59,19 @@ def from_frame(pose_a_b: Array, points_b: Array) -> Array:
     points_a[..., 0] = pose_a_b[0] + c * x - s * y
     points_a[..., 1] = pose_a_b[1] + s * x + c * y
     return points_a
+
+
+def rectangle(pose: Sequence[float], size: Sequence[float], offset_x: float = 0.0) -> Array:
+    """Corners of a rectangle of a size [m] centred at ``(offset_x, 0)`` of a pose, counter-clockwise, shape (4, 2)."""
+    a, b = 0.5 * size[0], 0.5 * size[1]
+    corners = np.array([[offset_x - a, -b], [offset_x + a, -b], [offset_x + a, b], [offset_x - a, b]])
+    return from_frame(np.array(pose, dtype=float), corners)
+
+
+def about_z(yaw: float) -> Array:
+    """Rotation by an angle [rad] about the vertical, shape (3, 3)."""
+    c, s = math.cos(yaw), math.sin(yaw)
+    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
 def frozen(values: object) -> Array:

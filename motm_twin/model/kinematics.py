@@ -11,34 +11,11 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from motm_twin.model.arm_kernels import (
-    ARM_FRAMES,
-    HAND,
-    TCP,
-    arm_jacobian,
-    fk_arm,
-    manipulability,
-    manipulability_gradient,
-    placed_frames,
-    point_jacobian,
-)
+from motm_twin.model.arm_kernels import HAND, fk_arm, placed_frames
 from motm_twin.model.data_dirs import web_assets_dir
 from motm_twin.model.exact import times
 from motm_twin.model.geometry import Array
 from motm_twin.model.profile import ArmSpec, RobotProfile
-
-__all__ = [
-    "ARM_FRAMES",
-    "HAND",
-    "LINKS",
-    "TCP",
-    "Frankie",
-    "arm_jacobian",
-    "fk_arm",
-    "manipulability",
-    "manipulability_gradient",
-    "point_jacobian",
-]
 
 LINKS = (
     "base_link",

@@ -7,11 +7,10 @@ import math
 
 import msgspec
 import numpy as np
-import shapely
 
 from motm_twin.model.profile import RobotProfile
-from motm_twin.model.scene import Bin, Box, Cylinder, PlanarPose, Prism, Scene, SceneObject, Solid, Task
-from motm_twin.model.scene_shapes import bin_solid, outline
+from motm_twin.model.scene import Bin, Box, Cylinder, PlanarPose, Point, Prism, Scene, SceneObject, Solid, Task
+from motm_twin.model.scene_shapes import bin_solid, covers
 
 STANDS_WITHIN = 0.005  # [m] of what carries it
 _RNG_MAP = 0x3A90FF
@@ -61,24 +60,21 @@ def known_world(scene: Scene) -> KnownWorld:
 
 def _tables_lower(known: KnownWorld, scene: Scene) -> KnownWorld:
     """Mismatch: supports of objects, and the objects, are lower in the map than in reality."""
-    lower = scene.mismatch.table_height
+    lower, replace = scene.mismatch.table_height, msgspec.structs.replace
     solids = [
-        msgspec.structs.replace(one, z_max=one.z_max - lower, z_min=max(0.0, one.z_min - lower))
+        replace(one, z_max=one.z_max - lower, z_min=max(0.0, one.z_min - lower))
         if any(carries(one, item) for item in scene.objects)
         else one
         for one in known.solids
     ]
-    objects = [
-        msgspec.structs.replace(one, position=(*one.position[:2], one.position[2] - lower)) for one in known.objects
-    ]
-    return msgspec.structs.replace(known, solids=tuple(solids), objects=tuple(objects))
+    objects = [replace(one, position=(*one.position[:2], one.position[2] - lower)) for one in known.objects]
+    return replace(known, solids=tuple(solids), objects=tuple(objects))
 
 
 def carries(solid: Solid, item: SceneObject) -> bool:
     """An object stands on this solid."""
-    x, y, z = item.position
-    on_top = abs(z - 0.5 * item.side - solid.z_max) < STANDS_WITHIN
-    return on_top and bool(outline(solid.shape).covers(shapely.Point(x, y)))
+    on_top = abs(item.position[2] - 0.5 * item.side - solid.z_max) < STANDS_WITHIN
+    return on_top and covers(solid.shape, item.position[:2])
 
 
 def _map_off(known: KnownWorld, scene: Scene) -> KnownWorld:
@@ -87,18 +83,18 @@ def _map_off(known: KnownWorld, scene: Scene) -> KnownWorld:
     off = scene.mismatch.map_offset
     dx, dy = off * math.cos(angle), off * math.sin(angle)
     replace = msgspec.structs.replace
+
+    def moved(x: float, y: float) -> Point:
+        return x + dx, y + dy
+
+    def moved_shape(shape: Box | Cylinder | Prism) -> Box | Cylinder | Prism:
+        if isinstance(shape, Prism):
+            return replace(shape, corners=tuple(moved(*corner) for corner in shape.corners))
+        return replace(shape, centre=moved(*shape.centre))
+
     return replace(
         known,
-        solids=tuple(replace(one, shape=_moved(one.shape, dx, dy)) for one in known.solids),
-        objects=tuple(
-            replace(one, position=(one.position[0] + dx, one.position[1] + dy, one.position[2]))
-            for one in known.objects
-        ),
-        bins=tuple(replace(one, centre=(one.centre[0] + dx, one.centre[1] + dy)) for one in known.bins),
+        solids=tuple(replace(one, shape=moved_shape(one.shape)) for one in known.solids),
+        objects=tuple(replace(one, position=(*moved(*one.position[:2]), one.position[2])) for one in known.objects),
+        bins=tuple(replace(one, centre=moved(*one.centre)) for one in known.bins),
     )
-
-
-def _moved(shape: Box | Cylinder | Prism, dx: float, dy: float) -> Box | Cylinder | Prism:
-    if isinstance(shape, Prism):
-        return msgspec.structs.replace(shape, corners=tuple((x + dx, y + dy) for x, y in shape.corners))
-    return msgspec.structs.replace(shape, centre=(shape.centre[0] + dx, shape.centre[1] + dy))

@@ -21,9 +21,7 @@ class Scan(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     range_min: float
     range_max: float
     pose: Array  # localised base pose at the stamp, world frame, shape (3,)
-    blind: NDArray[np.bool_] | None = (
-        None  # beams that the robot found blind (shape (n,)): nan, and no fault of the sweep
-    )
+    blind: NDArray[np.bool_] | None = None  # beams found blind, shape (n,): nan, and no fault of the sweep
 
 
 class Detection(msgspec.Struct, frozen=True, kw_only=True, eq=False):

@@ -7,6 +7,9 @@ the paper's Bezier figure and task times; accelerations and lags are this projec
 import math
 
 import msgspec
+import numpy as np
+
+from motm_twin.model.geometry import Array
 
 DEG = math.pi / 180.0
 
@@ -44,6 +47,15 @@ class BaseLimits(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
         """Way [m] from full speed to rest: v lag + v^2 / 2a."""
         v = self.forward_speed
         return v * self.velocity_lag + v * v / (2.0 * self.linear_acceleration)
+
+    @property
+    def accelerations(self) -> Array:
+        """Largest linear [m/s^2] and yaw acceleration [rad/s^2], shape (2,)."""
+        return np.array([self.linear_acceleration, self.yaw_acceleration])
+
+    def within(self, wanted: Array) -> Array:
+        """A wanted acceleration (2,), as much of it as is allowed."""
+        return np.clip(wanted, -self.accelerations, self.accelerations)
 
 
 class ArmSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):

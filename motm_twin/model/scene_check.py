@@ -1,12 +1,14 @@
 """Checks of a resolved scene. Every refusal names the place in the file, what is wrong and what to do."""
 
 import math
+from collections.abc import Iterator
 
 from shapely.geometry import Polygon, box
+from shapely.geometry.base import BaseGeometry
 from shapely.ops import unary_union
 
 from motm_twin.model import bounds
-from motm_twin.model.scene import Bin, DriveTo, Pick, Place, Scene, SceneObject
+from motm_twin.model.scene import Bin, DriveTo, Pick, Place, Scene, SceneObject, Solid
 from motm_twin.model.scene_error import near
 from motm_twin.model.scene_shapes import outline, rectangle
 from motm_twin.model.scene_space import check_agents, check_arm_start, check_reach, check_start
@@ -48,18 +50,13 @@ def check_robot(scene: Scene, root: Node) -> None:
     body = robot.footprint
     if abs(body.offset_x) >= body.length / 2.0:
         raise node.at("footprint", "offset_x").error("the base frame lies outside the footprint: make it smaller")
-    if not robot.has_arm:
-        return _check_lidar(scene, node)
-    if abs(robot.arm.mount_x - body.offset_x) > body.length / 2.0 or abs(robot.arm.mount_y) > body.width / 2.0:
+    x, y = robot.arm.mount_x, robot.arm.mount_y
+    if robot.has_arm and (abs(x - body.offset_x) > body.length / 2.0 or abs(y) > body.width / 2.0):
         raise node.at("arm").error(
-            f"the arm stands at ({robot.arm.mount_x:g}, {robot.arm.mount_y:g}) m, outside the footprint of "
-            f"{body.length:g} x {body.width:g} m: set arm.mount_x and arm.mount_y"
+            f"the arm stands at ({x:g}, {y:g}) m, outside the footprint of {body.length:g} x {body.width:g} m: set "
+            "arm.mount_x and arm.mount_y"
         )
-    return _check_lidar(scene, node)
-
-
-def _check_lidar(scene: Scene, node: Node) -> None:
-    if scene.robot.lidar.range_min >= scene.robot.lidar.range_max:
+    if robot.lidar.range_min >= robot.lidar.range_max:
         raise node.at("lidar").error("range_min must be below range_max")
 
 
@@ -79,15 +76,12 @@ def check_bounds(scene: Scene, root: Node) -> None:
     if max(x_max - x_min, y_max - y_min) > MAX_EXTENT:
         raise node.error(f"the map is {x_max - x_min:.0f} x {y_max - y_min:.0f} m: at most {MAX_EXTENT:.0f} m a side")
     area = box(*scene.bounds)
+    points = [(item.name, item.position) for item in scene.objects] + [(item.name, item.centre) for item in scene.bins]
+    points += [("drive_to", task.point) for task in scene.tasks if isinstance(task, DriveTo)]
+    points += [(agent.name, point) for agent in scene.agents for point in (agent.start, *agent.waypoints)]
     contents = [(solid.name, outline(solid.shape)) for solid in scene.solids]
     contents += [("start", rectangle(scene.start, (0.1, 0.1)))]
-    contents += [(item.name, rectangle((*item.position[:2], 0.0), (0.01, 0.01))) for item in scene.objects]
-    contents += [(item.name, rectangle((*item.centre, 0.0), (0.01, 0.01))) for item in scene.bins]
-    for task in scene.tasks:
-        if isinstance(task, DriveTo):
-            contents.append(("drive_to", rectangle((*task.point, 0.0), (0.01, 0.01))))
-    for agent in scene.agents:
-        contents += [(agent.name, rectangle((*p[:2], 0.0), (0.01, 0.01))) for p in (agent.start, *agent.waypoints)]
+    contents += [(name, rectangle((*point[:2], 0.0), (0.01, 0.01))) for name, point in points]
     for name, shape in contents:
         if not area.contains(shape):
             raise node.error(f"'{name}' is outside the bounds: make them larger, or leave them out")
@@ -112,12 +106,17 @@ def check_bin(scene: Scene, item: Bin, node: Node) -> None:
     if inner <= largest * math.sqrt(2.0):
         raise node.error(f"{inner:.3g} m between its walls is too narrow for a cube of {largest:g} m in any yaw")
     square = bin_outline(item).buffer(-TOUCH)
+    for solid in _overlapping(scene, square, item.floor_z, item.rim_z):
+        raise node.error(
+            f"it is sunk into '{solid.name}' (up to {solid.z_max:g} m): raise floor_z and rim_z or move it"
+        )
+
+
+def _overlapping(scene: Scene, shape: BaseGeometry, low: float, high: float) -> Iterator[Solid]:
+    """Furniture that overlaps a shape between two heights [m]."""
     for solid in scene.solids:
-        overlap = solid.z_max > item.floor_z + TOUCH and solid.z_min < item.rim_z - TOUCH
-        if overlap and outline(solid.shape).intersects(square):
-            raise node.error(
-                f"it is sunk into '{solid.name}' (up to {solid.z_max:g} m): raise floor_z and rim_z or move it"
-            )
+        if solid.z_max > low + TOUCH and solid.z_min < high - TOUCH and outline(solid.shape).intersects(shape):
+            yield solid
 
 
 def check_object(scene: Scene, item: SceneObject, node: Node) -> None:
@@ -134,11 +133,8 @@ def check_object(scene: Scene, item: SceneObject, node: Node) -> None:
         raise node.at("at").error(
             f"the cube at ({x:g}, {y:g}) {what} its surface (nothing else is {bottom:g} m high there): move it"
         )
-    inner = square.buffer(-TOUCH)
-    for solid in scene.solids:
-        overlap = solid.z_max > bottom + TOUCH and solid.z_min < top - TOUCH
-        if overlap and outline(solid.shape).intersects(inner):
-            raise node.at("at").error(f"the cube is inside '{solid.name}': move one of them")
+    for solid in _overlapping(scene, square.buffer(-TOUCH), bottom, top):
+        raise node.at("at").error(f"the cube is inside '{solid.name}': move one of them")
 
 
 def check_pairs(scene: Scene, root: Node) -> None:

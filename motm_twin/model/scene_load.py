@@ -76,7 +76,7 @@ def load_document(name_or_path: str) -> Document:
     if is_made(name_or_path):
         return _made(name_or_path)
     path, shown = find_scene(name_or_path)
-    return Document(path.stem, shown, _read_chain(path, shown, (path.resolve(),)))
+    return Document(path.stem, shown, _extended(_read(path, shown), path, shown, (path.resolve(),)))
 
 
 def text_document(raw: bytes, name: str) -> Document:
@@ -98,10 +98,6 @@ def _made(asked: str) -> Document:
     return Document(name, name, merge(Node({}, name, root.line, ""), root))
 
 
-def _read_chain(path: Path, shown: str, seen: tuple[Path, ...]) -> Node:
-    return _extended(_read(path, shown), path, shown, seen)
-
-
 def _extended(root: Node, path: Path, shown: str, seen: tuple[Path, ...]) -> Node:
     """The tree over all that it extends."""
     extends = root.value.get("extends")
@@ -112,7 +108,7 @@ def _extended(root: Node, path: Path, shown: str, seen: tuple[Path, ...]) -> Nod
         raise extends.error(f"'{extends.value}' extends this file in turn: break the circle")
     if len(seen) > _MAX_EXTENDS:
         raise extends.error(f"more than {_MAX_EXTENDS} files extend one another")
-    inherited = _read_chain(base, base_shown, (*seen, base.resolve()))
+    inherited = _extended(_read(base, base_shown), base, base_shown, (*seen, base.resolve()))
     kept = {key: node for key, node in inherited.value.items() if key not in _NOT_INHERITED}
     return merge(Node(kept, root.file, root.line, ""), root)
 
@@ -162,10 +158,9 @@ def _find_base(extends: Node, path: Path, shown: str) -> tuple[Path, str]:
 def merge(base: Node, over: Node) -> Node:
     """The sections of one tree laid over those of another: named entries by name, settings by key, others whole."""
     merged = dict(base.value)
-    if over.value.get("tasks", over).value is not None and "tasks" in over.value and "deliver" not in over.value:
-        merged.pop("deliver", None)
-    if over.value.get("deliver", over).value is not None and "deliver" in over.value and "tasks" not in over.value:
-        merged.pop("tasks", None)
+    for given, other in (("tasks", "deliver"), ("deliver", "tasks")):
+        if given in over.value and over.value[given].value is not None and other not in over.value:
+            merged.pop(other, None)
     for key, node in over.value.items():
         below = merged.get(key)
         if key in _BY_NAME:
@@ -206,10 +201,8 @@ def with_variant(document: Document, variant: str | None) -> tuple[Node, str]:
     default = document.root.value.get("default_variant")
     if default is not None and default.value not in names:
         raise default.error(f"there is no variant '{default.value}'; {near(default.value, names)}")
-    if variant is None:
-        chosen = default.value if default is not None else (names[0] if names else "")
-    else:
-        chosen = variant
+    first = names[0] if names else ""
+    chosen = variant if variant is not None else first if default is None else default.value
     if chosen and chosen not in names:
         where = near(chosen, names) if names else "the scene has no variants"
         raise SceneError(f"there is no variant {show(chosen)}; {where}", file=document.file)

@@ -7,35 +7,10 @@ import msgspec
 import numpy as np
 from shapely.ops import unary_union
 
+from motm_twin.model import scene as resolved
 from motm_twin.model import scene_format as fmt
 from motm_twin.model.profile import DEG, RobotProfile
-from motm_twin.model.scene import (
-    DETECTIONS,
-    EARLIER_NOISE,
-    GRASP_RULES,
-    PERSON_ACCELERATION,
-    TEMI_ACCELERATION,
-    USUAL_NOISE,
-    Agent,
-    Bin,
-    Box,
-    Bump,
-    Cylinder,
-    DriveTo,
-    Faults,
-    Mismatch,
-    Noise,
-    Pick,
-    Place,
-    PlanarPose,
-    Point,
-    Prism,
-    Scene,
-    SceneObject,
-    Solid,
-    Task,
-    TimedFault,
-)
+from motm_twin.model.scene import PlanarPose, Point, Scene, SceneObject, Solid, Task
 from motm_twin.model.scene_error import near
 from motm_twin.model.scene_shapes import base_outline, counter_clockwise, is_simple, lane, outline
 from motm_twin.model.scene_yaml import Node
@@ -53,48 +28,36 @@ class Resolver:
         self.keep = plain.pop("keep_agents", None)
         self.file = msgspec.convert(plain, fmt.SceneFile)
         self.seed = seed if seed is not None else (self.file.seed or 0)
-        # A merged tree has no null entries; the types allow them because files and variants may.
-        self.furniture = {key: item for key, item in self.file.furniture.items() if item is not None}
-        self.slots = {key: item for key, item in self.file.slots.items() if item is not None}
-        self.objects = {key: item for key, item in self.file.objects.items() if item is not None}
-        self.bins = {key: item for key, item in self.file.bins.items() if item is not None}
-        self.bumps = {key: item for key, item in self.file.bumps.items() if item is not None}
-        self.agents = {key: item for key, item in self.file.agents.items() if item is not None}
+        self.slots, self.agents = self._entries("slots"), self._entries("agents")
         self.solids: dict[str, Solid] = {}
+
+    def _entries(self, section: str) -> dict[str, Any]:
+        """A merged tree has no null entries; the types allow them because files and variants may."""
+        return {key: item for key, item in getattr(self.file, section).items() if item is not None}
 
     def scene(self, name: str, variant: str) -> Scene:
         """The resolved scene, before the checks of ``scene_check.py``."""
         file = self.file
-        self.solids = {key: self._solid(key, piece) for key, piece in self.furniture.items()}
+        self.solids = {key: self._solid(key, piece) for key, piece in self._entries("furniture").items()}
         self._check_names()
-        bins = tuple(
-            Bin(name=k, centre=b.at, yaw=b.yaw_deg * DEG, side=b.side, wall=b.wall, rim_z=b.rim_z, floor_z=b.floor_z)
-            for k, b in self.bins.items()
-        )
-        bumps = tuple(
-            Bump(name=k, centre=b.at, length=b.length, yaw=b.yaw_deg * DEG, width=b.width, height=b.height)
-            for k, b in self.bumps.items()
-        )
         objects, tasks = self._work()
-        start = _pose(file.start) if file.start else (0.0, 0.0, 0.0)
-        agents = tuple(self._agent(key, agent) for key, agent in self._kept_agents().items())
         scene = Scene(
             name=name,
             variant=variant,
             seed=self.seed,
             title=file.title or name,
             robot=self._robot(),
-            start=start,
+            start=_pose(file.start) if file.start else (0.0, 0.0, 0.0),
             solids=tuple(self.solids.values()),
             objects=objects,
-            bins=bins,
-            bumps=bumps,
-            agents=agents,
+            bins=tuple(resolved.Bin(name=key, **_placed(item)) for key, item in self._entries("bins").items()),
+            bumps=tuple(resolved.Bump(name=key, **_placed(item)) for key, item in self._entries("bumps").items()),
+            agents=tuple(self._agent(key, agent) for key, agent in self._kept_agents().items()),
             tasks=tasks,
             noise=_noise(file.noise),
-            mismatch=Mismatch(**_plain_units(file.mismatch)) if file.mismatch else Mismatch(),
-            detections=file.detections or DETECTIONS[0],
-            grasp_rule=file.grasp_rule or GRASP_RULES[0],
+            mismatch=resolved.Mismatch(**_plain_units(file.mismatch)) if file.mismatch else resolved.Mismatch(),
+            detections=file.detections or resolved.DETECTIONS[0],
+            grasp_rule=file.grasp_rule or resolved.GRASP_RULES[0],
             faults=_faults(file.faults),
             bounds=(0.0, 0.0, 0.0, 0.0),
             time_limit=file.time_limit or 300.0,
@@ -106,15 +69,14 @@ class Resolver:
         if piece.z[0] >= piece.z[1]:
             raise node.at("z").error(f"the upper height must be above the lower one, got {list(piece.z)}")
         if isinstance(piece, fmt.BoxFile):
-            shape: Any = Box(centre=piece.centre, size=piece.size, yaw=piece.yaw_deg * DEG)
+            shape: Any = resolved.Box(centre=piece.centre, size=piece.size, yaw=piece.yaw_deg * DEG)
         elif isinstance(piece, fmt.CylinderFile):
-            shape = Cylinder(centre=piece.centre, radius=piece.radius)
+            shape = resolved.Cylinder(centre=piece.centre, radius=piece.radius)
         else:
             if not is_simple(piece.corners):
                 raise node.at("corners").error("the outline crosses itself or has no area: list the corners in order")
-            shape = Prism(corners=counter_clockwise(piece.corners))
-        low, high = piece.z
-        group = piece.group or name
+            shape = resolved.Prism(corners=counter_clockwise(piece.corners))
+        (low, high), group = piece.z, piece.group or name
         return Solid(name=name, shape=shape, z_min=low, z_max=high, mapped=piece.mapped, group=group, style=piece.style)
 
     def _check_names(self) -> None:
@@ -151,7 +113,7 @@ class Resolver:
         return max(group, key=lambda solid: solid.z_max)
 
     def _work(self) -> tuple[tuple[SceneObject, ...], tuple[Task, ...]]:
-        objects = tuple(self._object(key, item) for key, item in self.objects.items())
+        objects = tuple(self._object(key, item) for key, item in self._entries("objects").items())
         if self.file.deliver is not None:
             if self.file.tasks is not None:
                 raise self.root.at("tasks").error("give either 'deliver' or 'tasks', not both")
@@ -166,8 +128,7 @@ class Resolver:
         if (item.surface is None) == (item.z is None):
             raise node.error("give exactly one of 'surface' (a piece of furniture) and 'z' (height of its top)")
         top = self.surface(item.surface, node.at("surface")).z_max if item.surface is not None else item.z or 0.0
-        position = (*item.at, top + item.side / 2.0)
-        return SceneObject(name=name, position=position, yaw=item.yaw_deg * DEG, side=item.side, colour=item.colour)
+        return _cube(name, item, top, item)
 
     def _deliver(self, deliver: fmt.DeliverFile) -> tuple[tuple[SceneObject, ...], tuple[Task, ...]]:
         node = self.root.at("deliver")
@@ -179,24 +140,17 @@ class Resolver:
             slot = self.slots[slot_name]
             top = self.surface(slot.surface, self.root.at("slots", slot_name, "surface")).z_max
             name = f"cube_{slot_name}"
-            position = (*slot.at, top + deliver.side / 2.0)
-            objects.append(
-                SceneObject(
-                    name=name, position=position, yaw=slot.yaw_deg * DEG, side=deliver.side, colour=deliver.colour
-                )
-            )
-            tasks += [Pick(object=name), Place(bin=deliver.to[index % len(deliver.to)])]
+            objects.append(_cube(name, slot, top, deliver))
+            tasks += [resolved.Pick(object=name), resolved.Place(bin=deliver.to[index % len(deliver.to)])]
         return tuple(objects), tuple(tasks)
 
     def _slot_names(self, chosen: tuple[str, ...] | fmt.RandomSlots, node: Node) -> list[str]:
         slots = self.slots
         if isinstance(chosen, fmt.RandomSlots):
-            wanted = chosen.random
-            if wanted > len(slots):
-                raise node.at("slots", "random").error(f"there are only {len(slots)} slots, got {wanted}")
-            rng = np.random.default_rng([self.seed, _SLOT_STREAM])
-            names = list(slots)
-            return [names[i] for i in rng.permutation(len(names))[:wanted]]
+            if chosen.random > len(slots):
+                raise node.at("slots", "random").error(f"there are only {len(slots)} slots, got {chosen.random}")
+            rng, names = np.random.default_rng([self.seed, _SLOT_STREAM]), list(slots)
+            return [names[i] for i in rng.permutation(len(names))[: chosen.random]]
         for index, name in enumerate(chosen):
             place = node.at("slots", index)
             if name not in slots:
@@ -207,17 +161,16 @@ class Resolver:
 
     def _task(self, index: int, task: fmt.TaskFile) -> Task:
         node = self.root.at("tasks", index)
-        given = [key for key in ("pick", "place", "drive_to") if getattr(task, key) is not None]
-        goal = task.drive_to
+        given, goal = [key for key in task.__struct_fields__ if getattr(task, key) is not None], task.drive_to
         if len(given) != 1:
             raise node.error(f"a task is exactly one of pick, place, drive_to; got {', '.join(given) or 'none'}")
         if task.pick is not None:
-            return Pick(object=task.pick)
+            return resolved.Pick(object=task.pick)
         if task.place is not None:
-            return Place(bin=task.place)
+            return resolved.Place(bin=task.place)
         assert goal is not None
         heading = None if goal.heading_deg is None else goal.heading_deg * DEG
-        return DriveTo(point=(goal.x, goal.y), heading=heading, tolerance=goal.tolerance)
+        return resolved.DriveTo(point=(goal.x, goal.y), heading=heading, tolerance=goal.tolerance)
 
     def _kept_agents(self) -> dict[str, fmt.AgentFile]:
         if self.keep is None:
@@ -228,7 +181,7 @@ class Resolver:
                 raise node.error(f"there is no agent '{name}'; {near(name, self.agents)}")
         return {name: agent for name, agent in self.agents.items() if name in self.keep}
 
-    def _agent(self, name: str, agent: fmt.AgentFile) -> Agent:
+    def _agent(self, name: str, agent: fmt.AgentFile) -> resolved.Agent:
         node = self.root.at("agents", name)
         if agent.around is not None and (agent.waypoints or agent.start):
             raise node.error("'around' gives the way and the start: remove 'waypoints' and 'start'")
@@ -241,20 +194,11 @@ class Resolver:
             points = [*points[1:], points[0]] if len(points) > 1 else []
         else:
             raise node.error("where does it stand? Give 'start', 'waypoints' or 'around'")
-        person = agent.kind == "person"
-        return Agent(
-            name=name,
-            start=start,
-            waypoints=tuple(points),
-            speed=agent.speed_mps,
-            radius=agent.radius,
-            height=(1.7 if person else 1.0) if agent.height is None else agent.height,
-            behaviour=agent.behaviour,
-            kind=agent.kind,
-            sees_robot=agent.sees_robot,
-            acceleration=agent.acceleration_mps2 or (PERSON_ACCELERATION if person else TEMI_ACCELERATION),
-            pause=agent.pause,
-        )
+        usual: dict[str, Any] = {"height": 1.0, "acceleration": resolved.TEMI_ACCELERATION}
+        if agent.kind == "person":
+            usual = {"height": 1.7, "acceleration": resolved.PERSON_ACCELERATION}
+        given = _plain_units(msgspec.structs.replace(agent, around=None))
+        return resolved.Agent(**usual | given | {"name": name, "start": start, "waypoints": tuple(points)})
 
     def _lane(self, around: fmt.AroundFile, node: Node) -> tuple[Point, ...]:
         self.surface(around.furniture, node.at("around", "furniture"))
@@ -269,7 +213,7 @@ def extent(scene: Scene) -> tuple[float, float, float, float]:
     boxes = [outline(solid.shape).bounds for solid in scene.solids]
     boxes.append(base_outline(scene.start, scene.robot.footprint).bounds)
     points = [item.position[:2] for item in scene.objects] + [item.centre for item in scene.bins]
-    points += [task.point for task in scene.tasks if isinstance(task, DriveTo)]
+    points += [task.point for task in scene.tasks if isinstance(task, resolved.DriveTo)]
     for agent in scene.agents:
         points += [agent.start[:2], *agent.waypoints]
     boxes += [(x, y, x, y) for x, y in points]
@@ -283,19 +227,33 @@ def _pose(pose: fmt.PoseFile) -> PlanarPose:
     return (pose.x, pose.y, pose.heading_deg * DEG)
 
 
-def _noise(part: fmt.NoiseFile | str | None) -> Noise:
+def _cube(
+    name: str, at: fmt.ObjectFile | fmt.SlotFile, top: float, of: fmt.ObjectFile | fmt.DeliverFile
+) -> SceneObject:
+    """A cube with its lower face at a height [m]."""
+    position = (*at.at, top + of.side / 2.0)
+    return SceneObject(name=name, position=position, yaw=at.yaw_deg * DEG, side=of.side, colour=of.colour)
+
+
+def _placed(part: msgspec.Struct) -> dict[str, Any]:
+    """Fields of something that stands ``at`` a point."""
+    fields = _plain_units(part)
+    return {"centre": fields.pop("at"), **fields}
+
+
+def _noise(part: fmt.NoiseFile | str | None) -> resolved.Noise:
     """Given noise over the usual one; the name `earlier` stands for the earlier errors."""
     if isinstance(part, str):
-        return EARLIER_NOISE
-    return USUAL_NOISE if part is None else msgspec.structs.replace(USUAL_NOISE, **_plain_units(part))
+        return resolved.EARLIER_NOISE
+    return resolved.USUAL_NOISE if part is None else msgspec.structs.replace(resolved.USUAL_NOISE, **_plain_units(part))
 
 
-def _faults(part: fmt.FaultsFile | None) -> Faults:
+def _faults(part: fmt.FaultsFile | None) -> resolved.Faults:
     """Faults of a run, and their times."""
     if part is None:
-        return Faults()
-    timed = tuple(TimedFault(**_plain_units(item)) for item in part.inject or ())
-    return Faults(**{**_plain_units(part), "inject": timed or None})
+        return resolved.Faults()
+    timed = tuple(resolved.TimedFault(**_plain_units(item)) for item in part.inject or ())
+    return resolved.Faults(**{**_plain_units(part), "inject": timed or None})
 
 
 def _plain_units(part: msgspec.Struct) -> dict[str, Any]:
@@ -306,8 +264,6 @@ def _plain_units(part: msgspec.Struct) -> dict[str, Any]:
         if value is None:
             continue
         stem, _, unit = key.rpartition("_")
-        if unit in fmt.UNITS:
-            fields[stem] = value * fmt.UNITS[unit]
-        else:
-            fields[key] = value
+        scaled = unit in fmt.UNITS
+        fields[stem if scaled else key] = value * fmt.UNITS[unit] if scaled else value
     return fields

@@ -8,7 +8,7 @@ from shapely.geometry import Point as ShapelyPoint
 from shapely.geometry import Polygon
 from shapely.geometry.base import BaseGeometry
 
-from motm_twin.model.geometry import from_frame, frozen
+from motm_twin.model import geometry
 from motm_twin.model.profile import Footprint
 from motm_twin.model.scene import Bin, Box, Cylinder, PlanarPose, Point, Prism, Solid
 
@@ -18,9 +18,7 @@ _MIN_STEP = 1e-6  # [m] between two points of a lane
 
 def rectangle(pose: PlanarPose, size: Point, offset_x: float = 0.0) -> Polygon:
     """A rectangle of a size, centred at ``(offset_x, 0)`` of a pose."""
-    a, b = size[0] / 2.0, size[1] / 2.0
-    corners = np.array([[offset_x + x, y] for x, y in ((-a, -b), (a, -b), (a, b), (-a, b))])
-    return Polygon(from_frame(frozen(pose), corners))
+    return Polygon(geometry.rectangle(pose, size, offset_x))
 
 
 def outline(shape: Box | Cylinder | Prism) -> Polygon:
@@ -30,6 +28,11 @@ def outline(shape: Box | Cylinder | Prism) -> Polygon:
     if isinstance(shape, Cylinder):
         return ShapelyPoint(shape.centre).buffer(shape.radius, quad_segs=16)
     return Polygon(shape.corners)
+
+
+def covers(shape: Box | Cylinder | Prism, point: Point) -> bool:
+    """A point is over a piece of furniture."""
+    return bool(outline(shape).covers(ShapelyPoint(point)))
 
 
 def bin_solid(place: Bin) -> Solid:

@@ -4,7 +4,9 @@ msgspec would refuse the same values; this walk says where they stand, what is a
 """
 
 import math
+import operator
 import re
+from types import NoneType
 from typing import Any
 
 from msgspec import inspect
@@ -13,7 +15,6 @@ from motm_twin.model.scene_error import near
 from motm_twin.model.scene_yaml import Node
 
 UNITS = {"deg": "degrees", "mps": "m/s", "dps": "deg/s", "mps2": "m/s^2", "dps2": "deg/s^2", "hz": "Hz"}
-_KINDS = {bool: "true or false", int: "a number", float: "a number", str: "text", list: "a list", dict: "a mapping"}
 _NAMED_TYPE = {
     inspect.FloatType: "a number",
     inspect.IntType: "a whole number",
@@ -70,15 +71,8 @@ def _expect(node: Node, kind: type, info: Any) -> None:
 
 def _check_scalar(node: Node, info: Any) -> None:
     value = node.value
-    if isinstance(info, inspect.NoneType):
-        fits = value is None
-    elif isinstance(info, inspect.BoolType):
-        fits = isinstance(value, bool)
-    elif isinstance(info, inspect.StrType):
-        fits = isinstance(value, str)
-    else:
-        fits = isinstance(value, (int, float)) and not isinstance(value, bool)
-    if not fits:
+    wanted = {inspect.NoneType: NoneType, inspect.BoolType: bool, inspect.StrType: str}.get(type(info), (int, float))
+    if not isinstance(value, wanted) or (isinstance(value, bool) and wanted is not bool):
         raise node.error(f"expected {_NAMED_TYPE[type(info)]}, got {show(value)}{_advice(value, info)}")
     if isinstance(info, inspect.StrType):
         _check_text(node, info)
@@ -112,19 +106,13 @@ def _check_number(node: Node, info: Any) -> None:
     value = node.value
     if not math.isfinite(value):
         raise node.error(f"{value} is not a usable number: write a finite one")
-    if isinstance(info, inspect.IntType) and not float(value).is_integer():
-        raise node.error(f"expected a whole number, got {value}")
     if isinstance(info, inspect.IntType) and isinstance(value, float):
-        raise node.error(f"expected a whole number, got {value}: write it without a point")
-    bounds = ((info.gt, ">"), (info.ge, ">="), (info.lt, "<"), (info.le, "<="))
-    wrong = {
-        ">": info.gt is not None and value <= info.gt,
-        ">=": info.ge is not None and value < info.ge,
-        "<": info.lt is not None and value >= info.lt,
-        "<=": info.le is not None and value > info.le,
-    }
-    if any(wrong.values()):
-        allowed = " and ".join(f"{sign} {limit:g}" for limit, sign in bounds if limit is not None)
+        advice = ": write it without a point" if value.is_integer() else ""
+        raise node.error(f"expected a whole number, got {value}{advice}")
+    bounds = ((info.gt, ">", operator.gt), (info.ge, ">=", operator.ge))
+    bounds += ((info.lt, "<", operator.lt), (info.le, "<=", operator.le))
+    if not all(limit is None or keeps(value, limit) for limit, _, keeps in bounds):
+        allowed = " and ".join(f"{sign} {limit:g}" for limit, sign, _ in bounds if limit is not None)
         raise node.error(f"must be {allowed}, got {value:g}")
 
 
@@ -136,23 +124,23 @@ def _check_list(node: Node, info: Any) -> None:
             raise node.error(f"needs exactly {len(info.item_types)} values, got {count}")
         types = info.item_types
     else:
-        _check_length(node, info, "entries")
+        _check_length(node, info)
         types = (info.item_type,) * count
     for item, item_type in zip(node.value, types, strict=True):
         _check(item, item_type)
 
 
-def _check_length(node: Node, info: Any, what: str) -> None:
+def _check_length(node: Node, info: Any) -> None:
     count = len(node.value)
     if info.min_length is not None and count < info.min_length:
-        raise node.error(f"needs at least {info.min_length} {what}, got {count}")
+        raise node.error(f"needs at least {info.min_length} entries, got {count}")
     if info.max_length is not None and count > info.max_length:
-        raise node.error(f"too many {what}: at most {info.max_length}, got {count}")
+        raise node.error(f"too many entries: at most {info.max_length}, got {count}")
 
 
 def _check_dict(node: Node, info: inspect.DictType) -> None:
     _expect(node, dict, info)
-    _check_length(node, info, "entries")
+    _check_length(node, info)
     pattern = getattr(info.key_type, "pattern", None) or ".*"
     for key, item in node.value.items():
         if not re.fullmatch(pattern.strip("^$"), key):

@@ -15,13 +15,21 @@ ENDED = 0.1  # [s] apart after which a contact has ended, as with the referee
 _NONE = -2  # index of no object
 _OF_ROBOT = ("base", "panda_", "held:")
 _FLOOR, _SOLID, _CUBE, _BODY, _LEFT, _RIGHT, _ROLLS, _AGENT = range(8)
+_CLASSES = {  # beginnings of a geometry's name, the first that fits; solids are s0, s1, ...
+    _FLOOR: ("floor", "bump:"),
+    _CUBE: ("object:",),
+    _AGENT: ("agent:",),
+    _LEFT: ("panda_leftfinger",),
+    _RIGHT: ("panda_rightfinger",),
+    _ROLLS: ("left_wheel", "right_wheel", "caster"),
+    _BODY: ("base", "panda_"),
+}
 
 
 class Contacts:
     """Reads the contacts of one model."""
 
     def __init__(self, model: mujoco.MjModel, kind: Kind) -> None:
-        """Tell geometries apart by their names."""
         names = [model.geom(i).name for i in range(model.ngeom)]
         self._names = [_own_name(name) for name in names]
         self._objects = [name for name, _ in kind.objects]
@@ -149,18 +157,4 @@ def _own_name(name: str) -> str:
 
 
 def _class_of(name: str) -> int:
-    if name == "floor" or name.startswith("bump:"):
-        return _FLOOR
-    if name.startswith("object:"):
-        return _CUBE
-    if name.startswith("agent:"):
-        return _AGENT
-    if name.startswith("panda_leftfinger"):
-        return _LEFT
-    if name.startswith("panda_rightfinger"):
-        return _RIGHT
-    if name.startswith(("left_wheel", "right_wheel", "caster")):
-        return _ROLLS
-    if name == "base" or name.startswith("panda_"):
-        return _BODY
-    return _SOLID
+    return next((found for found, beginnings in _CLASSES.items() if name.startswith(beginnings)), _SOLID)

@@ -56,12 +56,9 @@ def random_cells(count: int, seed: int = SEED) -> list[Cell]:
         along, across, ahead, offset = rng.uniform((0.0, 0.0, -0.015, -0.015), (0.12, 0.2, 0.015, 0.015)).tolist()
         time, yaw, height = rng.uniform((0.2, -0.3, -0.004), (0.8, 0.3, 0.012)).tolist()
         friction, force = float(rng.choice((0.3, 0.8))), float(rng.choice((10.0, 40.0)))
-        found.append(
-            Cell(
-                closing_time=round(time, 2), along=along, across=across, ahead=ahead, offset=offset, yaw=yaw,
-                height=height, friction=friction, force=force,
-            )
-        )  # fmt: skip
+        place = {"ahead": ahead, "offset": offset, "yaw": yaw, "height": height}
+        moves = {"closing_time": round(time, 2), "along": along, "across": across}
+        found.append(Cell(friction=friction, force=force, **place, **moves))
     return found
 
 
@@ -115,12 +112,8 @@ def draw(outcomes: Sequence[Outcome], file: Path) -> None:
         axes.set_title(f"across the pads {1e3 * across:.0f} mm/s", fontsize=9)
         axes.set_xlabel("closing time [s]")
     figure.axes[0].set_ylabel("along the pads [mm/s]")
-    named = (
-        ("held by both rules", "tab:green"),
-        ("held by swept", "tab:olive"),
-        ("held by physics only", "tab:orange"),
-    )
-    for label, colour in (*named, ("lost", "0.8")):
+    held = (("both rules", "tab:green"), ("swept", "tab:olive"), ("physics only", "tab:orange"))
+    for label, colour in (*((f"held by {by}", colour) for by, colour in held), ("lost", "0.8")):
         figure.axes[-1].plot([], [], "s", color=colour, label=label)
     figure.legend(loc="outside lower center", ncols=4, fontsize=8, frameon=False)
     figure.savefig(file, dpi=110)

@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import mujoco
 import numpy as np
+from numpy.typing import NDArray
 
 from motm_twin.model.arm_kernels import ARM_FRAMES, FLANGE, HAND, HAND_LENGTH, TCP
 from motm_twin.model.exact import norm
@@ -24,7 +25,7 @@ from motm_twin.physics.gripping import Fingers
 from motm_twin.physics.reflex import ArmAlone, note_reflexes
 from motm_twin.physics.robot_model import DAMPING, STIFFNESS, WHEEL_GAIN, WHEEL_RADIUS, base_inertia, track
 from motm_twin.physics.state import Grasp, PhysicsState
-from motm_twin.physics.world_model import TIMESTEP, Kind, Standing, compile_model, kind_of, standing
+from motm_twin.physics.world_model import TIMESTEP, Kind, compile_model, kind_of, standing
 from motm_twin.sim.actuators import ArmState, BaseState, drives
 from motm_twin.sim.cube_contacts import between_pads
 from motm_twin.sim.grasp import near
@@ -50,11 +51,27 @@ _UNDONE = 100  # substeps after an edit in which bodies that a person put into e
 
 
 class _Free(NamedTuple):
-    """Addresses of a free joint."""
+    """Addresses of a free joint and its body, by their one name."""
 
     q: int
     v: int
     body: int
+
+    @classmethod
+    def of(cls, model: mujoco.MjModel, name: str) -> "_Free":
+        """Those of a model."""
+        joint = model.joint(name)
+        return cls(int(joint.qposadr[0]), int(joint.dofadr[0]), model.body(name).id)
+
+
+def _addresses(model: mujoco.MjModel, names: Sequence[str]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Addresses of positions and of rates of joints."""
+    joints = [model.joint(name) for name in names]
+    return np.array([int(one.qposadr[0]) for one in joints]), np.array([int(one.dofadr[0]) for one in joints])
+
+
+def _actuators(model: mujoco.MjModel, names: Sequence[str]) -> NDArray[np.int64]:
+    return np.array([model.actuator(name).id for name in names])
 
 
 class Dynamics:
@@ -85,7 +102,7 @@ class Dynamics:
         for item in state.objects:
             self._put_object(item)
         for one in state.agents:
-            self._put_agent(one.agent.name, one.pose)
+            data.qpos[self._agents[one.agent.name][0]] = one.pose
         width = state.gripper.width
         if self._robot.has_arm:
             data.qpos[self._joints] = data.ctrl[self._drives] = state.arm.q
@@ -199,57 +216,41 @@ class Dynamics:
     def prepare(self, state: PlantState, scenery: Scenery) -> None:
         """Have a model that fits the state, with all solids where they stand."""
         solids = scenery.solids
-        if solids is self._solids and self._kind is not None and self._agents_of(state) == self._kind.agents:
+        agents = kind_of((), (), state.agents).agents
+        if solids is self._solids and self._kind is not None and agents == self._kind.agents:
             return
         found = standing(solids)
         kind = kind_of(found, state.objects, state.agents)
         if kind != self._kind:
             self._compile(kind)
         self._solids = solids
-        self._place_solids(found)
+        for i, one in enumerate(found):
+            body = self._model.body(f"s{i}").id
+            self._model.body_pos[body], self._model.body_quat[body] = one.place, _about_z(one.yaw)
         self._contacts.name_solids((*solids.names, *solids.disc_names))
-
-    @staticmethod
-    def _agents_of(state: PlantState) -> tuple[tuple[str, str, float, float], ...]:
-        return kind_of((), (), state.agents).agents
 
     def _compile(self, kind: Kind) -> None:
         model = compile_model(self._scene, self._physics, kind)
         self._model, self._data, self._kind = model, mujoco.MjData(model), kind
-        base = model.joint("base")
-        self._free = _Free(int(base.qposadr[0]), int(base.dofadr[0]), model.body("base").id)
-        self._objects = {}
-        for name, _ in kind.objects:
-            joint = model.joint(f"object:{name}")
-            self._objects[name] = _Free(int(joint.qposadr[0]), int(joint.dofadr[0]), model.body(f"object:{name}").id)
-        wheels = [model.joint(f"{side}_wheel") for side in ("left", "right")]
-        self._wheel_q = np.array([int(one.qposadr[0]) for one in wheels])
-        self._wheel_v = np.array([int(one.dofadr[0]) for one in wheels])
-        self._wheel_u = np.array([model.actuator(f"{side}_wheel").id for side in ("left", "right")])
+        self._free = _Free.of(model, "base")
+        self._objects = {name: _Free.of(model, f"object:{name}") for name, _ in kind.objects}
+        wheels = ("left_wheel", "right_wheel")
+        self._wheel_q, self._wheel_v = _addresses(model, wheels)
+        self._wheel_u = _actuators(model, wheels)
         self._agents = {}
         for name, *_ in kind.agents:
-            joints = [model.joint(f"agent:{name}:{axis}") for axis in ("x", "y", "yaw")]
-            drive = [model.actuator(f"agent:{name}:{axis}").id for axis in ("x", "y", "yaw")]
-            at = np.array([int(one.qposadr[0]) for one in joints]), np.array([int(one.dofadr[0]) for one in joints])
-            self._agents[name] = (*at, np.array(drive))
+            axes = [f"agent:{name}:{axis}" for axis in ("x", "y", "yaw")]
+            self._agents[name] = (*_addresses(model, axes), _actuators(model, axes))
         self._rates = np.zeros(0, dtype=np.int64)
         self._link_bodies = {"base_link": self._free.body}
         if self._robot.has_arm:
-            arm = [model.joint(f"panda_joint{k}") for k in range(1, 8)]
-            self._joints = np.array([int(one.qposadr[0]) for one in arm])
-            self._rates = np.array([int(one.dofadr[0]) for one in arm])
-            self._drives = np.array([model.actuator(f"panda_joint{k}").id for k in range(1, 8)])
+            arm = [f"panda_joint{k}" for k in range(1, 8)]
+            self._joints, self._rates = _addresses(model, arm)
+            self._drives = _actuators(model, arm)
             self._width = model.actuator("width").id
-            sliders = [model.joint(f"panda_{side}finger") for side in ("left", "right")]
-            self._sliders = np.array([int(one.qposadr[0]) for one in sliders])
+            self._sliders, _ = _addresses(model, ("panda_leftfinger", "panda_rightfinger"))
             self._link_bodies |= {link: model.body(link).id for link in LINKS if link != "base_link"}
         self._contacts = Contacts(model, kind)
-
-    def _place_solids(self, found: list[Standing]) -> None:
-        for i, one in enumerate(found):
-            body = self._model.body(f"s{i}").id
-            self._model.body_pos[body] = one.place
-            self._model.body_quat[body] = _about_z(one.yaw)
 
     # -- state ---------------------------------------------------------------------------------------------------
 
@@ -264,35 +265,28 @@ class Dynamics:
 
     def _load_after_edit(self, state: PlantState, scenery: Scenery) -> None:
         """The state in a model that fits the edited world: agents may have come or gone, and solids."""
-        kept = self._kind
         self._load(state)
-        old, before = self._data, (self._model, self._agents)
-        q, v, warm = old.qpos.copy(), old.qvel.copy(), old.qacc_warmstart.copy()
-        ctrl = {before[0].actuator(i).name: old.ctrl[i] for i in range(before[0].nu)}
-        now = old.time
+        kept, old, model, agents = self._kind, self._data, self._model, self._agents
+        q, v, warm, now = old.qpos.copy(), old.qvel.copy(), old.qacc_warmstart.copy(), old.time
+        ctrl = {model.actuator(i).name: old.ctrl[i] for i in range(model.nu)}
         self.prepare(state, scenery)
         if self._kind is kept:
             return
         data = self._data
         mujoco.mj_resetData(self._model, data)
-        own = min(self._first_agent(before[1], "q", len(q)), self._first_agent(self._agents, "q", self._model.nq))
-        free = min(self._first_agent(before[1], "v", len(v)), self._first_agent(self._agents, "v", self._model.nv))
+        own = min(_first_agent(agents, 0, len(q)), _first_agent(self._agents, 0, self._model.nq))
+        free = min(_first_agent(agents, 1, len(v)), _first_agent(self._agents, 1, self._model.nv))
         data.qpos[:own], data.qvel[:free], data.qacc_warmstart[:free] = q[:own], v[:free], warm[:free]
         for i in range(self._model.nu):
             data.ctrl[i] = ctrl.get(self._model.actuator(i).name, 0.0)
         data.time = now
         for one in state.agents:
-            at = before[1].get(one.agent.name)
+            at = agents.get(one.agent.name)
             here = self._agents[one.agent.name]
             if at is None:
-                self._put_agent(one.agent.name, one.pose)
+                data.qpos[here[0]] = one.pose
             else:
                 data.qpos[here[0]], data.qvel[here[1]] = q[at[0]], v[at[1]]
-
-    @staticmethod
-    def _first_agent(agents: dict, which: str, otherwise: int) -> int:
-        """Address from which the agents' coordinates are."""
-        return min((int(at[0 if which == "q" else 1][0]) for at in agents.values()), default=otherwise)
 
     def _take_edits(self, state: PlantState) -> None:
         """Take over differences of the state from the dynamics: a person has made them."""
@@ -309,8 +303,7 @@ class Dynamics:
         for one in state.agents:
             at = self._agents[one.agent.name]
             if np.abs(one.pose - self._agent_pose(one.agent.name)).max() > _EDITED:
-                self._put_agent(one.agent.name, one.pose)
-                data.qvel[at[1]] = 0.0
+                data.qpos[at[0]], data.qvel[at[1]] = one.pose, 0.0
 
     def _put_base(self, pose: Array, *, level: bool) -> None:
         """The base at a pose, shape (3,), turned about the vertical only; ``level``: and on its wheels."""
@@ -332,10 +325,6 @@ class Dynamics:
         mujoco.mju_mat2Quat(quat, np.ascontiguousarray(item.rotation).ravel())
         self._data.qpos[at.q : at.q + 7] = (*item.position, *quat)
         self._data.qvel[at.v : at.v + 6] = 0.0
-
-    def _put_agent(self, name: str, pose: Array) -> None:
-        at = self._agents[name]
-        self._data.qpos[at[0]] = pose
 
     # -- drives --------------------------------------------------------------------------------------------------
 
@@ -493,6 +482,11 @@ class Dynamics:
             over_limit = float(np.maximum(q - Q_MAX, Q_MIN - q).max())
             if over_limit > 0.01:
                 faults["joint position"] = f"{now:.2f} s: joint position exceeded by {over_limit:.3g} rad"
+
+
+def _first_agent(agents: dict, which: int, otherwise: int) -> int:
+    """Address from which the agents' positions (0) or rates (1) are."""
+    return min((int(at[which][0]) for at in agents.values()), default=otherwise)
 
 
 def _lifted(s: PlantState) -> str:

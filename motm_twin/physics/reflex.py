@@ -37,7 +37,6 @@ class ArmAlone:
     """The arm on a base at rest."""
 
     def __init__(self, profile: RobotProfile, physics: Physics) -> None:
-        """Compile it."""
         root = ET.Element("mujoco", model="arm")
         ET.SubElement(root, "compiler", angle="radian", autolimits="true", eulerseq="XYZ")
         world = ET.SubElement(root, "worldbody")

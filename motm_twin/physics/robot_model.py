@@ -45,35 +45,20 @@ class Inertial(NamedTuple):
 # Gaz, Cognetti, Oliva, Robuffo Giordano, De Luca: Dynamic Identification of the Franka Emika Panda Robot With Retrieval
 # of Feasible Parameters Using Penalty-Based Optimization (IEEE RA-L 4(4), 2019), as Franka Robotics publishes it in
 # franka_description, robots/fer/inertials.yaml; hand and fingers: end_effectors/franka_hand/inertials.yaml.
-INERTIALS = {
-    "panda_link0": Inertial(
-        0.629769, (-0.041018, -0.00014, 0.049974), (0.00315, 0.00388, 0.004285, 8.2904e-7, 0.00015, 8.2299e-6)
-    ),
-    "panda_link1": Inertial(
-        4.970684, (0.003875, 0.002081, -0.04762), (0.70337, 0.70661, 0.0091170, -0.000139, 0.006772, 0.019169)
-    ),
-    "panda_link2": Inertial(
-        0.646926, (-0.003141, -0.02872, 0.003495), (0.007962, 0.02811, 0.025995, -0.003925, 0.010254, 0.000704)
-    ),
-    "panda_link3": Inertial(
-        3.228604, (0.027518, 0.039252, -0.066502), (0.037242, 0.036155, 0.01083, -0.004761, -0.011396, -0.012805)
-    ),
-    "panda_link4": Inertial(
-        3.587895, (-0.05317, 0.104419, 0.027454), (0.025853, 0.019552, 0.028323, 0.007796, -0.001332, 0.008641)
-    ),
-    "panda_link5": Inertial(
-        1.225946, (-0.011953, 0.041065, -0.038437), (0.035549, 0.029474, 0.008627, -0.002117, -0.004037, 0.000229)
-    ),
-    "panda_link6": Inertial(
-        1.666555, (0.060149, -0.014117, -0.010517), (0.001964, 0.004354, 0.005433, 0.000109, -0.001158, 0.000341)
-    ),
-    "panda_link7": Inertial(
-        0.735522, (0.010517, -0.004252, 0.061597), (0.012516, 0.010027, 0.004815, -0.000428, -0.001196, -0.000741)
-    ),
-    "panda_hand": Inertial(0.73, (-0.01, 0.0, 0.03), (0.001, 0.0025, 0.0017, 0.0, 0.0, 0.0)),
-    "panda_leftfinger": Inertial(0.015, (0.0, 0.0, 0.0), (2.375e-6, 2.375e-6, 7.5e-7, 0.0, 0.0, 0.0)),
-    "panda_rightfinger": Inertial(0.015, (0.0, 0.0, 0.0), (2.375e-6, 2.375e-6, 7.5e-7, 0.0, 0.0, 0.0)),
+_NUMBERS = {  # mass, centre, inertia
+    "link0": (0.629769, -0.041018, -0.00014, 0.049974, 0.00315, 0.00388, 0.004285, 8.2904e-7, 0.00015, 8.2299e-6),
+    "link1": (4.970684, 0.003875, 0.002081, -0.04762, 0.70337, 0.70661, 0.0091170, -0.000139, 0.006772, 0.019169),
+    "link2": (0.646926, -0.003141, -0.02872, 0.003495, 0.007962, 0.02811, 0.025995, -0.003925, 0.010254, 0.000704),
+    "link3": (3.228604, 0.027518, 0.039252, -0.066502, 0.037242, 0.036155, 0.01083, -0.004761, -0.011396, -0.012805),
+    "link4": (3.587895, -0.05317, 0.104419, 0.027454, 0.025853, 0.019552, 0.028323, 0.007796, -0.001332, 0.008641),
+    "link5": (1.225946, -0.011953, 0.041065, -0.038437, 0.035549, 0.029474, 0.008627, -0.002117, -0.004037, 0.000229),
+    "link6": (1.666555, 0.060149, -0.014117, -0.010517, 0.001964, 0.004354, 0.005433, 0.000109, -0.001158, 0.000341),
+    "link7": (0.735522, 0.010517, -0.004252, 0.061597, 0.012516, 0.010027, 0.004815, -0.000428, -0.001196, -0.000741),
+    "hand": (0.73, -0.01, 0.0, 0.03, 0.001, 0.0025, 0.0017, 0.0, 0.0, 0.0),
+    "leftfinger": (0.015, 0.0, 0.0, 0.0, 2.375e-6, 2.375e-6, 7.5e-7, 0.0, 0.0, 0.0),
+    "rightfinger": (0.015, 0.0, 0.0, 0.0, 2.375e-6, 2.375e-6, 7.5e-7, 0.0, 0.0, 0.0),
 }
+INERTIALS = {f"panda_{part}": Inertial(row[0], row[1:4], row[4:]) for part, row in _NUMBERS.items()}
 ARM_MASS = sum(one.mass for one in INERTIALS.values())  # [kg]
 _CHAIN = {f"panda_link{k}": k for k in range(8)} | {"panda_hand": 8, "panda_leftfinger": 9, "panda_rightfinger": 9}
 
@@ -115,19 +100,40 @@ def add_robot(
 
 def add_arm_alone(base: ET.Element, root: ET.Element, profile: RobotProfile, physics: Physics) -> dict[str, bytes]:
     """Add the arm to a base; the files of its meshes."""
-    asset = _section(root, "asset")
-    files = {}
+    asset = section(root, "asset")
     for link in COLLISION:
-        name = f"{link}.stl"
-        files[name] = (web_assets_dir() / COLLISION[link]).read_bytes()
-        ET.SubElement(asset, "mesh", name=link, file=name)
+        ET.SubElement(asset, "mesh", name=link, file=f"{link}.stl")
     _add_arm(base, root, profile, physics)
-    return files
+    return {f"{link}.stl": (web_assets_dir() / file).read_bytes() for link, file in COLLISION.items()}
 
 
-def _section(root: ET.Element, name: str) -> ET.Element:
+def section(root: ET.Element, name: str) -> ET.Element:
+    """The section of a model, made when it is not there."""
     found = root.find(name)
     return ET.SubElement(root, name) if found is None else found
+
+
+def _joints(kind: str = "") -> list[ET.Element]:
+    """Joints of the URDF, with a condition on them."""
+    urdf = ET.parse(web_assets_dir() / "frankie.urdf").getroot()  # noqa: S314 - our own file, not from outside
+    return urdf.findall(f"joint{kind}")
+
+
+def _part(joint: ET.Element, name: str) -> dict[str, str]:
+    """Attributes of a part of a joint."""
+    found = joint.find(name)
+    assert found is not None
+    return found.attrib
+
+
+def _add_link(parent: ET.Element, joint: ET.Element, **more: str) -> ET.Element:
+    """The body behind a joint, with its inertia; ``more`` of its attributes."""
+    link, origin = _part(joint, "child")["link"], _part(joint, "origin")
+    body = ET.SubElement(parent, "body", name=link, pos=origin.get("xyz", "0 0 0"), **more)
+    if link in INERTIALS:
+        mass, centre, inertia = INERTIALS[link]
+        ET.SubElement(body, "inertial", mass=text(mass), pos=text(*centre), fullinertia=text(*inertia))
+    return body
 
 
 def _add_body(base: ET.Element, profile: RobotProfile, physics: Physics) -> None:
@@ -149,7 +155,7 @@ def _add_body(base: ET.Element, profile: RobotProfile, physics: Physics) -> None
 def _add_wheels(base: ET.Element, root: ET.Element, profile: RobotProfile, physics: Physics) -> None:
     """Two driven wheels, which touch the floor at one point each."""
     r = WHEEL_RADIUS
-    actuator = _section(root, "actuator")
+    actuator = section(root, "actuator")
     for side, name in ((0.5, "left"), (-0.5, "right")):
         wheel = ET.SubElement(base, "body", name=f"{name}_wheel", pos=text(0.0, side * track(profile), r))
         ET.SubElement(wheel, "joint", name=f"{name}_wheel", type="hinge", axis="0 1 0", armature=text(WHEEL_ARMATURE))
@@ -190,25 +196,16 @@ def _add_casters(base: ET.Element, profile: RobotProfile, *, sprung: bool) -> No
 
 def _add_arm(base: ET.Element, root: ET.Element, profile: RobotProfile, physics: Physics) -> None:
     """Links, joints and drives of the URDF, with the inertias of `INERTIALS`."""
-    urdf = ET.parse(web_assets_dir() / "frankie.urdf").getroot()  # noqa: S314 - our own file, not from outside
-    arm, actuator = profile.arm, _section(root, "actuator")
+    arm, actuator = profile.arm, section(root, "actuator")
     bodies = {"base_link": base}
-    for joint in urdf.findall("joint"):
-        parent, child, origin = joint.find("parent"), joint.find("child"), joint.find("origin")
-        assert parent is not None
-        assert child is not None
-        assert origin is not None
-        name, link = joint.attrib["name"], child.attrib["link"]
-        place = origin.attrib.get("xyz", "0 0 0")
-        if name == "arm_mount":
-            place = text(arm.mount_x, arm.mount_y, arm.mount_z)
-        body = ET.SubElement(bodies[parent.attrib["link"]], "body", name=link, pos=place, gravcomp="1")
+    for joint in _joints():
+        body = _add_link(bodies[_part(joint, "parent")["link"]], joint, gravcomp="1")
+        link, turn = body.attrib["name"], _part(joint, "origin").get("rpy")
         bodies[link] = body
-        if "rpy" in origin.attrib:
-            body.set("euler", origin.attrib["rpy"])
-        if link in INERTIALS:
-            mass, centre, inertia = INERTIALS[link]
-            ET.SubElement(body, "inertial", mass=text(mass), pos=text(*centre), fullinertia=text(*inertia))
+        if joint.attrib["name"] == "arm_mount":
+            body.set("pos", text(arm.mount_x, arm.mount_y, arm.mount_z))
+        if turn is not None:
+            body.set("euler", turn)
         if joint.attrib["type"] == "revolute":
             _add_joint(body, actuator, joint)
         elif joint.attrib["type"] == "prismatic":
@@ -223,13 +220,12 @@ def _add_arm(base: ET.Element, root: ET.Element, profile: RobotProfile, physics:
 
 def _add_joint(body: ET.Element, actuator: ET.Element, joint: ET.Element) -> None:
     """A joint of the arm: the drive holds a position and a rate, and compensates gravity, within its torque."""
-    name, limit = joint.attrib["name"], joint.find("limit")
-    assert limit is not None
+    name, limit = joint.attrib["name"], _part(joint, "limit")
     k = int(name[-1]) - 1
     most = TORQUE_MAX[k]
     ET.SubElement(
         body, "joint", name=name, type="hinge", axis="0 0 1", armature=text(ARMATURE), damping="1",
-        range=f"{limit.attrib['lower']} {limit.attrib['upper']}", actuatorfrcrange=text(-most, most),
+        range=f"{limit['lower']} {limit['upper']}", actuatorfrcrange=text(-most, most),
         actuatorgravcomp="true",
     )  # fmt: skip
     ET.SubElement(
@@ -240,28 +236,17 @@ def _add_joint(body: ET.Element, actuator: ET.Element, joint: ET.Element) -> Non
 
 def add_fingers(hand: ET.Element, root: ET.Element, physics: Physics) -> None:
     """The fingers on a hand that no arm carries."""
-    urdf = ET.parse(web_assets_dir() / "frankie.urdf").getroot()  # noqa: S314 - our own file, not from outside
-    for joint in urdf.findall("joint[@type='prismatic']"):
-        child, origin = joint.find("child"), joint.find("origin")
-        assert child is not None
-        assert origin is not None
-        link = child.attrib["link"]
-        body = ET.SubElement(hand, "body", name=link, pos=origin.attrib["xyz"])
-        mass, centre, inertia = INERTIALS[link]
-        ET.SubElement(body, "inertial", mass=text(mass), pos=text(*centre), fullinertia=text(*inertia))
-        _add_finger(body, joint, physics)
-    _couple_fingers(root, _section(root, "actuator"), physics)
+    for joint in _joints("[@type='prismatic']"):
+        _add_finger(_add_link(hand, joint), joint, physics)
+    _couple_fingers(root, section(root, "actuator"), physics)
 
 
 def _add_finger(body: ET.Element, joint: ET.Element, physics: Physics) -> None:
     """A finger that slides; its pad is the lower of its two boxes."""
-    limit, axis = joint.find("limit"), joint.find("axis")
-    assert limit is not None
-    assert axis is not None
-    link = body.attrib["name"]
+    limit, axis, link = _part(joint, "limit"), _part(joint, "axis")["xyz"], body.attrib["name"]
     ET.SubElement(
-        body, "joint", name=link, type="slide", axis=axis.attrib["xyz"], armature=text(FINGER_ARMATURE), damping="5",
-        range=f"{limit.attrib['lower']} {limit.attrib['upper']}",
+        body, "joint", name=link, type="slide", axis=axis, armature=text(FINGER_ARMATURE), damping="5",
+        range=f"{limit['lower']} {limit['upper']}",
     )  # fmt: skip
     for i, (centre, size) in enumerate(finger_boxes(link)):
         ET.SubElement(
@@ -273,11 +258,11 @@ def _add_finger(body: ET.Element, joint: ET.Element, physics: Physics) -> None:
 
 def _couple_fingers(root: ET.Element, actuator: ET.Element, physics: Physics) -> None:
     """The fingers move together, as their one drive moves them; its command is the width between the pads [m]."""
-    fixed = ET.SubElement(_section(root, "tendon"), "fixed", name="width")
+    fixed = ET.SubElement(section(root, "tendon"), "fixed", name="width")
     for link in ("panda_leftfinger", "panda_rightfinger"):
         ET.SubElement(fixed, "joint", joint=link, coef="1")
     ET.SubElement(
-        _section(root, "equality"), "joint", joint1="panda_leftfinger", joint2="panda_rightfinger",
+        section(root, "equality"), "joint", joint1="panda_leftfinger", joint2="panda_rightfinger",
         solref="0.004 1", solimp="0.98 0.995 0.0005",
     )  # fmt: skip
     ET.SubElement(
@@ -289,7 +274,7 @@ def _couple_fingers(root: ET.Element, actuator: ET.Element, physics: Physics) ->
 
 def _exclude_neighbours(root: ET.Element) -> None:
     """Links joined by a joint, what is fixed to the base, and hand and fingers do not collide with each other."""
-    contact = _section(root, "contact")
+    contact = section(root, "contact")
     for one, rank in _CHAIN.items():
         if rank <= 1:
             ET.SubElement(contact, "exclude", body1="base", body2=one)

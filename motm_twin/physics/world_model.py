@@ -15,7 +15,7 @@ import numpy as np
 from motm_twin.model.geometry import Array
 from motm_twin.model.physics import Physics
 from motm_twin.model.scene import Bump, Scene
-from motm_twin.physics.robot_model import AGENT, CUBE, FLOOR, ROBOT, SOLID, add_robot, text
+from motm_twin.physics.robot_model import AGENT, CUBE, FLOOR, ROBOT, SOLID, add_robot, section, text
 from motm_twin.sim.agents import AgentState
 from motm_twin.sim.objects import ObjectState
 from motm_twin.sim.solids import Solids
@@ -139,8 +139,7 @@ def _add_agent(world: ET.Element, root: ET.Element, name: str, size: tuple[str, 
     """An agent that drives in the plane; its drives give way to more than their force."""
     kind, radius, height = size
     body = ET.SubElement(world, "body", name=f"agent:{name}", pos=text(0.0, 0.0, 0.5 * height))
-    actuator = root.find("actuator")
-    assert actuator is not None
+    actuator = section(root, "actuator")
     most, mass = AGENT_FORCE[kind], AGENT_DENSITY[kind] * math.pi * radius * radius * height
     for axis, way in (("x", "1 0 0"), ("y", "0 1 0"), ("yaw", "0 0 1")):
         joint, turns = f"agent:{name}:{axis}", axis == "yaw"
@@ -162,16 +161,12 @@ def _add_solid(world: ET.Element, root: ET.Element, name: str, shape: Shape, phy
     )  # fmt: skip
     half = 0.5 * height
     if kind == "box":
-        geom.set("type", "box")
-        geom.set("size", text(0.5 * numbers[0], 0.5 * numbers[1], half))
+        geom.attrib |= {"type": "box", "size": text(0.5 * numbers[0], 0.5 * numbers[1], half)}
     elif kind == "cylinder":
-        geom.set("type", "cylinder")
-        geom.set("size", text(numbers[0], half))
+        geom.attrib |= {"type": "cylinder", "size": text(numbers[0], half)}
     else:
-        asset = root.find("asset")
-        assert asset is not None
         corners = np.array(numbers).reshape(-1, 2)
         points = [(*corner, z) for z in (-half, half) for corner in corners.tolist()]
-        ET.SubElement(asset, "mesh", name=name, vertex=" ".join(text(*point) for point in points))
-        geom.set("type", "mesh")
-        geom.set("mesh", name)
+        mesh = " ".join(text(*point) for point in points)
+        ET.SubElement(section(root, "asset"), "mesh", name=name, vertex=mesh)
+        geom.attrib |= {"type": "mesh", "mesh": name}

@@ -108,6 +108,7 @@ class Placement(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
 
 NO_COSTS = frozen(np.zeros(0))
+NO_PATH = frozen(np.zeros((0, 2)))
 
 
 class Yields(StrEnum):
@@ -162,18 +163,18 @@ class BasePlan(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     acceleration: Array  # (a, b) [m/s^2, rad/s^2] held for the period, shape (2,)
     status: PlanStatus
     why: Reason | None = None  # whenever the robot brakes, waits or idles
-    global_path: Array  # robot to goal, shape (m, 2)
-    next_path: Array  # goal to next target, shape (k, 2)
+    global_path: Array = NO_PATH  # robot to goal, shape (m, 2)
+    next_path: Array = NO_PATH  # goal to next target, shape (k, 2)
     intermediate_goal: Array  # shape (3,)
     local_poses: Array  # x, y, heading, v, w at each node of the local plan, shape (j, 5)
     local_times: Array  # [s] from now, shape (j,)
     local_to_go: Array = NO_COSTS  # [s] what the search counts from each node on, penalties included, (j,) or (0,)
     local_among: Array = NO_COSTS  # [s] of `local_to_go` that is paid for being among others, (j,) or (0,)
-    bezier: Array  # sampled Bezier of the chosen branch's last node, shape (b, 2); may be empty
-    expansions: int
-    cut_by_clock: bool
+    bezier: Array = NO_PATH  # sampled Bezier of the chosen branch's last node, shape (b, 2); may be empty
+    expansions: int = 0
+    cut_by_clock: bool = False
     t_h: float  # [s] estimated time until the goal is achieved
-    k: float  # proximity penalty scale max(0.1, min(t_h/3, 1))
+    k: float = 1.0  # proximity penalty scale max(0.1, min(t_h/3, 1))
     time_to_range: float  # [s] estimated until the target is in reach of the arm; 0 when it is, inf when unknown
     encounters: tuple[Encounter, ...] = ()  # with dynamic obstacles, the soonest first; of methods with foresight
     courtesy: float = 0.0  # [s] of the others' time that the plan takes, a cost of it: the sum over its encounters
@@ -208,9 +209,8 @@ def empty_path() -> Array:
 def bare_plan(problem: "BaseProblem", acceleration: Array, status: PlanStatus, why: Reason | None) -> BasePlan:
     """A plan of this acceleration (2,) without paths, of a controller that looks no further."""
     return BasePlan(
-        acceleration=frozen(acceleration), status=status, why=why, global_path=empty_path(), next_path=empty_path(),
-        intermediate_goal=frozen(problem.pose), local_poses=frozen([[*problem.pose, *problem.twist]]),
-        local_times=frozen([0.0]), bezier=empty_path(), expansions=0, cut_by_clock=False, t_h=0.0, k=1.0,
+        acceleration=frozen(acceleration), status=status, why=why, intermediate_goal=frozen(problem.pose),
+        local_poses=frozen([[*problem.pose, *problem.twist]]), local_times=frozen([0.0]), t_h=0.0,
         time_to_range=math.inf,
     )  # fmt: skip
 

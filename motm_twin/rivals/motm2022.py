@@ -26,6 +26,7 @@ from motm_twin.planning.candidates import Rule
 from motm_twin.planning.parameters import PlanningParameters
 from motm_twin.planning.reach import ReachModel
 from motm_twin.planning.types import (
+    NO_PATH,
     BaseController,
     BasePlan,
     BaseProblem,
@@ -36,7 +37,6 @@ from motm_twin.planning.types import (
     SearchBudget,
     Target,
     bare_plan,
-    empty_path,
     no_placement,
 )
 
@@ -180,15 +180,16 @@ class TangentController:
     def __init__(
         self, profile: RobotProfile, planning: PlanningParameters, parameters: TangentParameters | None = None
     ) -> None:
-        self._limits = profile.base
+        self.limits = profile.base
         self._p = parameters or TangentParameters()
-        self._reach = ReachModel(profile, planning.reach)
+        self.reach = ReachModel(profile, planning.reach)
 
     def plan(self, problem: BaseProblem, placement: Placement, budget: SearchBudget) -> BasePlan:
         """Acceleration of this period, and the predicted motion; ``budget`` is unused: nothing is searched."""
         target = problem.target
         if target is None:
-            return self._rest(problem)
+            braking = self.limits.within(-problem.twist / problem.period)
+            return bare_plan(problem, braking, PlanStatus.IDLE, Reason(kind=Kind.NOTHING_TO_DO))
         side = SIDES[placement.chosen]
         acceleration = self._acceleration(
             problem.pose, problem.twist, target, problem.next_target, side, problem.period
@@ -202,15 +203,11 @@ class TangentController:
             acceleration=frozen(acceleration),
             status=PlanStatus.GOAL,
             global_path=frozen(np.vstack([problem.pose[:2], circle])),
-            next_path=empty_path() if onward is None else frozen(np.vstack([circle[-1], onward[:2]])),
+            next_path=NO_PATH if onward is None else frozen(np.vstack([circle[-1], onward[:2]])),
             intermediate_goal=frozen([*line.point, line.heading]),
             local_poses=frozen(nodes),
             local_times=frozen(np.arange(len(nodes)) * _NODE * _STEP),
-            bezier=empty_path(),
-            expansions=0,
-            cut_by_clock=False,
             t_h=float(placement.cost_current[placement.chosen]),
-            k=1.0,
             time_to_range=to_range,
         )
 
@@ -218,12 +215,10 @@ class TangentController:
         self, pose: Array, twist: Array, target: Target, following: Target | None, side: float, period: float
     ) -> Array:
         """Acceleration (2,) towards the speeds of the law, within the limits."""
-        limits = self._limits
-        speed = limits.forward_speed
-        yaw_rate = self._curvature(pose, target, following, side) * speed
+        limits = self.limits
+        yaw_rate = self._curvature(pose, target, following, side) * limits.forward_speed
         yaw_rate = min(max(yaw_rate, -limits.yaw_rate), limits.yaw_rate)
-        most = np.array([limits.linear_acceleration, limits.yaw_acceleration])
-        return np.clip((np.array([speed, yaw_rate]) - twist) / period, -most, most)
+        return limits.within((np.array([limits.forward_speed, yaw_rate]) - twist) / period)
 
     def _curvature(self, pose: Array, target: Target, following: Target | None, side: float) -> float:
         """w / v [1/m]."""
@@ -245,13 +240,13 @@ class TangentController:
         for k, (pose, twist) in enumerate(self._steps(problem, target, side)):
             if k % _NODE == 0:
                 nodes.append([*pose, *twist])
-            if math.isinf(to_range) and self._reach.contains(pose, twist, target):
+            if math.isinf(to_range) and self.reach.contains(pose, twist, target):
                 to_range, left = k * _STEP, k + _AFTER
             if k >= left:
                 break
         if math.isinf(to_range):  # beyond the horizon: straight on
             rho = tangent(pose, target.position, _radius(target, self._p), side).rho
-            to_range = _HORIZON * _STEP + rho / self._limits.forward_speed
+            to_range = _HORIZON * _STEP + rho / self.limits.forward_speed
         return np.array(nodes), to_range
 
     def _steps(self, problem: BaseProblem, target: Target, side: float) -> Iterator[tuple[Array, Array]]:
@@ -261,11 +256,6 @@ class TangentController:
             faster = self._acceleration(pose, twist, target, problem.next_target, side, _STEP) * _STEP
             mean = twist + 0.5 * faster
             pose, twist = drive(pose, float(mean[0]), float(mean[1]), _STEP), twist + faster
-
-    def _rest(self, problem: BaseProblem) -> BasePlan:
-        most = np.array([self._limits.linear_acceleration, self._limits.yaw_acceleration])
-        braking = np.clip(-problem.twist / problem.period, -most, most)
-        return bare_plan(problem, braking, PlanStatus.IDLE, Reason(kind=Kind.NOTHING_TO_DO))
 
 
 def _leaving(line: Tangent, target: Target, following: Target | None) -> float | None:

@@ -28,16 +28,7 @@ from motm_twin.model.profile import RobotProfile
 from motm_twin.model.reason import Kind, Reason
 from motm_twin.model.state import Stateful
 from motm_twin.planning.planner import BasePlanner
-from motm_twin.planning.types import (
-    BasePlan,
-    BaseProblem,
-    Mode,
-    Placement,
-    PlanStatus,
-    SearchBudget,
-    Target,
-    empty_path,
-)
+from motm_twin.planning.types import BasePlan, BaseProblem, Mode, Placement, PlanStatus, SearchBudget, Target
 
 K_X, K_Y, K_H = 1.0, 4.0, 2.0  # [1/s], [1/m^2], [1/s]: critically damped at 0.5 m/s
 K_Q = 5.0  # [1/s] of the joints to their planned positions
@@ -90,14 +81,14 @@ class TrackingController(Stateful[ScriptState]):
         state, plan = self._state, self.script.plan(self._state)
         n = next((n // ARM_STEPS for n, _ in plan.outcomes if n >= ARM_STEPS * state.at), plan.periods - 1)
         goal, over = plan.poses[n], state.at >= plan.periods
-        zero = np.zeros(1)
+        zero = frozen(np.zeros(1))
         return Placement(
             mode=Mode.CLOSEST if over or plan.blocked[state.at] else Mode.DRIVE,
             radius=0.0,
             poses=goal[None],
-            cost_current=frozen(zero),
-            cost_next=frozen(zero),
-            cost=frozen(zero),
+            cost_current=zero,
+            cost_next=zero,
+            cost=zero,
             rejected=("",),
             chosen=0,
             goal=goal,
@@ -110,7 +101,6 @@ class TrackingController(Stateful[ScriptState]):
         """The acceleration that brings the base to the tracking law's twist by the end of the period."""
         state, plan = self._state, self.script.plan(self._state)
         n, over = min(state.at, plan.periods - 1), state.at >= plan.periods
-        most = np.array([self._limits.linear_acceleration, self._limits.yaw_acceleration])
         wanted = (
             docking_twist(problem.pose, _end(plan, problem.target))
             if over
@@ -121,19 +111,14 @@ class TrackingController(Stateful[ScriptState]):
         idle = over or bool(plan.blocked[n])
         state.at += 1
         return BasePlan(
-            acceleration=frozen(np.clip((wanted - problem.twist) / problem.period, -most, most)),
+            acceleration=frozen(self._limits.within((wanted - problem.twist) / problem.period)),
             status=PlanStatus.IDLE if idle else PlanStatus.GOAL,
             why=state.refused or (_over(plan) if over else None),
             global_path=plan.poses[n:, :2],
-            next_path=empty_path(),
             intermediate_goal=placement.goal,
             local_poses=frozen(nodes),
             local_times=frozen(problem.period * STRIDE * np.arange(len(nodes))),
-            bezier=empty_path(),
-            expansions=0,
-            cut_by_clock=False,
             t_h=problem.period * (plan.periods - n),
-            k=1.0,
             time_to_range=0.0 if over or plan.in_range[n] else math.inf,
         )
 

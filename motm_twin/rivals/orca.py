@@ -30,6 +30,7 @@ from motm_twin.planning.global_path import GraphCache, shortest_path
 from motm_twin.planning.parameters import PlanningParameters, room_for
 from motm_twin.planning.reach import ReachModel
 from motm_twin.planning.types import (
+    NO_PATH,
     BaseController,
     BasePlan,
     BaseProblem,
@@ -37,7 +38,6 @@ from motm_twin.planning.types import (
     PlanStatus,
     SearchBudget,
     Target,
-    empty_path,
 )
 
 
@@ -95,7 +95,7 @@ class OrcaController:
         if target is None or placement.chosen < 0:
             why = Reason(kind=Kind.NOTHING_TO_DO) if target is None else placement.why
             status = PlanStatus.IDLE if target is None else PlanStatus.BRAKING
-            return self._answer(problem, np.zeros(2), status, why, empty_path(), math.inf, math.inf)
+            return self._answer(problem, np.zeros(2), status, why, NO_PATH, math.inf, math.inf)
         growth = room_for(self._planning, self._foot, problem.recovery.tightness).growth
         path = shortest_path(self._graphs.graph(problem.world, growth), problem.pose, placement.goal, self._limits)
         left = float(np.hypot(*np.diff(path, axis=0).T).sum()) if len(path) > 1 else 0.0
@@ -142,8 +142,7 @@ class OrcaController:
         limits = self._limits
         top = np.array([limits.forward_speed, limits.yaw_rate])
         wanted = np.clip(wanted, [-limits.reverse_speed, -limits.yaw_rate], top)
-        most = np.array([limits.linear_acceleration, limits.yaw_acceleration])
-        acceleration = np.clip((wanted - problem.twist) / problem.period, -most, most)
+        most = limits.accelerations
         rows = [np.array([*problem.pose, *problem.twist])]
         for _ in range(round(self._p.horizon / problem.period)):
             pose, twist = rows[-1][:3], rows[-1][3:]
@@ -151,19 +150,14 @@ class OrcaController:
             mean = 0.5 * (twist + after)
             rows.append(np.array([*drive(pose, float(mean[0]), float(mean[1]), problem.period), *after]))
         return BasePlan(
-            acceleration=frozen(acceleration),
+            acceleration=frozen(limits.within((wanted - problem.twist) / problem.period)),
             status=status,
             why=why,
             global_path=frozen(path),
-            next_path=empty_path(),
             intermediate_goal=frozen(rows[-1][:3]),
             local_poses=frozen(rows),
             local_times=frozen(np.arange(len(rows)) * problem.period),
-            bezier=empty_path(),
-            expansions=0,
-            cut_by_clock=False,
             t_h=time,
-            k=1.0,
             time_to_range=to_range,
         )
 

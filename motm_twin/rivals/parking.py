@@ -12,6 +12,7 @@ from motm_twin.control.arm.types import ArmInputs
 from motm_twin.control.method import ArmParts, PlannerParts
 from motm_twin.model.geometry import Array, frozen
 from motm_twin.model.motion import drive
+from motm_twin.model.profile import DEG
 from motm_twin.model.state import Stateful
 from motm_twin.perception.still_map import StillMap
 from motm_twin.planning.braking import stopping_clearance
@@ -19,10 +20,8 @@ from motm_twin.planning.collision import field_of
 from motm_twin.planning.controller import StaaController
 from motm_twin.planning.global_path import GraphCache
 from motm_twin.planning.parameters import PlanningParameters
-from motm_twin.planning.types import BasePlan, BaseProblem, Placement, PlanStatus, SearchBudget, Target, empty_path
+from motm_twin.planning.types import BasePlan, BaseProblem, Placement, PlanStatus, SearchBudget, Target
 from motm_twin.rivals.reachability import TargetReach
-
-DEG = math.pi / 180.0
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -103,7 +102,7 @@ class ParkingController(Stateful[ParkingState]):
         target = problem.target
         if target is None or target.kind == "drive" or placement.mode not in ("ring", "reach"):
             self._state = ParkingState()
-            return self._without_arm(self._search(problem, placement, budget))
+            return msgspec.structs.replace(self._search(problem, placement, budget), time_to_range=math.inf)
         if self._state.target != (target.kind, target.name):
             self._state = ParkingState(target=(target.kind, target.name))
         self._advance(problem, placement, target)
@@ -127,26 +126,20 @@ class ParkingController(Stateful[ParkingState]):
     def _advance(self, problem: BaseProblem, placement: Placement, target: Target) -> None:
         """Drive, stop, or stand."""
         state = self._state
-        if state.phase == STOPPING and self._stands(problem.twist):
+        if state.phase == STOPPING and _stands(problem.twist, self.stationary):
             state.phase = PARKED
-        if state.phase == PARKED and not problem.engaged and not self._serves(problem.pose, target):
-            state.phase = DRIVING
+        if state.phase == PARKED and not problem.engaged:
+            serves = self._reach.contains(problem.pose, np.zeros(2), target)
+            state.phase = PARKED if serves else DRIVING
         if state.phase == DRIVING and placement.chosen >= 0 and self._may_stop(problem, placement, target):
-            state.phase = PARKED if self._stands(problem.twist) else STOPPING
+            state.phase = PARKED if _stands(problem.twist, self.stationary) else STOPPING
         if state.phase != DRIVING:
             state.exact = False
         elif self._slow(problem.twist) and placement.chosen >= 0 and self._base.at_goal(problem.pose, placement):
             state.exact = True
 
-    def _stands(self, twist: Array) -> bool:
-        return abs(twist[0]) < self.stationary.stands_v and abs(twist[1]) < self.stationary.stands_w
-
     def _slow(self, twist: Array) -> bool:
         return abs(twist[0]) < self.stationary.slow_v and abs(twist[1]) < self.stationary.slow_w
-
-    def _serves(self, pose: Array, target: Target) -> bool:
-        """Does a base that stands have the target in reach?"""
-        return self._reach.contains(pose, np.zeros(2), target)
 
     def _may_stop(self, problem: BaseProblem, placement: Placement, target: Target) -> bool:
         """Does the shortest stop from here end near enough to the chosen pose, and with as good a reach?
@@ -169,7 +162,7 @@ class ParkingController(Stateful[ParkingState]):
 
     def _stop_ends(self, problem: BaseProblem) -> Array:
         """Poses and twists of the shortest stop, one per period, shape (n, 5)."""
-        most = self._most() * problem.period
+        most = self._limits.accelerations * problem.period
         pose, twist = np.array(problem.pose, dtype=np.float64), np.array(problem.twist, dtype=np.float64)
         rows = [np.array([*pose, *twist])]
         while twist.any():
@@ -183,33 +176,21 @@ class ParkingController(Stateful[ParkingState]):
         """With the margin of the search: it ends with another heading than the chosen one, which has room enough."""
         p = self._usual.parameters
         wanted = p.margin_floor if self._slow(problem.twist) else p.margin
-        most, (x, y, heading), (v, w) = self._most(), problem.pose, problem.twist
-        free = stopping_clearance(
-            float(x), float(y), float(heading), float(v), float(w), float(most[0]), float(most[1]), wanted,
-            field_of(problem.world), self._body,
-        )  # fmt: skip
+        pose, twist, most = problem.pose.tolist(), problem.twist.tolist(), self._limits.accelerations.tolist()
+        free = stopping_clearance(*pose, *twist, *most, wanted, field_of(problem.world), self._body)
         return free >= wanted
-
-    def _most(self) -> Array:
-        return np.array([self._limits.linear_acceleration, self._limits.yaw_acceleration])
 
     def _standing(self, problem: BaseProblem, placement: Placement) -> BasePlan:
         """Come to rest, and stay."""
         rows = self._stop_ends(problem)
         times = np.arange(len(rows)) * problem.period
-        most = self._most()
         left = float(times[-1]) if self._state.phase == STOPPING else 0.0
         return BasePlan(
-            acceleration=frozen(np.clip(-problem.twist / problem.period, -most, most)),
+            acceleration=frozen(self._limits.within(-problem.twist / problem.period)),
             status=PlanStatus.GOAL,
-            global_path=empty_path(),
-            next_path=empty_path(),
             intermediate_goal=frozen(placement.goal),
             local_poses=frozen(rows),
             local_times=frozen(times),
-            bezier=empty_path(),
-            expansions=0,
-            cut_by_clock=False,
             t_h=left,
             k=self._usual.penalty_scale(left),
             time_to_range=left if self._overlap or self._state.phase == PARKED else math.inf,
@@ -218,36 +199,27 @@ class ParkingController(Stateful[ParkingState]):
     def _arriving(self, plan: BasePlan) -> BasePlan:
         """The plan of an approaching base, with the time until it stands instead of the time to reach."""
         if not self._overlap or not math.isfinite(plan.t_h):
-            return self._without_arm(plan)
+            return msgspec.structs.replace(plan, time_to_range=math.inf)
         brake = self._limits.forward_speed / (2.0 * self._limits.linear_acceleration)
         on_the_way = float(plan.local_times[-1]) if plan.status == PlanStatus.GOAL else plan.t_h
         return msgspec.structs.replace(plan, time_to_range=max(on_the_way + brake, 0.05))
-
-    def _without_arm(self, plan: BasePlan) -> BasePlan:
-        return msgspec.structs.replace(plan, time_to_range=math.inf)
 
 
 _NEVER = -1.0  # [m/s] no hand is this slow
 
 
-class FingersWait:
+def fingers_wait(usual: PhaseRules, inputs: ArmInputs) -> PhaseRules:
     """Rules of the phases by which fingers close on an object, and let go of it, only while the base stands."""
+    if _stands(inputs.observation.twist, StationaryParameters()):
+        return usual
+    waiting = msgspec.structs.replace(usual.parameters, close_speed=_NEVER, release_speed=_NEVER)
+    return dataclasses.replace(usual, parameters=waiting)
 
-    def __init__(self, parameters: StationaryParameters) -> None:
-        self._p = parameters
-        self._waiting: PhaseRules | None = None  # made of the usual ones
 
-    def __call__(self, usual: PhaseRules, inputs: ArmInputs) -> PhaseRules:
-        """The rules of a step."""
-        v, w = inputs.observation.twist
-        if abs(v) < self._p.stands_v and abs(w) < self._p.stands_w:
-            return usual
-        if self._waiting is None:
-            waiting = msgspec.structs.replace(usual.parameters, close_speed=_NEVER, release_speed=_NEVER)
-            self._waiting = dataclasses.replace(usual, parameters=waiting)
-        return self._waiting
+def _stands(twist: Array, p: StationaryParameters) -> bool:
+    return abs(twist[0]) < p.stands_v and abs(twist[1]) < p.stands_w
 
 
 def standing_arm(parts: ArmParts) -> Manipulator:
     """The arm of a robot that stops to manipulate."""
-    return Manipulator(parts.known, parts.parameters, ways=ArmWays(rules=FingersWait(StationaryParameters())))
+    return Manipulator(parts.known, parts.parameters, ways=ArmWays(rules=fingers_wait))

@@ -14,12 +14,11 @@ import numpy as np
 from motm_twin.control.arm.bodies import FINGERS, HAND_BODY, IntArray, arm_balls
 from motm_twin.control.arm.geometry import ELBOW, stretch, tilt_for, tool_rotation
 from motm_twin.control.arm.parameters import ArmParameters
-from motm_twin.model.arm_kernels import ELBOW_OFFSET, LOWER, SHOULDER, TOOL, UPPER, WRIST
+from motm_twin.model.arm_kernels import ELBOW_OFFSET, LOWER, SHOULDER, TOOL, UPPER, WRIST, fk_arm, manipulability
 from motm_twin.model.compiler import njit
 from motm_twin.model.exact import angle_of, turn_between
 from motm_twin.model.geometry import Array, frozen
 from motm_twin.model.joint_limits import Q_MAX, Q_MIN, WRIST_MIN
-from motm_twin.model.kinematics import fk_arm, manipulability
 from motm_twin.model.known import KnownWorld
 from motm_twin.planning.parameters import PlanningParameters
 from motm_twin.planning.reach import ReachModel
@@ -238,8 +237,7 @@ def _fill(
             if m <= value.min() or not _is_clear(q, surface, balls):
                 continue
             for k in range(count):
-                q1 = q[0] - math.pi + 2.0 * math.pi * k / count
-                q1 -= 2.0 * math.pi * math.floor((q1 + math.pi) / (2.0 * math.pi))
+                q1 = _angle(q[0] - math.pi + 2.0 * math.pi * k / count)
                 if m > value[k] and low[0] <= q1 <= high[0]:
                     value[k] = m
                     posture[k] = q

@@ -19,21 +19,14 @@ from shapely.geometry.base import BaseGeometry
 from shapely.ops import unary_union
 
 from motm_twin.control.method import PlannerParts
-from motm_twin.model.geometry import Array, from_frame, frozen
+from motm_twin.model.geometry import Array, frozen
 from motm_twin.model.known import known_solids
 from motm_twin.model.reason import Kind, Reason
 from motm_twin.model.scene import Bin, Solid
-from motm_twin.model.scene_shapes import base_outline, outline
+from motm_twin.model.scene_shapes import base_outline, outline, rectangle
 from motm_twin.model.state import Stateful
 from motm_twin.perception.world_map import WorldMap
-from motm_twin.planning.candidates import (
-    Candidates,
-    PlacementState,
-    Survey,
-    costs_of,
-    next_poses,
-    spokes,
-)
+from motm_twin.planning.candidates import Candidates, PlacementState, Survey, costs_of, next_poses, spokes
 from motm_twin.planning.collision import clearances, field_of
 from motm_twin.planning.cost_to_go import Table
 from motm_twin.planning.global_path import GraphCache, goal_table
@@ -217,8 +210,7 @@ class StationaryPlacement(Stateful[StationaryState]):
         """C_i [s]; inf when rejected."""
         if self._terms.nearest_at_bins and target.kind == "place":
             return current
-        p = self.stationary
-        viable = np.isfinite(current)
+        p, viable = self.stationary, np.isfinite(current)
         cost = p.manipulability_weight * (1.0 - share)
         if not self._terms.current:  # equal manipulability (it does not depend on the heading): the robot faces it
             cost = p.manipulability_weight * (p.equal_share * np.floor((1.0 - share) / p.equal_share))
@@ -318,8 +310,8 @@ class FixedPoses:
     are such that the point of the line that is served worst is reached with the most manipulability.
     """
 
-    def __init__(self, parts: PlannerParts, parameters: StationaryParameters | None = None) -> None:
-        known, self._p = parts.known, parameters or StationaryParameters()
+    def __init__(self, parts: PlannerParts) -> None:
+        known, self._p = parts.known, StationaryParameters()
         self._known, self._reach = known, TargetReach(known, parts.parameters)
         self._clearance = parts.parameters.placement.clearance + 0.01
         self._obstacles = unary_union([outline(solid.shape) for solid in known_solids(known)])
@@ -359,7 +351,7 @@ class FixedPoses:
         return max(below, key=lambda solid: (solid.z_max, solid.name), default=None)
 
     def _round_table(self, table: Polygon, target: Target) -> Array:
-        rim, foot = self._rim(table), self._known.robot.footprint
+        rim, foot = self._along(table, np.arange(_RIM_POINTS) / _RIM_POINTS), self._known.robot.footprint
         if not len(rim):
             return np.zeros((0, 3))
         nose = 0.5 * foot.length + foot.offset_x + self._clearance
@@ -379,10 +371,6 @@ class FixedPoses:
             poses.append((nearest.x + distance * out[0], nearest.y + distance * out[1], math.atan2(-out[1], -out[0])))
         return np.array(poses)
 
-    def _rim(self, table: Polygon) -> Array:
-        """Points a little inside the edge of a table, which the arm must reach, shape (m, 2)."""
-        return self._along(table, np.arange(_RIM_POINTS) / _RIM_POINTS)
-
     def _along(self, table: Polygon, shares: Array) -> Array:
         """Points of the line a little inside the edge; none when the table is too narrow for one."""
         inside = table.buffer(-self._p.fixed_inset)
@@ -397,7 +385,7 @@ class FixedPoses:
     def _round_bin(self, item: Bin, target: Target) -> Array:
         """Poses in equal directions about a bin, each as near as the furniture lets it, facing the bin."""
         sets, centre = [], np.array(item.centre)
-        obstacles = unary_union([self._obstacles, _square(item)])
+        obstacles = unary_union([self._obstacles, rectangle((*item.centre, item.yaw), (item.side, item.side))])
         for j in range(_PHASES):
             angles = 2.0 * math.pi * (np.arange(self._p.fixed_poses) + j / _PHASES) / self._p.fixed_poses
             sets.append(np.array([self._nearest(centre, angle, obstacles) for angle in angles]))
@@ -408,17 +396,8 @@ class FixedPoses:
         heading = math.remainder(angle + math.pi, 2.0 * math.pi)
         pose = (0.0, 0.0, 0.0)
         for distance in np.arange(0.4, _FARTHEST, _BIN_STEP):
-            pose = (
-                float(centre[0] + distance * math.cos(angle)),
-                float(centre[1] + distance * math.sin(angle)),
-                heading,
-            )
+            x, y = centre[0] + distance * math.cos(angle), centre[1] + distance * math.sin(angle)
+            pose = (float(x), float(y), heading)
             if base_outline(pose, self._known.robot.footprint).distance(obstacles) >= self._clearance:
                 break
         return pose
-
-
-def _square(item: Bin) -> Polygon:
-    half = 0.5 * item.side
-    corners = np.array([(-half, -half), (half, -half), (half, half), (-half, half)])
-    return Polygon(from_frame(np.array([*item.centre, item.yaw]), corners))

@@ -1,5 +1,6 @@
 """Compiled parts of the agents' behaviour: free distance ahead, and detours."""
 
+import heapq
 import math
 
 import numpy as np
@@ -209,7 +210,7 @@ def way_round(
     best, best_left = -1, math.hypot(goal[0] - start[0], goal[1] - start[1]) - 2.0 * cell
     best_total = np.inf
     while len(heap) > 0:
-        value, node = _pop(heap)
+        value, node = heapq.heappop(heap)
         i, j = node // n, node % n
         if done[i, j]:
             continue
@@ -231,7 +232,7 @@ def way_round(
                 if new < cost[a, b]:
                     cost[a, b] = new
                     parent[a, b] = node
-                    _push(heap, (new, a * n + b))
+                    heapq.heappush(heap, (new, a * n + b))
     count, node = 0, best
     while node >= 0:
         count += 1
@@ -280,32 +281,3 @@ def _cells(low: float, high: float, cell: float, half: int) -> tuple[int, int]:
     """Range of the cells between two coordinates [m] from the start, and one more on either side."""
     first, last = half + math.floor(low / cell) - 1, half + math.ceil(high / cell) + 1
     return min(max(first, 0), 2 * half + 1), min(max(last + 1, 0), 2 * half + 1)
-
-
-@njit(cache=True)
-def _push(heap: list[tuple[float, int]], item: tuple[float, int]) -> None:
-    heap.append(item)
-    k = len(heap) - 1
-    while k > 0 and heap[k] < heap[(k - 1) // 2]:
-        heap[k], heap[(k - 1) // 2] = heap[(k - 1) // 2], heap[k]
-        k = (k - 1) // 2
-
-
-@njit(cache=True)
-def _pop(heap: list[tuple[float, int]]) -> tuple[float, int]:
-    top = heap[0]
-    last = heap.pop()
-    if len(heap) == 0:
-        return top
-    heap[0] = last
-    k = 0
-    while True:
-        child = 2 * k + 1
-        if child >= len(heap):
-            return top
-        if child + 1 < len(heap) and heap[child + 1] < heap[child]:
-            child += 1
-        if heap[k] <= heap[child]:
-            return top
-        heap[k], heap[child] = heap[child], heap[k]
-        k = child

@@ -7,6 +7,7 @@ that a person adds stand still until they are sent to a point.
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
@@ -102,6 +103,16 @@ def start_agent(agent: Agent, rank: int, *, added: bool) -> AgentState:
     return AgentState(agent=agent, rank=rank, pose=pose, next_attempt=PATIENCE + STAGGER * rank, added=added)
 
 
+class _Sight(NamedTuple):
+    """All that agents look at: each other now and predicted, the robot, obstacles, and velocities [m/s] of throws."""
+
+    discs: Array
+    expected: Array
+    robot: RobotShadow
+    obstacles: Solids
+    slides: Mapping[str, Point]
+
+
 class Agents:
     """Moves all agents."""
 
@@ -121,22 +132,17 @@ class Agents:
         return np.array([(*s.pose[:2].tolist(), s.agent.radius, s.agent.height) for s in states])
 
     def step(
-        self,
-        states: list[AgentState],
-        look: bool,
-        robot: RobotShadow,
-        obstacles: Solids,
-        slides: Mapping[str, Point],
+        self, states: list[AgentState], look: bool, robot: RobotShadow, obstacles: Solids, slides: Mapping[str, Point]
     ) -> None:
         """One substep; on a ``look`` the agents see the robot's shadow, the obstacles and each other.
 
         ``slides`` are velocities [m/s] of those that slide as a person threw them.
         """
-        discs = self.discs(states) if look else _NO_DISCS
-        expected = self._expected(states, slides) if look else _NO_DISCS
+        discs, expected = (self.discs(states), self._expected(states, slides)) if look else (_NO_DISCS, _NO_DISCS)
+        sight = _Sight(discs, expected, robot, obstacles, slides)
         for behaviour in WALKS if look else ():
             if any(state.agent.behaviour == behaviour for state in states):
-                self._choose(states, behaviour, robot, obstacles, slides)
+                self._choose(states, behaviour, sight)
         for i, state in enumerate(states):
             if state.held or state.frozen or state.agent.name in slides:
                 state.mode = "held" if state.held else "sliding" if state.agent.name in slides else "frozen"
@@ -145,11 +151,11 @@ class Agents:
                 state.pausing = max(0.0, state.pausing - self.dt)
                 self._stand(state)
             else:
-                seen = robot if state.agent.sees_robot else NO_ROBOT
+                seen = sight if state.agent.sees_robot else sight._replace(robot=NO_ROBOT)
                 if look and state.walks:
-                    self._wait(state, i, discs, seen, obstacles)
+                    self._wait(state, i, seen)
                 elif look and state.agent.behaviour == "yield":
-                    self._look(state, i, discs, expected, seen, obstacles)
+                    self._look(state, i, seen)
                 (self._walk if state.walks else self._drive)(state)
 
     @staticmethod
@@ -169,28 +175,17 @@ class Agents:
         state.mode = "standing"
         if state.v != 0.0 or state.w != 0.0:
             x, y = float(state.pose[0] + math.cos(state.pose[2])), float(state.pose[1] + math.sin(state.pose[2]))
-            state.pose, state.v, state.w, _ = steer(
-                state.pose,
-                state.v,
-                state.w,
-                x,
-                y,
-                state.agent.speed,
-                0.0,
-                0.0,
-                False,
-                self.dt,
-                state.agent.acceleration,
-            )
+            self._steer(state, (x, y), 0.0, 0.0, rounding=False)
 
-    def _choose(
-        self,
-        states: Sequence[AgentState],
-        behaviour: str,
-        robot: RobotShadow,
-        obstacles: Solids,
-        slides: Mapping[str, Point],
-    ) -> None:
+    def _steer(self, state: AgentState, goal: Point, free: float, gap: float, *, rounding: bool) -> float:
+        """Drive towards a point; what is left of ``free`` [m]."""
+        speed, acceleration = state.agent.speed, state.agent.acceleration
+        state.pose, state.v, state.w, left = steer(
+            state.pose, state.v, state.w, *goal, speed, free, gap, rounding, self.dt, acceleration
+        )
+        return left
+
+    def _choose(self, states: Sequence[AgentState], behaviour: str, sight: _Sight) -> None:
         """Choose the velocities of all agents of a behaviour that walks."""
         preferred = np.zeros((len(states), 2))
         for i, state in enumerate(states):
@@ -200,13 +195,13 @@ class Agents:
                 preferred[i] = preferred_velocity(state.pose[:2], goal, state.agent.speed, stays=stays)
         crowd = Crowd(
             positions=np.array([state.pose[:2] for state in states]),
-            velocities=np.array([state.velocity(slides) for state in states]),
+            velocities=np.array([state.velocity(sight.slides) for state in states]),
             radii=np.array([state.agent.radius for state in states]),
             preferred=preferred,
             speeds=np.array([state.agent.speed for state in states]),
             sees_robot=np.array([state.agent.sees_robot for state in states]),
-            robot=robot,
-            obstacles=obstacles,
+            robot=sight.robot,
+            obstacles=sight.obstacles,
         )
         for state, velocity in zip(states, WALKS[behaviour](crowd).tolist(), strict=True):
             if state.agent.behaviour == behaviour:
@@ -222,37 +217,16 @@ class Agents:
         else:
             state.mode = "going round" if len(state.detour) else "driving"
 
-    def _look(
-        self,
-        state: AgentState,
-        own: int,
-        agents: Array,
-        expected: Array,
-        robot: RobotShadow,
-        obstacles: Solids,
-    ) -> None:
-        """Look ahead and to the sides, and wait or search a detour; ``own``: index among the ``agents``."""
+    def _look(self, state: AgentState, own: int, sight: _Sight) -> None:
+        """Look ahead and to the sides, and wait or search a detour; ``own``: index among the agents."""
         agent, rounding = state.agent, len(state.detour) > 0
         margin = MARGIN_ROUND if rounding else MARGIN
         keep = margin if rounding and state.squeezing else margin + ROBOT_KEEP
-        state.free, state.gap = look_about(
-            state.pose,
-            agent.radius,
-            margin,
-            keep,
-            LOOK_AHEAD,
-            obstacles.corners,
-            obstacles.first,
-            obstacles.discs,
-            expected,
-            own,
-            robot.corners,
-            robot.first,
-            robot.discs,
-        )
-        self._wait(state, own, agents, robot, obstacles)
+        around = (*sight.obstacles.plan, sight.expected, own, *sight.robot.plan)
+        state.free, state.gap = look_about(state.pose, agent.radius, margin, keep, LOOK_AHEAD, *around)
+        self._wait(state, own, sight)
 
-    def _wait(self, state: AgentState, own: int, agents: Array, robot: RobotShadow, obstacles: Solids) -> None:
+    def _wait(self, state: AgentState, own: int, sight: _Sight) -> None:
         """Count the time that it waits for its way to be free; after some, search a detour."""
         x, y = self._goal(state)
         if state.walks:
@@ -273,7 +247,7 @@ class Agents:
         if state.waiting < state.next_attempt:
             return
         state.next_attempt = state.waiting + AGAIN + STAGGER * state.rank
-        self._search(state, np.delete(agents[:, :3], own, axis=0), robot, obstacles)
+        self._search(state, np.delete(sight.discs[:, :3], own, axis=0), sight.robot, sight.obstacles)
 
     @staticmethod
     def _search(state: AgentState, others: Array, robot: RobotShadow, obstacles: Solids) -> None:
@@ -322,8 +296,7 @@ class Agents:
         return goal
 
     def _drive(self, state: AgentState) -> None:
-        agent = state.agent
-        x, y = self._goal(state)
+        agent, goal = state.agent, self._goal(state)
         if not state.points:  # arrived where it was sent to stand
             self._stand(state)
             return
@@ -331,9 +304,7 @@ class Agents:
         free, gap = (state.free, state.gap) if yielding else (math.inf, math.inf)
         if state.errand is not None and not agent.waypoints:  # slow enough to stop there
             free = min(free, math.hypot(state.errand[0] - state.pose[0], state.errand[1] - state.pose[1]))
-        state.pose, state.v, state.w, left = steer(
-            state.pose, state.v, state.w, x, y, agent.speed, free, gap, rounding, self.dt, agent.acceleration
-        )
+        left = self._steer(state, goal, free, gap, rounding=rounding)
         if yielding:
             state.free = left
         if state.waiting > 0.0 and state.v <= CREEP:

@@ -9,14 +9,16 @@ import msgspec
 import numpy as np
 
 from motm_twin.model.edits import AddObstacle, MoveObject
-from motm_twin.model.geometry import Array, wrap_angle
+from motm_twin.model.geometry import Array, rectangle, wrap_angle
 from motm_twin.model.profile import Footprint
 from motm_twin.model.scene import PERSON_ACCELERATION, TEMI_ACCELERATION, Agent
 from motm_twin.sim.objects import ObjectState, ObjectWorld, keep_inside
-from motm_twin.sim.solids import Solids, obstacle_disc, rectangle
+from motm_twin.sim.solids import Solids, obstacle_disc
 
-TEMI_SPEED, TEMI_RADIUS, TEMI_HEIGHT = 0.4, 0.25, 1.0  # [m/s], [m], [m]
-PERSON_SPEED, PERSON_RADIUS, PERSON_HEIGHT = 1.0, 0.25, 1.7
+_ADDED = {  # agents that a person adds [m/s], [m], [m/s^2]
+    "temi": {"speed": 0.4, "radius": 0.25, "height": 1.0, "acceleration": TEMI_ACCELERATION},
+    "person": {"speed": 1.0, "radius": 0.25, "height": 1.7, "acceleration": PERSON_ACCELERATION},
+}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -24,7 +26,7 @@ class Outline:
     """A convex polygon (k, 2), counter-clockwise, or with one corner a disc of ``radius`` [m], from the floor up."""
 
     corners: Array
-    radius: float
+    radius: float = 0.0
     height: float  # [m]
 
     def shifted(self, way: Array) -> "Outline":
@@ -36,7 +38,7 @@ def obstacle_outline(item: AddObstacle) -> Outline:
     """Outline of an obstacle."""
     disc = obstacle_disc(item)
     if disc is None:
-        return Outline(corners=rectangle(item.x, item.y, item.heading, item.size), radius=0.0, height=item.size[2])
+        return Outline(corners=rectangle((item.x, item.y, item.heading), item.size), height=item.size[2])
     return disc_outline(item.x, item.y, *disc)
 
 
@@ -47,21 +49,10 @@ def disc_outline(x: float, y: float, radius: float, height: float) -> Outline:
 
 def added_agent(edit: AddObstacle) -> Agent | None:
     """The agent that a person adds with this edit; None when it adds a box or cylinder."""
-    if edit.shape == "temi":
-        speed, radius, height = TEMI_SPEED, TEMI_RADIUS, TEMI_HEIGHT
-    elif edit.shape == "person":
-        speed, radius, height = PERSON_SPEED, PERSON_RADIUS, PERSON_HEIGHT
-    else:
+    if edit.shape not in _ADDED:
         return None
-    return Agent(
-        name=edit.name,
-        start=(edit.x, edit.y, wrap_angle(edit.heading)),
-        speed=speed,
-        radius=radius,
-        height=height,
-        kind=edit.shape,
-        acceleration=PERSON_ACCELERATION if edit.shape == "person" else TEMI_ACCELERATION,
-    )
+    start = (edit.x, edit.y, wrap_angle(edit.heading))
+    return Agent(name=edit.name, start=start, kind=edit.shape, **_ADDED[edit.shape])
 
 
 def placed(item: AddObstacle, x: float, y: float, heading: float) -> AddObstacle:
@@ -97,11 +88,11 @@ def put_down(objects: Sequence[ObjectState], solids: Solids, edit: MoveObject) -
 def square_outline(item: ObjectState) -> Outline:
     """The outline of an object that stands upright."""
     x, y, top = float(item.position[0]), float(item.position[1]), float(item.position[2]) + 0.5 * item.side
-    return Outline(corners=rectangle(x, y, item.yaw, (item.side, item.side)), radius=0.0, height=top)
+    return Outline(corners=rectangle((x, y, item.yaw), (item.side, item.side)), height=top)
 
 
 def robot_outline(foot: Footprint, pose: Array) -> Outline:
     """The outline of the robot's base at a pose, shape (3,)."""
     x = float(pose[0]) + foot.offset_x * float(np.cos(pose[2]))
     y = float(pose[1]) + foot.offset_x * float(np.sin(pose[2]))
-    return Outline(corners=rectangle(x, y, float(pose[2]), (foot.length, foot.width)), radius=0.0, height=foot.height)
+    return Outline(corners=rectangle((x, y, pose[2]), (foot.length, foot.width)), height=foot.height)

@@ -30,6 +30,11 @@ class RobotShadow:
         """There is a robot."""
         return len(self.corners) > 0
 
+    @property
+    def plan(self) -> tuple[Array, NDArray[np.int64], Array]:
+        """Corners, the first of each rectangle, and discs, for kernels."""
+        return self.corners, self.first, self.discs
+
     def base(self, grown: float) -> Array:
         """Corners of the base as it stands, moved out by ``grown`` [m] along both axes, shape (4, 2)."""
         corners = self.corners[:4]

@@ -11,7 +11,8 @@ from motm_twin.model.exact import transposed_times
 from motm_twin.model.geometry import Array
 from motm_twin.model.scene import Bin
 from motm_twin.sim.objects import ObjectState, over
-from motm_twin.sim.referee_geometry import set_upright
+from motm_twin.sim.referee_geometry import cube, set_upright
+from motm_twin.sim.responsibility import Gauge
 
 FINGERS = ("panda_leftfinger", "panda_rightfinger")
 SIDE_BY_SIDE = 2e-4  # [m] by which cubes that lie side by side may overlap: the simulation parts them to half of that
@@ -89,10 +90,8 @@ class CubePairs:
     """Looks for cubes that overlap."""
 
     def __init__(self) -> None:
-        """Buffers for the distance library."""
-        self._request, self._result = coal.DistanceRequest(), coal.DistanceResult()
+        self._gauge = Gauge()
         self._one, self._two = coal.Transform3s(), coal.Transform3s()
-        self._boxes: dict[float, coal.Box] = {}
 
     def meetings(
         self, objects: Sequence[ObjectState], now: tuple[Pose, ...], shove: Shove, piled: Sequence[Bin] = ()
@@ -121,14 +120,7 @@ class CubePairs:
             return 0.0
         set_upright(self._one, here)
         set_upright(self._two, there)
-        self._result.clear()
-        box, other = self._box(comes.side), self._box(lies.side)
-        return -coal.distance(box, self._one, other, self._two, self._request, self._result)
-
-    def _box(self, side: float) -> coal.Box:
-        if side not in self._boxes:
-            self._boxes[side] = coal.Box(side, side, side)
-        return self._boxes[side]
+        return -self._gauge((cube(comes.side), self._one), (cube(lies.side), self._two))
 
 
 def array_of(places: tuple[Pose, ...]) -> Array:

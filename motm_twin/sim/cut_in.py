@@ -10,11 +10,12 @@ from typing import NamedTuple
 import coal
 import numpy as np
 
-from motm_twin.model.geometry import Array
+from motm_twin.model.geometry import Array, about_z
 from motm_twin.model.plant import CutIn
 from motm_twin.model.scene import AGENT_MOVES, AGENT_REACTION
 from motm_twin.sim.agents import AgentState
 from motm_twin.sim.referee_geometry import RobotShapes
+from motm_twin.sim.responsibility import Gauge
 
 DEEPER = 0.02  # [m] into the area at the agent's last chance to stop that takes this chance away
 PARTED = 1.0  # [s] outside the area after which a new entry counts separately
@@ -55,11 +56,10 @@ class StoppingAreas:
     """Looks for the robot in the stopping areas of all agents."""
 
     def __init__(self, robot: RobotShapes) -> None:
-        """Shapes of the robot."""
         self._robot = robot
         offsets = np.sqrt((robot.centres[:-1] ** 2).sum(axis=1))
         self._reach = offsets + robot.radii[:-1]  # [m] of each part from its frame
-        self._request, self._result = coal.DistanceRequest(), coal.DistanceResult()
+        self._gauge = Gauge()
         self._here, self._there = coal.Transform3s(), coal.Transform3s()
 
     def look(
@@ -102,7 +102,7 @@ class StoppingAreas:
         near = self._near(placed, (area.x, area.y, c, s), area.way + radius, radius)
         if not near:
             return 0.0
-        turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+        turn = about_z(area.course)
         middle = np.array([area.x + 0.5 * area.way * c, area.y + 0.5 * area.way * s, 0.5 * height])
         end = np.array([area.x + area.way * c, area.y + area.way * s, 0.5 * height])
         strip, cap = coal.Box(area.way, 2.0 * radius, height), coal.Cylinder(radius, height)
@@ -137,5 +137,4 @@ class StoppingAreas:
         return max(0.0, least)
 
     def _distance(self, i: int, other: coal.CollisionGeometry) -> float:
-        self._result.clear()
-        return coal.distance(self._robot.shapes[i], self._here, other, self._there, self._request, self._result)
+        return self._gauge((self._robot.shapes[i], self._here), (other, self._there))

@@ -1,33 +1,23 @@
 """Effects of edits on the simulated world, applied between substeps; waiting edits are tried on a copy."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 import msgspec
 import numpy as np
 
+from motm_twin.model import edits
 from motm_twin.model.arm_kernels import HAND, TCP
-from motm_twin.model.edits import (
-    AddObstacle,
-    FreezeBody,
-    InjectFault,
-    MoveBody,
-    MoveObject,
-    PushRobot,
-    ReleaseBody,
-    RemoveBody,
-    SendAgent,
-    SetBehaviour,
-    WorldEdit,
-)
-from motm_twin.model.geometry import Array, wrap_angle
+from motm_twin.model.edits import AddObstacle, FreezeBody, MoveBody, MoveObject, PushRobot, SendAgent, SetBehaviour
+from motm_twin.model.geometry import wrap_angle
 from motm_twin.model.scene import Agent
 from motm_twin.sim.agents import AgentState, start_agent
 from motm_twin.sim.bodies import added_agent, capped, placed, put_down
 from motm_twin.sim.faults import inject
 from motm_twin.sim.gripper import Gripper
 from motm_twin.sim.layout import Furnishings, Scenery, as_obstacle, build_scenery, same_pose
+from motm_twin.sim.mechanics import Frames
 from motm_twin.sim.objects import ObjectWorld, carry, riders
 from motm_twin.sim.plant_state import PlantState
 from motm_twin.sim.responsibility import Shift
@@ -36,7 +26,6 @@ from motm_twin.sim.slides import FASTEST
 from motm_twin.sim.world_edits import check_edit, pushed_pose
 
 SLOWEST_THROW = 0.05  # [m/s] below which a released body just stands
-Frames = Callable[[Array, Array], Array]  # pose (3,), q (7,) -> transforms of the arm's frames in the world (11, 4, 4)
 
 
 @dataclass
@@ -56,7 +45,7 @@ class Effects:
         self.furnishings, self.frames, self.substep = furnishings, frames, substep
         self.objects = objects
 
-    def apply(self, state: PlantState, scenery: Scenery, edit: WorldEdit) -> tuple[Effect, Scenery]:
+    def apply(self, state: PlantState, scenery: Scenery, edit: edits.WorldEdit) -> tuple[Effect, Scenery]:
         """Apply a checked edit to the state; returns its effect and the new scenery."""
         effect = Effect()
         match edit:
@@ -65,19 +54,11 @@ class Effects:
                 effect.moved = {edit.name: Shift(None, (edit.x, edit.y, edit.heading), kind)}
             case MoveBody():
                 effect.moved = self._move(state, scenery, edit)
-            case ReleaseBody():
+            case edits.ReleaseBody():
                 self._release(state, edit)
-            case FreezeBody():
-                agent = agent_of(state, edit.name)
-                agent.frozen = edit.frozen
-                agent.stop()
-            case SendAgent():
-                _send(agent_of(state, edit.name), edit)
-            case SetBehaviour():
-                agent = agent_of(state, edit.name)
-                agent.agent = msgspec.structs.replace(agent.agent, behaviour=edit.behaviour)
-                agent.stop()
-            case RemoveBody():
+            case FreezeBody() | SendAgent() | SetBehaviour():
+                _direct(state.agent(edit.name), edit)
+            case edits.RemoveBody():
                 effect.moved = self._remove(state, edit.name)
             case MoveObject():
                 self._put(state, scenery, edit)
@@ -85,7 +66,7 @@ class Effects:
             case PushRobot():
                 self._push(state, edit)
                 effect.pushed = True
-            case InjectFault():
+            case edits.InjectFault():
                 inject(state.faults, edit, state.substep, self.substep, self.furnishings.scene.seed)
         scenery = self.scenery(state, scenery)
         effect.disturbed += self._fall(state, scenery)
@@ -100,13 +81,10 @@ class Effects:
 
     def _fall(self, state: PlantState, scenery: Scenery) -> tuple[str, ...]:
         """Let unsupported objects fall."""
-        fallen = []
-        for item in state.objects:
-            if item.state not in ("held", "falling"):
-                self.objects.check_support(item, state.objects, scenery.solids)
-                if item.state == "falling":
-                    fallen.append(item.name)
-        return tuple(fallen)
+        loose = [item for item in state.objects if item.state not in ("held", "falling")]
+        for item in loose:
+            self.objects.check_support(item, state.objects, scenery.solids)
+        return tuple(item.name for item in loose if item.state == "falling")
 
     @staticmethod
     def _add(state: PlantState, edit: AddObstacle) -> tuple[float | str, ...]:
@@ -123,46 +101,28 @@ class Effects:
     def _move(self, state: PlantState, scenery: Scenery, edit: MoveBody) -> dict[str, Shift]:
         """The solids, bins or agent that are somewhere else now."""
         state.slides.pop(edit.name, None)
-        agent = next((item for item in state.agents if item.agent.name == edit.name), None)
+        agent, name, item = state.agent(edit.name), edit.name, None
         if agent is not None:
-            before = agent.pose
-            after = np.array([edit.x, edit.y, _turned(float(before[2]), edit.heading)])
-            agent.pose, agent.held = after, edit.held
-            agent.stop()
-        elif edit.name in self.furnishings.pieces:
-            before, after = self._move_piece(state, scenery, edit)
+            before = tuple(agent.pose.tolist())
+        elif name in self.furnishings.pieces:
+            before = self.furnishings.pose(state.layout, name)
         else:
-            before, after = self._move_obstacle(state, scenery, edit)
+            item = self.loosened(state, name)
+            before = (item.x, item.y, item.heading)
+        after = (edit.x, edit.y, before[2] if edit.heading is None else wrap_angle(edit.heading))
+        if agent is not None:
+            agent.pose, agent.held = np.array(after, dtype=float), edit.held
+            agent.stop()
+        elif item is not None:
+            state.layout = state.layout.with_obstacle(placed(item, *after))
+        elif before != after:
+            state.layout = self.furnishings.moved(state.layout, name, after)
+        if agent is None and before != after:
+            riding = riders(state.objects, scenery.solids, self.furnishings.parts(name))
+            carry(riding, np.array(before, dtype=float), np.array(after, dtype=float))
         here, there = _floats(before), _floats(after)
-        parts = () if same_pose(here, there) else self.furnishings.parts(edit.name)
+        parts = () if same_pose(here, there) else self.furnishings.parts(name)
         return dict.fromkeys(parts, Shift(here, there))
-
-    def _move_piece(self, state: PlantState, scenery: Scenery, edit: MoveBody) -> tuple[Array, Array]:
-        before = self.furnishings.pose(state.layout, edit.name)
-        after = (edit.x, edit.y, _turned(before[2], edit.heading))
-        if before != after:
-            state.layout = self.furnishings.moved(state.layout, edit.name, after)
-        return self._ride(state, scenery, edit.name, before, after)
-
-    def _move_obstacle(self, state: PlantState, scenery: Scenery, edit: MoveBody) -> tuple[Array, Array]:
-        item = self.loosened(state, edit.name)
-        after = placed(item, edit.x, edit.y, _turned(item.heading, edit.heading))
-        state.layout = state.layout.with_obstacle(after)
-        return self._ride(state, scenery, edit.name, (item.x, item.y, item.heading), (after.x, after.y, after.heading))
-
-    def _ride(
-        self,
-        state: PlantState,
-        scenery: Scenery,
-        name: str,
-        before: tuple[float, float, float],
-        after: tuple[float, float, float],
-    ) -> tuple[Array, Array]:
-        """Carry along objects that stand on a body; its poses as arrays."""
-        here, there = np.array(before, dtype=float), np.array(after, dtype=float)
-        if before != after:
-            carry(riders(state.objects, scenery.solids, self.furnishings.parts(name)), here, there)
-        return here, there
 
     def loosened(self, state: PlantState, name: str) -> AddObstacle:
         """The obstacle of this name; a loose solid of the scene is turned into one."""
@@ -172,8 +132,8 @@ class Effects:
             state.layout = msgspec.structs.replace(state.layout.with_obstacle(item), taken=(*state.layout.taken, name))
         return item
 
-    def _release(self, state: PlantState, edit: ReleaseBody) -> None:
-        agent = next((item for item in state.agents if item.agent.name == edit.name), None)
+    def _release(self, state: PlantState, edit: edits.ReleaseBody) -> None:
+        agent = state.agent(edit.name)
         if agent is not None:
             agent.held = False
             agent.stop()
@@ -185,12 +145,9 @@ class Effects:
 
     def _remove(self, state: PlantState, name: str) -> dict[str, Shift]:
         """The body that is gone, if it can come back."""
-        layout = state.layout
-        gone = {
-            item.agent.name: Shift(_floats(item.pose), None, _kind(item.agent))
-            for item in state.agents
-            if item.agent.name == name
-        }
+        layout, agent, gone = state.layout, state.agent(name), {}
+        if agent is not None:
+            gone[name] = Shift(_floats(agent.pose), None, _kind(agent.agent))
         item = layout.obstacle(name)
         if item is not None:
             gone[name] = Shift((item.x, item.y, item.heading), None, (item.shape, *item.size))
@@ -221,26 +178,25 @@ class Effects:
         Localisation.relocate(state.localisation, state.base.pose)
 
 
-def agent_of(state: PlantState, name: str) -> AgentState:
-    """The agent of this name."""
-    return next(item for item in state.agents if item.agent.name == name)
-
-
 def _kind(agent: Agent) -> tuple[float | str, ...]:
     return ("agent", agent.radius, agent.height)
 
 
-def _floats(pose: Array) -> tuple[float, float, float]:
+def _floats(pose: Iterable[float]) -> tuple[float, float, float]:
     x, y, heading = (float(value) for value in pose)
     return x, y, heading
 
 
-def _turned(before: float, heading: float | None) -> float:
-    return before if heading is None else wrap_angle(heading)
-
-
-def _send(agent: AgentState, edit: SendAgent) -> None:
-    agent.errand, agent.frozen = (edit.x, edit.y), False
+def _direct(agent: AgentState | None, edit: FreezeBody | SendAgent | SetBehaviour) -> None:
+    """Tell an agent what to do; it stops first."""
+    assert agent is not None
+    match edit:
+        case FreezeBody(frozen=frozen):
+            agent.frozen = frozen
+        case SendAgent(x=x, y=y):
+            agent.errand, agent.frozen = (x, y), False
+        case SetBehaviour(behaviour=behaviour):
+            agent.agent = msgspec.structs.replace(agent.agent, behaviour=behaviour)
     agent.stop()
 
 
@@ -251,9 +207,9 @@ class Rehearsal:
         """The state is copied when the first edit is tried."""
         self._effects, self._state, self._scenery = effects, state, scenery
         self._copied = False
-        self._due: WorldEdit | None = None  # accepted last; the last one of all need never be tried
+        self._due: edits.WorldEdit | None = None  # accepted last; the last one of all need never be tried
 
-    def accept(self, edit: WorldEdit) -> None:
+    def accept(self, edit: edits.WorldEdit) -> None:
         """Take an edit after those that were accepted before; raises ValueError when the world will not take it."""
         self._catch_up()
         check_edit(self._effects.furnishings, self._state, self._scenery, edit)

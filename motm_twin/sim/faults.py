@@ -15,14 +15,14 @@ from motm_twin.model.geometry import Array, to_frame
 from motm_twin.model.plant import Detection, Observation, Scan
 from motm_twin.model.scene import Scene, TimedFault
 from motm_twin.sim.objects import ObjectState
-from motm_twin.sim.sensors import LidarState, LocalisationState
+from motm_twin.sim.sensors import Frame, LidarState, LocalisationState
 
 _RNG_FAULT, _RNG_NOISE = 0xFA1C0DE, 0xFA1C0015E
 _PLAIN_NOISE = 0.01  # [m] base value for a noise-free lidar
 _GHOST_SD = 0.005  # [m] reported for a ghost
 _OF_CAMERA = frozenset(("camera_swap", "camera_lost", "camera_ghost"))
-Frame = tuple[float, Array, Array]  # stamp [s], true pose and odometry of the camera's newest frame
-Reported = tuple[int, Array, Array, Array, Array, Array, float, bool]  # substep, and the motion reported for it
+_MOTION = ("pose", "odometry", "twist", "q", "dq", "gripper_width", "gripper_moving")
+Reported = tuple[int, Array, Array, Array, Array, Array, float, bool]  # substep, and `_MOTION` reported for it
 
 
 @dataclass
@@ -176,10 +176,7 @@ class FaultEffects:
         late = state.on.get("state_delay")
         if late is None:
             return
-        moving = now.gripper_moving
-        state.reports.append(
-            (substep, now.pose, now.odometry, now.twist, now.q, now.dq, now.gripper_width, moving)
-        )  # fmt: skip
+        state.reports.append((substep, *(getattr(now, name) for name in _MOTION)))
         newest = substep - round(late.value / self._substep)
         while len(state.reports) > 1 and state.reports[1][0] <= newest:
             state.reports.pop(0)
@@ -190,12 +187,9 @@ class FaultEffects:
         told = state.told
         if told is None:
             return now
-        at, pose, odometry, twist, q, dq, width, moving = told
+        at, *motion = told
         age = (substep - at) * self._substep
-        return msgspec.structs.replace(
-            now, pose=pose, odometry=odometry, twist=twist, q=q, dq=dq, gripper_width=width, gripper_moving=moving,
-            age=age, behind=age,
-        )  # fmt: skip
+        return msgspec.structs.replace(now, **dict(zip(_MOTION, motion, strict=True)), age=age, behind=age)
 
 
 def _edit_of(one: TimedFault) -> InjectFault:

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from motm_twin.model.exact import dot, times, transposed_times
-from motm_twin.model.geometry import Array, from_frame, to_frame
+from motm_twin.model.geometry import Array, rectangle, to_frame
 from motm_twin.model.scene import GRASP_RULES
 from motm_twin.sim.kernels import polygon_distance
 from motm_twin.sim.objects import SUPPORT_SLACK, ObjectState
@@ -192,7 +192,8 @@ def make_room(item: ObjectState, objects: Sequence[ObjectState], solids: Solids)
 
     In that case only the shifted cube has moved.
     """
-    level = [other for other in objects if _pushable(other) and abs(other.position[2] - item.position[2]) < _LEVEL]
+    lying = [other for other in objects if other.state in ("resting", "dropped")]
+    level = [other for other in lying if abs(other.position[2] - item.position[2]) < _LEVEL]
     before = {other.name: other.position for other in level}
     moved, queue = [item], [item]
     while queue and len(moved) < _MOST:
@@ -215,10 +216,6 @@ def make_room(item: ObjectState, objects: Sequence[ObjectState], solids: Solids)
     return None
 
 
-def _pushable(item: ObjectState) -> bool:
-    return item.state in ("resting", "dropped")
-
-
 def _aside(item: ObjectState, mover: ObjectState) -> Array | None:
     """The shortest shift (2,) [m] that moves one cube off another; None when they are apart."""
     offset = transposed_times(mover.rotation, item.position - mover.position)
@@ -233,18 +230,18 @@ def _aside(item: ObjectState, mover: ObjectState) -> Array | None:
 def _in_solid(item: ObjectState, solids: Solids) -> bool:
     """The cube overlaps furniture beside it."""
     half, low, high = 0.5 * item.side - _CONTACT, item.bottom + SUPPORT_SLACK, item.bottom + item.side - SUPPORT_SLACK
-    corners = np.array([[-half, -half], [half, -half], [half, half], [-half, half]])
-    points = from_frame(np.array([item.position[0], item.position[1], item.yaw]), corners)
+    frame = np.array([item.position[0], item.position[1], item.yaw])
+    points = rectangle(frame, (2.0 * half, 2.0 * half))
     for i in np.flatnonzero((solids.z[:, 0] < high) & (solids.z[:, 1] > low)):
         first, last = int(solids.first[i]), int(solids.first[i + 1])
         if any(polygon_distance(x, y, solids.corners, first, last) == 0.0 for x, y in points.tolist()):
             return True
-        local = to_frame(np.array([item.position[0], item.position[1], item.yaw]), solids.corners[first:last])
+        local = to_frame(frame, solids.corners[first:last])
         if bool((np.abs(local).max(axis=1) < half).any()):
             return True
     for i in np.flatnonzero((solids.disc_z[:, 0] < high) & (solids.disc_z[:, 1] > low)):
         x, y, radius = solids.discs[i].tolist()
-        local = to_frame(np.array([item.position[0], item.position[1], item.yaw]), np.array([x, y]))
+        local = to_frame(frame, np.array([x, y]))
         if math.hypot(*np.maximum(np.abs(local) - half, 0.0).tolist()) < radius:
             return True
     return False

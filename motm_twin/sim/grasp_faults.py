@@ -7,16 +7,15 @@ pushed or dropped, a cube that is elsewhere.
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import msgspec
 import numpy as np
 
 from motm_twin.model.edits import MoveObject
 from motm_twin.model.geometry import Array
-from motm_twin.model.profile import Gripper as GripperSpec
 from motm_twin.model.scene import Faults, Pick, Scene
 from motm_twin.sim.bodies import put_down
-from motm_twin.sim.grasp import RELATIVE_SPEED, STRICT
 from motm_twin.sim.gripper import Gripper, GripperState
 from motm_twin.sim.objects import ObjectState, ObjectWorld
 from motm_twin.sim.solids import Solids
@@ -26,10 +25,9 @@ _RNG_FAULTS = 0xFA0175
 
 def gripper_with(scene: Scene, objects: ObjectWorld, dt: float) -> Gripper:
     """The gripper of a scene: the regular one unless the scene has grasp faults."""
-    faults, spec = scene.faults, scene.robot.gripper
-    rule = scene.grasp_rule, scene.grasp_speed
-    plain = msgspec.structs.replace(faults, inject=None) == Faults()
-    return Gripper(spec, objects, dt, *rule) if plain else FaultyGripper(faults, spec, objects, dt, scene.seed, *rule)
+    usual = scene.robot.gripper, objects, dt, scene.grasp_rule, scene.grasp_speed
+    plain = msgspec.structs.replace(scene.faults, inject=None) == Faults()
+    return Gripper(*usual) if plain else FaultyGripper(scene.faults, scene.seed, *usual)
 
 
 @dataclass(kw_only=True)
@@ -48,20 +46,10 @@ class FaultyGripper(Gripper):
     `grasp` has to hold.
     """
 
-    def __init__(
-        self,
-        faults: Faults,
-        spec: GripperSpec,
-        objects: ObjectWorld,
-        dt: float,
-        seed: int,
-        rule: str = STRICT,
-        slides: float = RELATIVE_SPEED,
-    ) -> None:
-        """``seed`` of the scene."""
-        super().__init__(spec, objects, dt, rule, slides)
-        self.faults = faults
-        self._seed = seed
+    def __init__(self, faults: Faults, seed: int, *usual: Any) -> None:
+        """``seed`` of the scene; ``usual``: as of `Gripper`."""
+        super().__init__(*usual)
+        self.faults, self._seed = faults, seed
 
     def start(self) -> FaultyGripperState:
         """Open and empty."""
@@ -113,7 +101,7 @@ class CubeMover:
         self._starts = {item.name: item.position for item in scene.objects}
         self._order = [task.object for task in scene.tasks if isinstance(task, Pick)]
         drawn = np.random.default_rng([scene.seed, _RNG_MEDDLING]).uniform(0.0, 2.0 * math.pi, len(self._order))
-        self._angles = dict(zip(self._order, (float(angle) for angle in drawn), strict=True))
+        self._angles = dict(zip(self._order, drawn.tolist(), strict=True))
 
     def attempts(self, objects: Sequence[ObjectState], pose: Array, solids: Solids) -> Iterator[MoveObject]:
         """Candidate places for the cube that is picked next, in order of preference; none when it is left alone."""

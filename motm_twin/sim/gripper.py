@@ -3,6 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
@@ -11,23 +12,8 @@ from motm_twin.model.exact import dot, norm, product, times, transposed_times
 from motm_twin.model.geometry import Array
 from motm_twin.model.profile import Gripper as GripperSpec
 from motm_twin.model.state import LATER
-from motm_twin.sim.grasp import (
-    BOTH_TOUCH,
-    RELATIVE_SPEED,
-    STRICT,
-    between_pads,
-    centre_between_pads,
-    make_room,
-    moment_of_push,
-    near,
-    push,
-    slips_out,
-    swept_violation,
-    under,
-    violation,
-    width_across,
-    yaw_misfit,
-)
+from motm_twin.sim import grasp
+from motm_twin.sim.grasp import RELATIVE_SPEED, STRICT
 from motm_twin.sim.objects import ObjectState, ObjectWorld
 from motm_twin.sim.solids import Solids
 
@@ -47,14 +33,21 @@ class GripperState:
     slid: bool = False  # the candidate moved too fast relative to the hand at some time
     held: str = ""
     held_from_z: float = 0.0  # [m] height at which the cube was taken
-    outcome: str = (
-        ""  # of the newest closing: held | slipping | nothing | offset | yaw | tilt | no room | dropped | taken
-    )
+    outcome: str = ""  # newest closing: held | slipping | nothing | offset | yaw | tilt | no room | dropped | taken
     under: tuple[str, ...] = field(default=(), metadata=LATER)  # cubes that a finger stands on or wedges
     moment: float = field(default=0.0, metadata=LATER)  # [m^2] of pushes by one pad alone while closing
     along: float = field(default=0.0, metadata=LATER)  # [m] of the candidate along the pads, until both touch it
     position_in_hand: Array = field(default_factory=lambda: np.zeros(3))  # of the held cube
     rotation_in_hand: Array = field(default_factory=lambda: np.eye(3))
+
+
+class Hand(NamedTuple):
+    """The hand at the end of a substep, world frame."""
+
+    tcp: Array  # tool centre point [m], shape (3,)
+    rotation: Array  # shape (3, 3)
+    place: Array  # of its frame [m], shape (3,)
+    velocity: Array  # of the tool centre point [m/s], shape (3,)
 
 
 class Gripper:
@@ -99,7 +92,7 @@ class Gripper:
                 return
             between = math.inf
             for item in cubes:
-                fits = state.width >= width_across(item.side, yaw_misfit(rotation, item))
+                fits = state.width >= grasp.width_across(item.side, grasp.yaw_misfit(rotation, item))
                 if item.state == "falling" or not fits or self._violation(tcp, rotation, item, state.width):
                     continue
                 along = abs(dot(rotation[:, 0], item.position - tcp))
@@ -121,48 +114,42 @@ class Gripper:
         stuck: bool = False,
     ) -> None:
         """One substep that ends at ``now`` [s] with the arm's frames (11, 4, 4); ``stuck`` fingers do not move."""
-        tcp, rotation, hand = frames[TCP, :3, 3], frames[TCP, :3, :3], frames[HAND, :3, 3]
+        hand = Hand(frames[TCP, :3, 3], frames[TCP, :3, :3], frames[HAND, :3, 3], tcp_velocity)
         by_name = {item.name: item for item in cubes} if state.held or self.moving(state) else {}
         if state.held:
-            self._carry(state, rotation, hand, tcp_velocity, by_name[state.held])
+            self._carry(state, hand, by_name[state.held])
         if stuck:
             state.began += self.dt
         elif state.phase == "closing":
-            self._close(state, now, tcp, rotation, hand, tcp_velocity, by_name, solids)
+            self._close(state, now, hand, by_name, solids)
         elif state.phase == "opening":
-            self._open(state, now, tcp_velocity, by_name)
-        place = tcp.tolist()
+            self._open(state, now, hand, by_name)
+        place = hand.tcp.tolist()
         for item in cubes:
-            if not near(place, item.position) or item.name in (state.held, state.candidate):
+            if not grasp.near(place, item.position) or item.name in (state.held, state.candidate):
                 if state.under:
                     state.under = tuple(name for name in state.under if name != item.name)
                 continue
             if item.state == "falling" or item.state.startswith("binned:"):
                 continue
-            self._touch(state, rotation, hand, -float(tcp_velocity[2]) * self.dt, item, cubes, solids)
+            self._touch(state, hand, item, cubes, solids)
 
     def _touch(
-        self,
-        state: GripperState,
-        rotation: Array,
-        hand: Array,
-        sunk: float,
-        item: ObjectState,
-        cubes: Sequence[ObjectState],
-        solids: Solids,
+        self, state: GripperState, hand: Hand, item: ObjectState, cubes: Sequence[ObjectState], solids: Solids
     ) -> None:
         """Let a finger stand on a cube or push it with the cubes behind it; nothing moves when furniture is behind."""
         stood = item.name in state.under
-        if under(rotation, hand, item, state.width, sunk=math.inf if stood else max(0.0, sunk)):
+        sunk = math.inf if stood else max(0.0, -float(hand.velocity[2]) * self.dt)
+        if grasp.under(hand.rotation, hand.place, item, state.width, sunk=sunk):
             if not stood:
                 state.under = (*state.under, item.name)
             return
         if stood:
             state.under = tuple(name for name in state.under if name != item.name)
         before = item.position
-        if not push(rotation, hand, item, state.width):
+        if not grasp.push(hand.rotation, hand.place, item, state.width):
             return
-        moved = make_room(item, cubes, solids)
+        moved = grasp.make_room(item, cubes, solids)
         if moved is None:
             item.position = before
             state.under = (*state.under, item.name)
@@ -172,8 +159,8 @@ class Gripper:
 
     def _violation(self, tcp: Array, rotation: Array, item: ObjectState, width: float) -> str:
         if self._strict:
-            return violation(tcp, rotation, item)
-        return swept_violation(tcp, rotation, item, width)
+            return grasp.violation(tcp, rotation, item)
+        return grasp.swept_violation(tcp, rotation, item, width)
 
     @staticmethod
     def lose(state: GripperState, name: str) -> None:
@@ -200,21 +187,13 @@ class Gripper:
         state.phase, state.began, state.start_width = phase, now, state.width
 
     def _close(
-        self,
-        state: GripperState,
-        now: float,
-        tcp: Array,
-        rotation: Array,
-        hand: Array,
-        tcp_velocity: Array,
-        cubes: dict[str, ObjectState],
-        solids: Solids,
+        self, state: GripperState, now: float, hand: Hand, cubes: dict[str, ObjectState], solids: Solids
     ) -> None:
         if state.candidate:
-            broken = self._violation(tcp, rotation, cubes[state.candidate], state.width)
+            broken = self._violation(hand.tcp, hand.rotation, cubes[state.candidate], state.width)
             if broken:
                 state.candidate, state.outcome = "", broken
-            elif self._strict and norm(tcp_velocity) > self._slides_from:
+            elif self._strict and norm(hand.velocity) > self._slides_from:
                 state.slid = True
         name = state.candidate or state.held
         if not name:
@@ -228,70 +207,62 @@ class Gripper:
         share = 1.0 if done else min(1.0, passed / self.spec.closing_time)
         state.width = state.start_width + (item.side - state.start_width) * share
         if state.candidate:
-            before, misfit = item.position, yaw_misfit(rotation, item)
-            if between_pads(tcp, rotation, item):
-                self._centre(state, tcp, rotation, item, list(cubes.values()), solids)
+            before, misfit = item.position, grasp.yaw_misfit(hand.rotation, item)
+            if grasp.between_pads(hand.tcp, hand.rotation, item):
+                self._centre(state, hand, item, list(cubes.values()), solids)
             if not state.candidate:
                 return
-            if not self._strict and passed < lasts - BOTH_TOUCH + EPSILON:  # one pad alone turns it
-                state.along = dot(rotation[:, 0], item.position - tcp)
-                state.moment += moment_of_push(norm(item.position - before), state.along, misfit)
-        if done and state.candidate and not self._strict and slips_out(state.along, state.moment):
+            if not self._strict and passed < lasts - grasp.BOTH_TOUCH + EPSILON:  # one pad alone turns it
+                state.along = dot(hand.rotation[:, 0], item.position - hand.tcp)
+                state.moment += grasp.moment_of_push(norm(item.position - before), state.along, misfit)
+        if done and state.candidate and not self._strict and grasp.slips_out(state.along, state.moment):
             state.candidate, state.outcome = "", "offset"
             return
         if done:
             state.phase = "closed"
             if state.candidate:
-                self._take(state, rotation, hand, item)
+                self._take(state, hand, item)
 
     def _centre(
-        self,
-        state: GripperState,
-        tcp: Array,
-        rotation: Array,
-        item: ObjectState,
-        cubes: Sequence[ObjectState],
-        solids: Solids,
+        self, state: GripperState, hand: Hand, item: ObjectState, cubes: Sequence[ObjectState], solids: Solids
     ) -> None:
         """Centre the candidate between the pads, pushing its neighbours aside; without room it is not grasped."""
-        before = item.position, item.yaw
-        centre_between_pads(tcp, rotation, item, state.width)
-        if item.position is before[0] and item.yaw == before[1]:
+        position, yaw = item.position, item.yaw
+        grasp.centre_between_pads(hand.tcp, hand.rotation, item, state.width)
+        if item.position is position and item.yaw == yaw:
             return
-        moved = make_room(item, cubes, solids)
+        moved = grasp.make_room(item, cubes, solids)
         if moved is None:
-            item.position = before[0]
-            item.turn_to(before[1])
+            item.position = position
+            item.turn_to(yaw)
             state.candidate, state.outcome = "", "no room"
             return
         for one in moved[1:]:
             self.objects.check_support(one, cubes, solids)
 
-    def _take(self, state: GripperState, rotation: Array, hand: Array, item: ObjectState) -> None:
+    @staticmethod
+    def _take(state: GripperState, hand: Hand, item: ObjectState) -> None:
         state.held, state.candidate = item.name, ""
         state.held_from_z = float(item.position[2])
         state.outcome = "slipping" if state.slid else "held"
-        state.position_in_hand = transposed_times(rotation, item.position - hand)
-        state.rotation_in_hand = product(rotation.T, item.rotation)
+        state.position_in_hand = transposed_times(hand.rotation, item.position - hand.place)
+        state.rotation_in_hand = product(hand.rotation.T, item.rotation)
         item.state = "held"
 
-    def _open(self, state: GripperState, now: float, tcp_velocity: Array, cubes: dict[str, ObjectState]) -> None:
+    def _open(self, state: GripperState, now: float, hand: Hand, cubes: dict[str, ObjectState]) -> None:
         share = min(1.0, (now - state.began) / max(self.spec.opening_time, self.dt))
         state.width = state.start_width + (self.spec.max_width - state.start_width) * share
         if share >= 1.0 - EPSILON:
             state.width, state.phase = self.spec.max_width, "open"
             if state.held:
-                self._release(state, tcp_velocity, cubes[state.held])
+                self._release(state, hand.velocity, cubes[state.held])
 
-    def _carry(self, state: GripperState, rotation: Array, hand: Array, tcp_velocity: Array, item: ObjectState) -> None:
-        self.hold(state, rotation, hand, item)
-        if (
-            state.phase == "closed"
-            and state.outcome == "slipping"
-            and item.position[2] > state.held_from_z + SLIP_HEIGHT
-        ):
+    def _carry(self, state: GripperState, hand: Hand, item: ObjectState) -> None:
+        self.hold(state, hand.rotation, hand.place, item)
+        slips = state.phase == "closed" and state.outcome == "slipping"
+        if slips and item.position[2] > state.held_from_z + SLIP_HEIGHT:
             state.outcome = "dropped"
-            self._release(state, tcp_velocity, item)
+            self._release(state, hand.velocity, item)
             state.phase = "closing"
 
     @staticmethod

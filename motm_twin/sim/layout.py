@@ -47,10 +47,8 @@ class Furnishings:
     """The furniture of one scene in pieces, and what a `Layout` makes of it."""
 
     def __init__(self, scene: Scene) -> None:
-        """All pieces of the scene that stand on the floor."""
         self.scene = scene
-        solids = {solid.name: solid for solid in scene.solids}
-        found = pieces(scene)
+        solids, found = {solid.name: solid for solid in scene.solids}, pieces(scene)
         self.loose = {name: solids[name] for name, piece in found.items() if _is_loose(piece, solids)}
         self.pieces = {name: piece for name, piece in found.items() if name not in self.loose}
         self._fixed: tuple[tuple[object, ...], Parts] | None = None
@@ -59,13 +57,9 @@ class Furnishings:
         """Reference point and turn of a piece as it stands now."""
         return dict(layout.moved).get(name, (*self.pieces[name].centre, 0.0))
 
-    def present_loose(self, layout: Layout) -> list[str]:
-        """Loose solids that stand where the scene has them."""
-        return [name for name in self.loose if name not in layout.taken and name not in layout.removed]
-
-    def present_pieces(self, layout: Layout) -> list[str]:
-        """Pieces that were not removed."""
-        return [name for name in self.pieces if name not in layout.removed]
+    def present(self, layout: Layout) -> list[str]:
+        """Loose solids that stand where the scene has them, and pieces that were not removed."""
+        return [name for name in (*self.loose, *self.pieces) if name not in (*layout.taken, *layout.removed)]
 
     def moved(self, layout: Layout, name: str, pose: PlanarPose) -> Layout:
         """The layout with a piece at another pose."""

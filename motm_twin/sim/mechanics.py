@@ -101,7 +101,6 @@ class Kinematics:
     solid = False
 
     def __init__(self, base: Base, arm: Arm, gripper: Gripper, objects: ObjectWorld, frames: Frames) -> None:
-        """The drives, and what carries objects."""
         self._base, self._arm, self._gripper, self._objects, self._frames = base, arm, gripper, objects, frames
         self._dt = base.dt
 
@@ -115,10 +114,8 @@ class Kinematics:
 
     def grip(self, state: PlantState, now: float, frames: Array) -> None:
         """Take the gripper's changed command."""
-        hand = frames[TCP]
-        self._gripper.command(
-            state.gripper, state.gripper_command, now, hand[:3, 3], hand[:3, :3], state.objects
-        )  # fmt: skip
+        tcp, rotation = frames[TCP, :3, 3], frames[TCP, :3, :3]
+        self._gripper.command(state.gripper, state.gripper_command, now, tcp, rotation, state.objects)
 
     def substep(self, state: PlantState, told: Told, around: Surroundings) -> Moved:
         """Move everything on."""
@@ -132,10 +129,8 @@ class Kinematics:
         s.tcp = frames[TCP, :3, 3].copy()
         slides, riding = around.slide() if s.slides else (NO_SLIDES, ())
         solids = around.scenery.solids
-        velocity = (s.tcp - old_tcp) / self._dt
-        self._gripper.step(
-            s.gripper, s.substep * self._dt, frames, velocity, s.objects, solids, stuck=told.stuck
-        )  # fmt: skip
+        now, velocity = s.substep * self._dt, (s.tcp - old_tcp) / self._dt
+        self._gripper.step(s.gripper, now, frames, velocity, s.objects, solids, stuck=told.stuck)
         for item in s.objects:
             if item.state == "falling":
                 self._objects.fall(item, s.objects, solids)

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from motm_twin.model.geometry import Array, from_frame, to_frame
+from motm_twin.model.geometry import Array, about_z, from_frame, to_frame
 from motm_twin.model.scene import Bin, Pick, Place, SceneObject, Task
 from motm_twin.sim.kernels import polygon_distance
 from motm_twin.sim.solids import Solids
@@ -37,9 +37,7 @@ class ObjectState:
 
     def turn_to(self, yaw: float) -> None:
         """Stand upright with this yaw [rad]."""
-        self.yaw = yaw
-        c, s = math.cos(yaw), math.sin(yaw)
-        self.rotation = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+        self.yaw, self.rotation = yaw, about_z(yaw)
 
 
 def start_objects(objects: Sequence[SceneObject]) -> list[ObjectState]:

@@ -6,13 +6,14 @@ base that is driven into a box goes on through it, and the referee records the c
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 
 import msgspec
 import numpy as np
 
 from motm_twin.model.arm_kernels import HAND, TCP, fk_arm, placed_frames
 from motm_twin.model.edits import WorldEdit
-from motm_twin.model.geometry import Array, from_frame
+from motm_twin.model.geometry import Array
 from motm_twin.model.joint_limits import READY
 from motm_twin.model.plant import Actuation, Observation, Truth
 from motm_twin.model.profile import ArmSpec
@@ -21,6 +22,7 @@ from motm_twin.model.state import Stateful
 from motm_twin.sim.actuators import ArmState, BaseState, ControlErrors, drives
 from motm_twin.sim.agent_kernels import shadow_corners
 from motm_twin.sim.agents import DECISION_STEPS, Agents, AgentState, start_agent
+from motm_twin.sim.bodies import square_outline
 from motm_twin.sim.crowd import NO_ROBOT, RobotShadow
 from motm_twin.sim.edit_effects import Effects, Rehearsal
 from motm_twin.sim.faults import FaultEffects, expire
@@ -29,7 +31,7 @@ from motm_twin.sim.gripper import Gripper
 from motm_twin.sim.kernels import compile_gaps
 from motm_twin.sim.layout import Furnishings, Layout, Scenery, build_scenery
 from motm_twin.sim.mechanics import NO_SLIDES, Kinematics, Mechanics, Moved, Told
-from motm_twin.sim.objects import ObjectState, ObjectWorld, start_objects
+from motm_twin.sim.objects import ObjectWorld, start_objects
 from motm_twin.sim.plant_state import PlantState, truth_of
 from motm_twin.sim.referee import Referee
 from motm_twin.sim.referee_state import NOT_JUDGED, World
@@ -38,7 +40,7 @@ from motm_twin.sim.slides import RobotObstruction, slide_body
 from motm_twin.sim.world_edits import check_edit
 
 SUBSTEP = 0.01  # [s]
-_RNG_LIDAR, _RNG_CAMERA, _RNG_LOCALISATION = 0x11DA2, 0xCA3E2A, 0x10CA7E
+_RNG = 0x11DA2, 0xCA3E2A, 0x10CA7E  # of lidar, camera, localisation
 _SHADOW_TIMES = np.array([0.0, 0.4, 0.8])  # [s] ahead at which agents expect the base
 _SHADOW_FIRST = 4 * np.arange(len(_SHADOW_TIMES) + 1)
 _SHADOW_LINKS = np.array([2, 4, 5, 7, HAND, TCP])  # frames
@@ -88,22 +90,19 @@ class SimulatedPlant(Stateful[PlantState]):
         self._lidar_period = max(1, round(1.0 / (robot.lidar.rate * SUBSTEP)))
         self._camera_period = max(1, round(1.0 / (robot.camera.rate * SUBSTEP)))
         self._furnishings = Furnishings(scene)
-        self._mechanics = self._kinematics() if mechanics is None else mechanics(scene)
+        kinematics = Kinematics(*drives(scene, SUBSTEP), self._gripper, self._object_world, self._frames)
+        self._mechanics = kinematics if mechanics is None else mechanics(scene)
         self._effects = Effects(self._furnishings, self._object_world, self._frames, SUBSTEP)
         self._cube_mover = CubeMover(scene)
         self._faults = FaultEffects(scene, SUBSTEP)
         compile_gaps()
         self._start(arm_start)
 
-    def _kinematics(self) -> Kinematics:
-        base, arm = drives(self.scene, SUBSTEP)
-        return Kinematics(base, arm, self._gripper, self._object_world, self._frames)
-
     def _start(self, arm_start: Array) -> None:
         scene = self.scene
         pose = np.array(scene.start, dtype=float)
         at_rest = Actuation(twist=np.zeros(2), joint_velocity=np.zeros(7), gripper="open")
-        seeds = [np.random.default_rng([scene.seed, tag]) for tag in (_RNG_LIDAR, _RNG_CAMERA, _RNG_LOCALISATION)]
+        lidar, camera, localisation = (np.random.default_rng([scene.seed, tag]) for tag in _RNG)
         arm = ArmState(q=np.array(arm_start, dtype=float), dq=np.zeros(7))
         agents = [start_agent(agent, rank, added=False) for rank, agent in enumerate(scene.agents)]
         tallest = max((agent.height for agent in scene.agents), default=0.0)
@@ -118,16 +117,14 @@ class SimulatedPlant(Stateful[PlantState]):
             gripper_command="open",
             objects=start_objects(scene.objects),
             agents=agents,
-            lidar=LidarState(rng=seeds[0]),
-            camera=CameraState(rng=seeds[1]),
-            localisation=self._localisation.start(pose, seeds[2]),
+            lidar=LidarState(rng=lidar),
+            camera=CameraState(rng=camera),
+            localisation=self._localisation.start(pose, localisation),
             referee=NOT_JUDGED,
         )
         frames, links = self._mechanics.begin(s, self._scenery)
         s.tcp = frames[TCP, :3, 3].copy()
-        world = self._world(np.array([s.base.v, s.base.w]))
-        world.links = links
-        s.referee = self._referee.start(world)
+        s.referee = self._referee.start(self._world(links=links))
         self._sense(frames)
 
     @property
@@ -173,7 +170,8 @@ class SimulatedPlant(Stateful[PlantState]):
             self._substep()
         s = self._state
         for edit in self._cube_mover.attempts(s.objects, s.base.pose, self._scenery.solids):
-            if self._taken(edit):
+            with suppress(ValueError):  # the world refuses it
+                self.apply(edit)
                 break
 
     def restore(self, state: PlantState) -> None:
@@ -192,19 +190,10 @@ class SimulatedPlant(Stateful[PlantState]):
         check_edit(self._furnishings, s, self._scenery, edit)
         effect, scenery = self._effects.apply(s, self._scenery, edit)
         self._show(scenery, s.agents)
-        world = self._world(np.array([s.base.v, s.base.w]))
-        world.links = self._mechanics.edited(s, scenery)
+        world = self._world(links=self._mechanics.edited(s, scenery))
         self._referee.edited(s.referee, world, moved=effect.moved, disturbed=effect.disturbed)
         if effect.pushed:
             self._referee.pushed(s.referee, world)
-
-    def _taken(self, edit: WorldEdit) -> bool:
-        """Apply an edit unless the world refuses it."""
-        try:
-            self.apply(edit)
-        except ValueError:
-            return False
-        return True
 
     def expect_tasks(self, tasks: Sequence[Task]) -> None:
         """Give the referee the current task list: it counts objects that end up where this list puts them."""
@@ -236,14 +225,7 @@ class SimulatedPlant(Stateful[PlantState]):
         moved = self._mechanics.substep(s, told, self)
         self._localisation.step(s.localisation, s.base.pose, moved.mean_twist, (s.base.v, s.base.w))
         self._sense(moved.frames)
-        self._referee.step(s.referee, self._judged(moved))
-
-    def _judged(self, moved: Moved) -> World:
-        """The world after a substep, for the referee."""
-        world = self._world(moved.twist)
-        world.slides, world.riders = moved.slides, moved.riding
-        world.links, world.solid, world.faults = moved.links, self._mechanics.solid, moved.faults
-        return world
+        self._referee.step(s.referee, self._world(moved, links=moved.links))
 
     @property
     def scenery(self) -> Scenery:
@@ -293,8 +275,9 @@ class SimulatedPlant(Stateful[PlantState]):
         s, z = self._state, self.scene.robot.lidar.z
         segments, discs = self._scenery.lidar_segments, self._scenery.lidar_discs
         cubes = [item for item in s.objects if item.state != "held" and abs(item.position[2] - z) <= 0.5 * item.side]
-        if cubes:
-            segments = np.concatenate([segments, *(_square(item) for item in cubes)])
+        for item in cubes:
+            corners = square_outline(item).corners
+            segments = np.concatenate([segments, np.hstack([corners, np.roll(corners, -1, axis=0)])])
         if s.agents:
             agents = self._agents.discs(s.agents)
             discs = np.concatenate([discs, agents[agents[:, 3] >= z, :3]])
@@ -305,12 +288,10 @@ class SimulatedPlant(Stateful[PlantState]):
         if s.faults.active("camera_off"):
             s.camera.detections, s.camera.late = (), []
             return
-        odometry = self._faults.odometry(s.faults, s.localisation, s.substep)
-        agents, solids = self._agents.discs(s.agents), self._scenery.solids
-        self._camera.frame(s.camera, self.time, s.base.pose, odometry, frames, s.objects, solids, agents)
-        frame = (self.time, s.base.pose, odometry)
-        eye = frames[HAND, :3, 3]
-        s.camera.detections = self._faults.detections(s.faults, s.camera.detections, s.objects, eye, frame)
+        frame = (self.time, s.base.pose, self._faults.odometry(s.faults, s.localisation, s.substep))
+        self._camera.take(s.camera, frame, frames, s.objects, self._scenery.solids, self._agents.discs(s.agents))
+        eye, found = frames[HAND, :3, 3], s.camera.detections
+        s.camera.detections = self._faults.detections(s.faults, found, s.objects, eye, frame)
         if not self._named:
             s.camera.detections = tuple(msgspec.structs.replace(one, name="") for one in s.camera.detections)
         late = s.faults.on.get("camera_delay")
@@ -331,13 +312,13 @@ class SimulatedPlant(Stateful[PlantState]):
         self._scenery = scenery
         self._bodies = tuple((item.agent.name, item.agent.radius, item.agent.height) for item in agents)
 
-    def _world(self, twist: Array) -> World:
-        """The world of the state as it is, with a true twist of the base (2,)."""
+    def _world(self, moved: Moved | None = None, *, links: Mapping[str, Array] | None) -> World:
+        """The world for the referee, after a substep or as the state has it."""
         s = self._state
         return World(
             time=self.time,
             pose=s.base.pose,
-            twist=twist,
+            twist=np.array([s.base.v, s.base.w]) if moved is None else moved.twist,
             q=s.arm.q,
             dq=s.arm.dq,
             width=s.gripper.width,
@@ -348,12 +329,9 @@ class SimulatedPlant(Stateful[PlantState]):
             agents=self._agents.discs(s.agents),
             agent_states=s.agents,
             agent_bodies=self._bodies,
-            slides=NO_SLIDES,
+            slides=NO_SLIDES if moved is None else moved.slides,
+            riders=() if moved is None else moved.riding,
+            links=links,
+            solid=moved is not None and self._mechanics.solid,
+            faults=() if moved is None else moved.faults,
         )
-
-
-def _square(item: ObjectState) -> Array:
-    frame = np.array([item.position[0], item.position[1], item.yaw])
-    half = 0.5 * item.side
-    corners = from_frame(frame, np.array([[-half, -half], [half, -half], [half, half], [-half, half]]))
-    return np.hstack([corners, np.roll(corners, -1, axis=0)])

@@ -46,6 +46,10 @@ class PlantState:
     commands: tuple[tuple[int, Actuation], ...] = field(default=(), metadata=LATER)  # late ones, and when they act
     physics: Any = field(default=None, metadata=LATER)  # state of the room `physics`; None: kinematic
 
+    def agent(self, name: str) -> AgentState | None:
+        """The agent of this name, if there is one."""
+        return next((item for item in self.agents if item.agent.name == name), None)
+
     def rehearsal(self) -> "PlantState":
         """A copy that edits can be tried on, but no time: sensors and referee are shared with the original."""
         return dataclasses.replace(
@@ -93,7 +97,7 @@ def _object(item: ObjectState) -> BodyTruth:
     return BodyTruth(
         name=item.name,
         kind="cube",
-        position=_triple(item.position),
+        position=tuple(item.position.tolist()),
         yaw=item.yaw,
         state=item.state,
         size=(item.side, item.side, item.side),
@@ -105,7 +109,7 @@ def _agent(item: AgentState) -> BodyTruth:
     return BodyTruth(
         name=agent.name,
         kind=agent.kind,
-        position=(float(item.pose[0]), float(item.pose[1]), 0.0),
+        position=(*item.pose[:2].tolist(), 0.0),
         yaw=float(item.pose[2]),
         state=item.mode,
         size=(2.0 * agent.radius, 2.0 * agent.radius, agent.height),
@@ -123,7 +127,3 @@ def _obstacle(item: AddObstacle, *, sliding: bool) -> BodyTruth:
         state="sliding" if sliding else "",
         size=item.size if disc is None else (2.0 * disc[0], 2.0 * disc[0], disc[1]),
     )
-
-
-def _triple(point: Array) -> tuple[float, float, float]:
-    return float(point[0]), float(point[1]), float(point[2])

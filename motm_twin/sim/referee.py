@@ -22,12 +22,22 @@ from motm_twin.sim.cube_contacts import FINGERS, CubePairs, Shove, array_of, bet
 from motm_twin.sim.cut_in import LOOKS, StoppingAreas
 from motm_twin.sim.kernels import clearance
 from motm_twin.sim.objects import ObjectState, right_bins
-from motm_twin.sim.referee_geometry import HELD, RobotShapes, Surroundings, self_pairs, update_gaps, update_self_gaps
+from motm_twin.sim.referee_geometry import (
+    HELD,
+    RobotShapes,
+    Surroundings,
+    cube,
+    self_pairs,
+    update_gaps,
+    update_self_gaps,
+)
 from motm_twin.sim.referee_state import Counts, PlantCheckState, RefereeState, World, contact_of, take_ended
 from motm_twin.sim.responsibility import (
     NO_TRAIL,
     TOUCH,
     UNMOVED,
+    Gauge,
+    Placed,
     Shift,
     appeared,
     followed,
@@ -61,11 +71,8 @@ class PlantCheck:
 
     def __init__(self, profile: RobotProfile, dt: float) -> None:
         """Limits of the profile; substeps of dt [s]."""
-        base = profile.base
-        self._limits = np.array(
-            [base.forward_speed, base.reverse_speed, base.yaw_rate, base.linear_acceleration, base.yaw_acceleration]
-        )
-        self.dt = dt
+        base, self.dt = profile.base, dt
+        self._limits = np.array([base.forward_speed, base.reverse_speed, base.yaw_rate, *base.accelerations])
 
     def start(self, world: World) -> PlantCheckState:
         """State before the first substep."""
@@ -157,13 +164,9 @@ class Referee:
         self._tasks = scene.tasks
         self._surroundings: Surroundings | None = None
         self._bodies: tuple[tuple[str, float, float], ...] | None = None
-        self._request, self._result = coal.DistanceRequest(), coal.DistanceResult()
-        self._transform, self._own_transform = coal.Transform3s(), coal.Transform3s()
-        self._verdicts, self._areas, self._cube_pairs = (
-            Verdicts(self.robot, self._limits, dt),
-            StoppingAreas(self.robot),
-            CubePairs(),
-        )
+        self._gauge, self._transform, self._own_transform = Gauge(), coal.Transform3s(), coal.Transform3s()
+        self._verdicts, self._areas = Verdicts(self.robot, self._limits, dt), StoppingAreas(self.robot)
+        self._cube_pairs = CubePairs()
         bodies = self.robot.bodies
         self._base_shape = bodies.index("base")
         self._base_reach = math.hypot(0.5 * self._foot.length + abs(self._foot.offset_x), 0.5 * self._foot.width)
@@ -199,8 +202,7 @@ class Referee:
         """
         state.edits = remembered(state.edits, world.time)
         for name, shift in moved.items():
-            known = state.edits.get(name, UNMOVED)
-            state.edits[name] = shifted(known, world.time, shift)
+            state.edits[name] = shifted(state.edits.get(name, UNMOVED), world.time, shift)
             state.in_way.pop(name, None)
         state.counts.disturbed = tuple(sorted({*state.counts.disturbed, *disturbed}))
         state.edits.update(dict.fromkeys(disturbed, appeared(world.time)))
@@ -246,10 +248,8 @@ class Referee:
         return tuple(sorted([*state.contacts, *going_on], key=lambda contact: contact.time))
 
     def _place(self, world: World) -> Array:
-        if world.links is None:
-            placed = self.robot.place(world.pose, world.q, world.width)
-        else:
-            placed = self.robot.place_links(world.links)
+        level = world.links is None
+        placed = self.robot.place(world.pose, world.q, world.width) if level else self.robot.place_links(world.links)
         if world.held:
             item = next(item for item in world.objects if item.name == world.held)
             placed[-1, :3, :3], placed[-1, :3, 3] = item.rotation, item.position
@@ -302,21 +302,10 @@ class Referee:
         around.move(world.pose, self._foot, self._base_motion(state, placed), agents, (cubes, were))
         state.cubes_at = cubes
         held_limit = (SUPPORT_CLEAR * 1.01 if state.resting_on else 0.0) if world.held else -math.inf
-        pairs = update_gaps(
-            state.gaps,
-            self._kind,
-            np.array([-math.inf, 0.0, state.min_arm_clearance, state.min_base_clearance, held_limit]),
-            placed,
-            state.placed_before,
-            self.robot.centres,
-            self.robot.radii,
-            around.corners,
-            around.first,
-            around.z,
-            around.discs,
-            around.disc_z,
-            around.motion,
-        )
+        limits = np.array([-math.inf, 0.0, state.min_arm_clearance, state.min_base_clearance, held_limit])
+        robot = placed, state.placed_before, self.robot.centres, self.robot.radii
+        world_now = around.corners, around.first, around.z, around.discs, around.disc_z, around.motion
+        pairs = update_gaps(state.gaps, self._kind, limits, *robot, *world_now)
         if len(pairs) or state.resting_on:
             self._measure(state, world, placed, around, pairs)
         if self._has_arm:
@@ -346,7 +335,7 @@ class Referee:
         if world.held:
             item = next(item for item in world.objects if item.name == world.held)
             state.gaps[:, around.first_cube + world.objects.index(item)] = math.inf
-            self.robot.shapes[-1], self.robot.radii[-1] = self.robot.cube(item.side), 0.5 * item.side * math.sqrt(3.0)
+            self.robot.shapes[-1], self.robot.radii[-1] = cube(item.side), 0.5 * item.side * math.sqrt(3.0)
 
     def _base_motion(self, state: RefereeState, placed: Array) -> float:
         """Distance [m] that no point of the base body has moved beyond in the last substep."""
@@ -375,10 +364,7 @@ class Referee:
         """Exact distance [m] of a pair, negative when they overlap; normal and nearest points are in the result."""
         self._transform.setTransform(placed[i, :3, :3], placed[i, :3, 3])
         around.settle(j, placed[self._base_shape])
-        self._result.clear()
-        return coal.distance(
-            self.robot.shapes[i], self._transform, around.shapes[j], around.transforms[j], self._request, self._result
-        )
+        return self._gauge((self.robot.shapes[i], self._transform), (around.shapes[j], around.transforms[j]))
 
     def _rest(
         self, state: RefereeState, world: World, placed: Array, around: Surroundings, held: list[tuple[int, float]]
@@ -409,26 +395,23 @@ class Referee:
     ) -> None:
         """A part overlaps something: an encounter, unless it is a finger at the cube between the pads."""
         self._distance(placed, around, i, j)
-        normal, other = self._result.normal, around.names[j]
-        falls = False
+        normal, other, falls = self._gauge.result.normal, around.names[j], False
         if around.first_cube <= j < around.floor:
             item = world.objects[j - around.first_cube]
             if i in self._fingers and self._handles(world, placed, around.cubes[j - around.first_cube], item, normal):
                 return
             falls = item.state == "falling" and other not in state.counts.disturbed
-        met = Encounter(
-            i=i,
-            other=other,
-            robot=(self.robot.shapes[i], self._transform),
-            against=(around.shapes[j], around.transforms[j]),
-            distance=distance,
-            normal=normal,
-            point=0.5 * (self._result.getNearestPoint1() + self._result.getNearestPoint2()),
-            frame=self._base_shape if j == around.own_base else -1,
-            other_velocity=_velocity(world, around, j),
-            falls=falls,
-        )
+        against, frame = (around.shapes[j], around.transforms[j]), self._base_shape if j == around.own_base else -1
+        met = self._encounter(i, other, against, distance, frame, _velocity(world, around, j), falls=falls)
         self._verdicts.touched(state, world, placed, met)
+
+    def _encounter(
+        self, i: int, other: str, against: Placed, distance: float, frame: int, velocity: Array, *, falls: bool = False
+    ) -> Encounter:
+        """The encounter of part i that was measured last."""
+        result, robot = self._gauge.result, (self.robot.shapes[i], self._transform)
+        point = 0.5 * (result.getNearestPoint1() + result.getNearestPoint2())
+        return Encounter(i, other, robot, against, distance, result.normal, point, frame, velocity, falls)
 
     def _handles(self, world: World, placed: Array, cube: Array, item: ObjectState, normal: Array) -> bool:
         """A finger that touches a cube grasps it, or lets it go."""
@@ -446,22 +429,11 @@ class Referee:
             i, k = self._self_pairs[p].tolist()
             self._transform.setTransform(placed[i, :3, :3], placed[i, :3, 3])
             self._own_transform.setTransform(placed[k, :3, :3], placed[k, :3, 3])
-            robot, own = (self.robot.shapes[i], self._transform), (self.robot.shapes[k], self._own_transform)
-            self._result.clear()
-            distance = coal.distance(*robot, *own, self._request, self._result)
+            own = (self.robot.shapes[k], self._own_transform)
+            distance = self._gauge((self.robot.shapes[i], self._transform), own)
             state.self_gaps[p] = distance
             if distance < -TOUCH:
-                met = Encounter(
-                    i=i,
-                    other=self.robot.bodies[k],
-                    robot=robot,
-                    against=own,
-                    distance=distance,
-                    normal=self._result.normal,
-                    point=0.5 * (self._result.getNearestPoint1() + self._result.getNearestPoint2()),
-                    frame=k,
-                    other_velocity=np.zeros(3),
-                )
+                met = self._encounter(i, self.robot.bodies[k], own, distance, k, np.zeros(3))
                 self._verdicts.touched(state, world, placed, met)
 
 

@@ -1,5 +1,6 @@
 """The referee's own geometry: robot shapes from ``frankie.urdf`` in pinocchio, the world and self-contact."""
 
+import functools
 import math
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping, Sequence
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 from motm_twin.model.compiler import njit
 from motm_twin.model.data_dirs import web_assets_dir
 from motm_twin.model.exact import product
-from motm_twin.model.geometry import Array
+from motm_twin.model.geometry import Array, about_z
 from motm_twin.model.profile import Footprint, RobotProfile
 from motm_twin.sim.kernels import Index, polygon_distance, put_rectangle
 from motm_twin.sim.solids import Solids
@@ -36,9 +37,10 @@ class RobotShapes:
             for item in [i.name for i in geometry.geometryObjects if frames[i.parentFrame].name != "base_link"]:
                 geometry.removeGeometryObject(item)
         self._data, self._geometry, self._geometry_data = self._model.createData(), geometry, geometry.createData()
-        self._rotations, self._translations = _placements(self._geometry_data)
+        placements = self._geometry_data.oMg
+        self._rotations = _row([T.rotation for T in placements])  # views, which pinocchio keeps up to date
+        self._translations = _row([T.translation for T in placements])
         self._configuration = pin.neutral(self._model)
-        self._cubes: dict[float, coal.Box] = {}
         bodies = [self._model.frames[item.parentFrame].name for item in geometry.geometryObjects]
         self.bodies = tuple("base" if name == "base_link" else name for name in [*bodies, HELD])
         self.shapes = [_convex(item.geometry) for item in geometry.geometryObjects]
@@ -47,7 +49,7 @@ class RobotShapes:
         for i, shape in enumerate(self.shapes):
             shape.computeLocalAABB()
             self.centres[i], self.radii[i] = shape.aabb_center, shape.aabb_radius
-        self.shapes.append(self.cube(1.0))
+        self.shapes.append(cube(1.0))
         self._unplaced = np.tile(np.eye(4), (len(self.bodies), 1, 1))
         self._in_links = []  # link and place in it of each shape
         for item in geometry.geometryObjects:
@@ -75,24 +77,18 @@ class RobotShapes:
             T[i] = product(links[link], local)
         return T
 
-    def cube(self, side: float) -> coal.Box:
-        """The shape of a cube to be held."""
-        if side not in self._cubes:
-            self._cubes[side] = coal.Box(side, side, side)
-        return self._cubes[side]
 
-
-def _placements(data: pin.GeometryData) -> tuple[Array, Array]:
-    """Views of the placements of all shapes, as pinocchio keeps them up to date; shapes (n, 3, 3), (n, 3).
-
-    They lie one behind the other. To ask for each of them takes a hundred times as long as the kinematics does.
-    """
-    rotations, translations = [T.rotation for T in data.oMg], [T.translation for T in data.oMg]
-    return _row(rotations), _row(translations)
+@functools.cache
+def cube(side: float) -> coal.Box:
+    """The shape of a cube."""
+    return coal.Box(side, side, side)
 
 
 def _row(items: Sequence[Array]) -> Array:
-    """One view of arrays that lie at equal distances in memory."""
+    """One view of arrays that lie at equal distances in memory.
+
+    To ask pinocchio for each placement takes a hundred times as long as the kinematics does.
+    """
     if len(items) == 1:
         return items[0][None]
     places = [item.__array_interface__["data"][0] for item in items]
@@ -154,14 +150,10 @@ class Surroundings:
         for (x, y, radius), (low, high) in zip(solids.discs, solids.disc_z, strict=True):
             self.shapes.append(coal.Cylinder(float(radius), float(high - low)))
             self.transforms.append(coal.Transform3s(np.eye(3), np.array([x, y, 0.5 * (low + high)])))
-        for _, radius, height in agents:
-            self.shapes.append(coal.Cylinder(radius, height))
-            self.transforms.append(coal.Transform3s())
-        for _, side in cubes:
-            self.shapes.append(coal.Box(side, side, side))
-            self.transforms.append(coal.Transform3s())
+        self.shapes += [coal.Cylinder(radius, height) for _, radius, height in agents]
+        self.shapes += [cube(side) for _, side in cubes]
         self.shapes.append(coal.Halfspace(np.array([0.0, 0.0, 1.0]), 0.0))
-        self.transforms.append(coal.Transform3s())
+        self.transforms += [coal.Transform3s() for _ in range(len(self.shapes) - len(self.transforms))]
         unmapped = [i for i in range(polygons) if not solids.mapped[i]]
         self.unmapped_corners = np.vstack([np.zeros((0, 2)), *(solids.polygon(i) for i in unmapped)])
         counts = [len(solids.polygon(i)) for i in unmapped]
@@ -211,9 +203,7 @@ class Surroundings:
 
 def set_upright(transform: coal.Transform3s, pose: Sequence[float]) -> None:
     """Put a transform to x, y, z [m] and yaw [rad]."""
-    x, y, z, yaw = pose
-    c, s = math.cos(yaw), math.sin(yaw)
-    transform.setTransform(np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]), np.array([x, y, z]))
+    transform.setTransform(about_z(pose[3]), np.array(pose[:3]))
 
 
 def prism(corners: Array, low: float, high: float) -> coal.Convex:

@@ -16,7 +16,7 @@ import coal
 import numpy as np
 
 from motm_twin.model.exact import dot, norm, product, times
-from motm_twin.model.geometry import Array, compose, inverse
+from motm_twin.model.geometry import Array, about_z, compose, inverse
 from motm_twin.model.joint_limits import DDQ_MAX
 from motm_twin.model.profile import BaseLimits
 from motm_twin.model.scene import PlanarPose
@@ -151,37 +151,36 @@ def still_persons_doing(motion: Motion, began: float, now: float, braking: float
 Placed = tuple[coal.CollisionGeometry, coal.Transform3s]
 
 
-class Counterfactual:
-    """Distance of a contact's two bodies had persons not moved them."""
+class Gauge:
+    """Distance [m] of two shapes, negative where they overlap; normal and nearest points are in ``result`` then."""
 
     def __init__(self) -> None:
-        """Room for the answers of the distance library."""
-        self._request, self._result = coal.DistanceRequest(), coal.DistanceResult()
+        self._request, self.result = coal.DistanceRequest(), coal.DistanceResult()
 
-    def persons_doing(
-        self, motions: tuple[Motion, Motion], now: float, *, robot: Placed, other: Placed, closing: float
-    ) -> bool:
-        """A contact that begins now [s] is due to a person who moved the other body or the robot.
+    def __call__(self, one: Placed, other: Placed) -> float:
+        """Measure."""
+        self.result.clear()
+        return coal.distance(*one, *other, self._request, self.result)
 
-        ``motions``: of the other body, and of the robot; ``closing`` [m/s]: the robot's approach speed.
-        """
-        of_other, of_robot = motions
-        if any(in_time(now, motion.came) for motion in motions):
-            return True
-        pairs = [(robot, (other[0], _transformed(back, other[1]))) for back in undone(of_other, now)]
-        pairs += [((robot[0], _transformed(back, robot[1])), other) for back in undone(of_robot, now)]
-        return any(explains(self._gap(*pair), closing) for pair in pairs)
 
-    def _gap(self, robot: Placed, other: Placed) -> float:
-        self._result.clear()
-        return coal.distance(*robot, *other, self._request, self._result)
+def persons_doing(
+    gauge: Gauge, motions: tuple[Motion, Motion], now: float, *, robot: Placed, other: Placed, closing: float
+) -> bool:
+    """A contact that begins now [s] is due to a person who moved the other body or the robot.
+
+    ``motions``: of the other body, and of the robot; ``closing`` [m/s]: the robot's approach speed.
+    """
+    of_other, of_robot = motions
+    if any(in_time(now, motion.came) for motion in motions):
+        return True
+    pairs = [(robot, (other[0], _transformed(back, other[1]))) for back in undone(of_other, now)]
+    pairs += [((robot[0], _transformed(back, robot[1])), other) for back in undone(of_robot, now)]
+    return any(explains(gauge(*pair), closing) for pair in pairs)
 
 
 def _transformed(planar: Array, transform: coal.Transform3s) -> coal.Transform3s:
     """The transform after a planar motion in the world."""
-    c, s = math.cos(planar[2]), math.sin(planar[2])
-    turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-    shift = np.array([planar[0], planar[1], 0.0])
+    turn, shift = about_z(planar[2]), np.array([planar[0], planar[1], 0.0])
     return coal.Transform3s(product(turn, transform.getRotation()), times(turn, transform.getTranslation()) + shift)
 
 
@@ -211,7 +210,7 @@ class Responsibility:
     def __init__(self, dt: float) -> None:
         """Substeps of dt [s]."""
         self.dt = dt
-        self._request, self._result = coal.DistanceRequest(), coal.DistanceResult()
+        self._gap = Gauge()
         self._shifted = coal.Transform3s()
 
     def by_own_motion(self, touch: Touch, *, begins: bool) -> bool:
@@ -251,21 +250,14 @@ class Responsibility:
         self._shifted.setTransform(touch.robot[1].getRotation(), touch.robot[1].getTranslation() + shift)
         return self._gap((touch.robot[0], self._shifted), touch.other)
 
-    def _gap(self, robot: Placed, other: Placed) -> float:
-        self._result.clear()
-        return coal.distance(*robot, *other, self._request, self._result)
-
 
 def stopping_time(limits: BaseLimits, twist: Array, dq: Array) -> float:
     """Time [s] that the robot needs to stop from base speeds (2,) and joint rates (7,); 0 at rest."""
     v, w = (abs(value) for value in twist.tolist())
     joints = float(np.max(np.abs(dq) / DDQ_MAX))
-    base = max(v / limits.linear_acceleration, w / limits.yaw_acceleration)
     if v < MOVES and w < MOVES:
-        base = 0.0
-    else:
-        base += limits.velocity_lag
-    return max(base, joints)
+        return max(0.0, joints)
+    return max(max(v / limits.linear_acceleration, w / limits.yaw_acceleration) + limits.velocity_lag, joints)
 
 
 def followed(trail: Array, now: Array) -> Array:
@@ -276,8 +268,7 @@ def followed(trail: Array, now: Array) -> Array:
     trail = np.concatenate([trail, now[None]])
     useful = now[0] - trail[:, 0] <= trail[:, -1] + 1e-9
     useful[-1] = True
-    first = int(np.argmax(useful))
-    return trail[first:]
+    return trail[int(np.argmax(useful)) :]
 
 
 def carried_along(shape: Array, frame: Array, earlier: Array) -> Array:

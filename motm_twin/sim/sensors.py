@@ -7,7 +7,7 @@ looks along its z axis. The localised pose has a slow error; odometry drifts.
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -26,6 +26,12 @@ from motm_twin.sim.objects import ObjectState
 from motm_twin.sim.solids import Solids
 
 
+def _arrived(late: list[tuple[int, Any]], now: int, newest: Any) -> tuple[Any, list[tuple[int, Any]]]:
+    """The newest of what has arrived by substep ``now``, and what is still on its way."""
+    here = [item for arrival, item in late if arrival <= now]
+    return here[-1] if here else newest, [entry for entry in late if entry[0] > now]
+
+
 @dataclass
 class LidarState:
     """Noise, the newest sweep, and sweeps that are on their way."""
@@ -36,10 +42,7 @@ class LidarState:
 
     def arrive(self, now: int) -> None:
         """Deliver the newest late sweep that has arrived by substep ``now``."""
-        here = [scan for arrival, scan in self.late if arrival <= now]
-        if here:
-            self.scan = here[-1]
-            self.late = [entry for entry in self.late if entry[0] > now]
+        self.scan, self.late = _arrived(self.late, now, self.scan)
 
 
 class Lidar:
@@ -57,16 +60,8 @@ class Lidar:
         self, state: LidarState, stamp: float, pose: Array, localised: Array, segments: Array, discs: Array
     ) -> None:
         """Replace the newest scan; segments (s, 4) and discs (d, 3) are what exists at the lidar's height."""
-        spec = self.spec
-        ranges = cast_rays(
-            from_frame(pose, self._origin),
-            float(pose[2]) + self.angle_min,
-            self.angle_step,
-            spec.beams,
-            segments,
-            discs,
-            spec.range_max,
-        )
+        spec, eye, first = self.spec, from_frame(pose, self._origin), float(pose[2]) + self.angle_min
+        ranges = cast_rays(eye, first, self.angle_step, spec.beams, segments, discs, spec.range_max)
         if self._range_sd > 0.0:
             ranges = ranges + self._range_sd * state.rng.standard_normal(spec.beams)
             ranges[ranges > spec.range_max] = np.inf
@@ -91,6 +86,7 @@ LINK_CAPSULES = ((0, 1, 0.09), (2, 3, 0.09), (4, 5, 0.075))
 
 
 _NO_BIAS = np.zeros(3)
+Frame = tuple[float, Array, Array]  # stamp [s], true pose and odometry of a frame of the camera
 
 
 @dataclass
@@ -108,10 +104,7 @@ class CameraState:
 
     def arrive(self, now: int) -> None:
         """Deliver the newest late frame that has arrived by substep ``now``."""
-        here = [frame for arrival, frame in self.late if arrival <= now]
-        if here:
-            self.detections = here[-1]
-            self.late = [entry for entry in self.late if entry[0] > now]
+        self.detections, self.late = _arrived(self.late, now, self.detections)
 
 
 @njit(cache=True)
@@ -168,31 +161,23 @@ class Camera:
             return None
         return None if _hidden(eye, point, frames) else distance
 
-    def frame(
-        self,
-        state: CameraState,
-        stamp: float,
-        pose: Array,
-        odometry: Array,
-        frames: Array,
-        objects: Iterable[ObjectState],
-        solids: Solids,
-        agents: Array,
+    def take(
+        self, state: CameraState, frame: Frame, arm: Array, cubes: Iterable[ObjectState], solids: Solids, agents: Array
     ) -> None:
-        """Replace the newest frame."""
-        found, T_hand = [], frames[HAND]
-        for item in objects:
+        """Replace the newest frame; ``arm``: its frames (11, 4, 4)."""
+        found, T_hand = [], arm[HAND]
+        for item in cubes:
             if item.state == "held":
                 continue
-            distance = self.sees(T_hand, frames, item.position, solids, agents)
+            distance = self.sees(T_hand, arm, item.position, solids, agents)
             if distance is not None and not (self._miss and state.rng.random() < self._miss):
                 at = _Seen(item.name, item.position, item.yaw, distance)
-                found.append(self._detect(state.rng, stamp, pose, odometry, T_hand, at))
+                found.append(self._detect(state.rng, frame, T_hand, at))
         if self._false and state.rng.random() < self._false:
-            found.append(self._detect(state.rng, stamp, pose, odometry, T_hand, self._nothing(state.rng, T_hand)))
+            found.append(self._detect(state.rng, frame, T_hand, self._nothing(state.rng, T_hand)))
         state.detections = tuple(found)
 
-    def _nothing(self, rng: np.random.Generator, T_hand: Array) -> "_Seen":
+    def _nothing(self, rng: np.random.Generator, T_hand: Array) -> _Seen:
         """A false detection, uniform over distance and solid angle in the view cone."""
         distance = rng.uniform(NEAR, self.spec.range)
         along, turn = rng.uniform(self._cos_half_cone, 1.0), rng.uniform(-math.pi, math.pi)
@@ -201,9 +186,8 @@ class Camera:
         place = T_hand[:3, 3] + distance * times(np.ascontiguousarray(T_hand[:3, :3]), ray)
         return _Seen("", place, rng.uniform(-math.pi, math.pi), distance)
 
-    def _detect(
-        self, rng: np.random.Generator, stamp: float, pose: Array, odometry: Array, T_hand: Array, seen: "_Seen"
-    ) -> Detection:
+    def _detect(self, rng: np.random.Generator, frame: Frame, T_hand: Array, seen: _Seen) -> Detection:
+        stamp, pose, odometry = frame
         share = max(0.0, (seen.distance - NEAR) / (FAR - NEAR))
         sd = self._sd_near + share * (self._sd_far - self._sd_near)
         p_base = to_frame(pose, seen.position + times(np.ascontiguousarray(T_hand[:3, :3]), self._bias))
@@ -248,9 +232,8 @@ class Localisation:
     def __init__(self, noise: Noise, dt: float) -> None:
         """Noise of the scene, for substeps of dt [s]."""
         self.dt = dt
-        self._sd = np.array(
-            [noise.localisation_position_sd, noise.localisation_position_sd, noise.localisation_heading_sd]
-        )
+        sd = noise.localisation_position_sd
+        self._sd = np.array([sd, sd, noise.localisation_heading_sd])
         self._noisy = bool(self._sd.any())
         self._keep = _kept(dt, noise.localisation_correlation_time)
         self._fresh = (self._sd * math.sqrt(1.0 - self._keep**2)).tolist()

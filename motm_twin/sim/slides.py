@@ -5,7 +5,7 @@ the contact. Nothing is pushed.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import coal
 import numpy as np
@@ -18,6 +18,7 @@ from motm_twin.sim.kernels import entered, gaps
 from motm_twin.sim.objects import carry, riders
 from motm_twin.sim.plant_state import PlantState
 from motm_twin.sim.referee_geometry import RobotShapes, prism
+from motm_twin.sim.responsibility import Gauge
 from motm_twin.sim.solids import Solids
 
 FRICTION = 2.0  # [m/s^2] by which a sliding body gets slower
@@ -42,16 +43,10 @@ class Obstruction:
         found[self._own] = math.inf
         return found
 
-    def entered(self, body: Outline, ways: Sequence[Array]) -> tuple[int, str]:
-        """Number of free displacements [m] in a row (each from the start), and the obstacle that the next enters."""
-        before = self.gaps(body)
-        for count, way in enumerate(ways):
-            after = self.gaps(body.shifted(way))
-            hit = entered(before, after)
-            if len(hit) > 0:
-                return count, self.names[int(hit[np.argmin(after[hit])])]
-            before = after
-        return len(ways), ""
+    def inside(self, body: Outline) -> str:
+        """The obstacle that a body overlaps most; "" for none."""
+        found = self.gaps(body)
+        return self.names[int(found.argmin())] if len(found) and found.min() < 0.0 else ""
 
 
 class RobotObstruction:
@@ -59,33 +54,27 @@ class RobotObstruction:
 
     def __init__(self, robot: RobotShapes, placed: Array) -> None:
         """Shapes and their transforms, shape (n, 4, 4); the slot of a held cube, last, is left out."""
-        self._shapes = robot.shapes[:-1]
-        self._transforms = [coal.Transform3s(T[:3, :3], T[:3, 3]) for T in placed[:-1]]
+        transforms = (coal.Transform3s(T[:3, :3], T[:3, 3]) for T in placed[:-1])
+        self._placed, self._gauge = list(zip(robot.shapes[:-1], transforms, strict=True)), Gauge()
 
     def gaps(self, body: Outline, way: Array) -> Array:
         """Distance [m] of each shape to a body that has gone a way (2,); negative where they overlap."""
         shape, place = _solid(body)
-        transform = coal.Transform3s(np.eye(3), place + np.append(way, 0.0))
-        request, result = coal.DistanceRequest(), coal.DistanceResult()
-        found = np.empty(len(self._shapes))
-        for i, (own, where) in enumerate(zip(self._shapes, self._transforms, strict=True)):
-            result.clear()
-            found[i] = coal.distance(own, where, shape, transform, request, result)
-        return found
+        other = shape, coal.Transform3s(np.eye(3), place + np.append(way, 0.0))
+        return np.array([self._gauge(own, other) for own in self._placed])
 
-    def touched(self, body: Outline, ways: Sequence[Array]) -> tuple[int, bool]:
-        """Number of displacements until the body touches the robot, and whether it does."""
-        if not ways:
-            return 0, False
-        before = self.gaps(body, np.zeros(2))
-        if before.min() > math.hypot(*ways[-1]):
-            return len(ways), False
-        for count, way in enumerate(ways):
-            after = self.gaps(body, way)
-            if len(entered(before, after)) > 0:
-                return count + 1, True
-            before = after
-        return len(ways), False
+
+def _free(gaps_at: Callable[[Array], Array], ways: Sequence[Array]) -> int:
+    """Number of displacements [m] in a row (each from the start) by which a body enters nothing."""
+    before = gaps_at(np.zeros(2))
+    if not ways or before.min(initial=math.inf) > math.hypot(*ways[-1]):
+        return len(ways)
+    for count, way in enumerate(ways):
+        after = gaps_at(way)
+        if len(entered(before, after)) > 0:
+            return count
+        before = after
+    return len(ways)
 
 
 def _solid(body: Outline) -> tuple[coal.CollisionGeometry, Array]:
@@ -104,8 +93,10 @@ def slide(
     way = 0.5 * (speed + later) * dt * np.array(velocity) / speed
     strides = max(1, math.ceil(math.hypot(*way) / STRIDE))
     ways = [way * (k + 1) / strides for k in range(strides)]
-    free, _ = world.entered(body, ways)
-    gone, touched = robot.touched(body, ways[:free])
+    free = _free(lambda way: world.gaps(body.shifted(way)), ways)
+    untouched = _free(lambda way: robot.gaps(body, way), ways[:free])
+    touched = untouched < free
+    gone = untouched + touched  # it stops where it touches the robot
     if gone < strides or touched or later == 0.0:
         return (ways[gone - 1] if gone else np.zeros(2)), (0.0, 0.0)
     return way, (velocity[0] * later / speed, velocity[1] * later / speed)
@@ -113,11 +104,9 @@ def slide(
 
 def slide_body(state: PlantState, solids: Solids, name: str, robot: RobotObstruction, dt: float) -> list[str]:
     """Move a sliding body for dt [s], with what stands on it: its names. ``solids`` are those of the state's layout."""
-    agent = next((item for item in state.agents if item.agent.name == name), None)
-    item = state.layout.obstacle(name)
+    agent, item = state.agent(name), state.layout.obstacle(name)
     if agent is not None:
-        x, y = float(agent.pose[0]), float(agent.pose[1])
-        body = disc_outline(x, y, agent.agent.radius, agent.agent.height)
+        body = disc_outline(*agent.pose[:2].tolist(), agent.agent.radius, agent.agent.height)
     else:
         assert item is not None
         body = obstacle_outline(item)

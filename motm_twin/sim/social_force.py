@@ -36,7 +36,7 @@ def social_force(crowd: Crowd) -> Array:
         crowd.sees_robot,
         (base, first, robot.discs),
         np.array(robot.velocity),
-        (walls.corners, walls.first, walls.discs),
+        walls.plan,
     )
 
 

@@ -1,13 +1,14 @@
 """The solid world as arrays: every solid is a vertical prism over a convex polygon or over a disc."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
+from itertools import compress
 
 import numpy as np
 from numpy.typing import NDArray
 
 from motm_twin.model.edits import AddObstacle
-from motm_twin.model.geometry import Array, from_frame
+from motm_twin.model.geometry import Array, from_frame, rectangle
 from motm_twin.model.scene import Bin, Box, Cylinder, Prism, Solid
 
 
@@ -26,6 +27,11 @@ class Solids:
     disc_mapped: NDArray[np.bool_]  # shape (d,)
     bins: tuple[Bin, ...] = ()  # whose plates are among the polygons
     bin_names: frozenset[str] = frozenset()
+
+    @property
+    def plan(self) -> tuple[Array, NDArray[np.int64], Array]:
+        """Corners, the first of each polygon, and discs: all solids as tall ones, for kernels."""
+        return self.corners, self.first, self.discs
 
     def polygon(self, i: int) -> Array:
         """Corners of polygon i, shape (k, 2)."""
@@ -50,11 +56,11 @@ class Solids:
             corners=self.corners[np.repeat(low, counts)],
             first=np.concatenate([[0], np.cumsum(counts[low])]).astype(np.int64),
             z=self.z[low],
-            names=tuple(name for name, there in zip(self.names, low, strict=True) if there),
+            names=tuple(compress(self.names, low)),
             mapped=self.mapped[low],
             discs=self.discs[low_discs],
             disc_z=self.disc_z[low_discs],
-            disc_names=tuple(name for name, there in zip(self.disc_names, low_discs, strict=True) if there),
+            disc_names=tuple(compress(self.disc_names, low_discs)),
             disc_mapped=self.disc_mapped[low_discs],
         )
 
@@ -62,24 +68,16 @@ class Solids:
 Piece = tuple[str, Array, float, float, bool]
 
 
-def rectangle(x: float, y: float, heading: float, size: Sequence[float]) -> Array:
-    """Corners of a rectangle about (x, y), counter-clockwise, shape (4, 2)."""
-    half_x, half_y = 0.5 * size[0], 0.5 * size[1]
-    local = np.array([[-half_x, -half_y], [half_x, -half_y], [half_x, half_y], [-half_x, half_y]])
-    return from_frame(np.array([x, y, heading]), local)
-
-
 def bin_plates(box: Bin) -> list[tuple[Array, float, float]]:
     """The floor and the four walls of a bin: corners, lower and upper height."""
     frame = np.array([*box.centre, box.yaw])
     bottom = box.floor_z - box.wall
-    plates = [(rectangle(*box.centre, box.yaw, (box.side, box.side)), bottom, box.floor_z)]
+    plates = [(rectangle(frame, (box.side, box.side)), bottom, box.floor_z)]
     middle = 0.5 * (box.side - box.wall)
-    for turn in range(4):
-        c, s = ((1, 0), (0, 1), (-1, 0), (0, -1))[turn]
+    for c, s in ((1, 0), (0, 1), (-1, 0), (0, -1)):
         centre = from_frame(frame, np.array([c * middle, s * middle]))
         size = (box.wall, box.side) if s == 0 else (box.side, box.wall)
-        plates.append((rectangle(centre[0], centre[1], box.yaw, size), bottom, box.rim_z))
+        plates.append((rectangle((*centre, box.yaw), size), bottom, box.rim_z))
     return plates
 
 
@@ -107,7 +105,7 @@ def fixed_parts(solids: Iterable[Solid], bins: Iterable[Bin]) -> Parts:
         tail = (solid.z_min, solid.z_max, solid.mapped)
         match solid.shape:
             case Box(centre=centre, size=size, yaw=yaw):
-                polygons.append((solid.name, rectangle(*centre, yaw, size), *tail))
+                polygons.append((solid.name, rectangle((*centre, yaw), size), *tail))
             case Cylinder(centre=centre, radius=radius):
                 discs.append((solid.name, np.array([*centre, radius]), *tail))
             case Prism(corners=corners):
@@ -123,7 +121,7 @@ def with_obstacles(parts: Parts, obstacles: Iterable[AddObstacle]) -> Solids:
     for item in obstacles:
         round_one = obstacle_disc(item)
         if round_one is None:
-            corners = rectangle(item.x, item.y, item.heading, item.size)
+            corners = rectangle((item.x, item.y, item.heading), item.size)
             polygons.append((item.name, corners, 0.0, item.size[2], False))
         else:
             discs.append((item.name, np.array([item.x, item.y, round_one[0]]), 0.0, round_one[1], False))

@@ -1,6 +1,6 @@
 """From touches to contact episodes with one verdict each: caused by the robot, a person, an agent or nobody."""
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import coal
 
@@ -15,13 +15,14 @@ from motm_twin.sim.responsibility import (
     MOVES,
     NOT_BY_PUSH,
     UNMOVED,
-    Counterfactual,
+    Gauge,
     Motion,
     Placed,
     Responsibility,
     Touch,
     braking_time,
     carried_along,
+    persons_doing,
     still_persons_doing,
 )
 
@@ -29,8 +30,7 @@ AGAINST = 0.2  # minus the cosine of the angle between two motions from which on
 ROLLS_OUT = 0.002  # [m] that a base may roll on, by drive lag, after braking because of a person
 
 
-@dataclass(frozen=True, kw_only=True)
-class Encounter:
+class Encounter(NamedTuple):
     """Part i of the robot overlaps something."""
 
     i: int
@@ -40,9 +40,9 @@ class Encounter:
     distance: float  # [m], negative
     normal: Array  # from the part to the other, shape (3,)
     point: Array  # between the nearest points of the two [m], shape (3,)
-    frame: int = -1  # part of the robot that the other is fixed to; -1: none
+    frame: int  # part of the robot that the other is fixed to; -1: none
     other_velocity: Array  # [m/s] of the other at the point, shape (3,)
-    falls: bool = False  # an object that falls because of the robot
+    falls: bool  # an object that falls because of the robot
 
 
 class Verdicts:
@@ -52,7 +52,7 @@ class Verdicts:
         """Shapes of the robot and limits of its base; substeps of dt [s]."""
         self._braking = braking_time(limits)
         self._robot, self._dt = robot, dt
-        self._responsibility, self._counterfactual = Responsibility(dt), Counterfactual()
+        self._responsibility, self._gauge = Responsibility(dt), Gauge()
         self._unmoved, self._earlier = coal.Transform3s(), coal.Transform3s()
         self._base = robot.bodies.index("base")
         self._hand = robot.bodies.index("panda_hand") if "panda_hand" in robot.bodies else -1
@@ -65,7 +65,9 @@ class Verdicts:
         closing = dot(touch.velocity, met.normal)
         episode = state.episodes.get(met.other)
         begins = episode is None or body not in episode.bodies
-        person = begins and self._by_person(state, world, met, closing)
+        person = begins and persons_doing(
+            self._gauge, _motions(state, met), world.time, robot=met.robot, other=met.against, closing=closing
+        )
         if episode is None:
             toward = -dot(met.other_velocity, met.normal)
             episode = Episode(world.time, world.time, (body,), closing, toward, person, person, world.time)
@@ -74,10 +76,8 @@ class Verdicts:
         elif person and not episode.by_person:
             episode.by_person, episode.was_excused, episode.excused_from = True, True, world.time
         elif episode.by_person:  # until the robot could have stopped; after that it pushes on into something at rest
-            motions = _motions(state, met)
-            episode.by_person = any(
-                still_persons_doing(each, episode.excused_from, world.time, self._braking) for each in motions
-            )
+            since, now, motions = episode.excused_from, world.time, _motions(state, met)
+            episode.by_person = any(still_persons_doing(each, since, now, self._braking) for each in motions)
         episode.touched(body, world.time, -met.distance)
         if not episode.caused and not episode.by_person:
             if self._by_robot(state, world, placed, met, touch, begins=begins):
@@ -99,9 +99,7 @@ class Verdicts:
         before = state.placed_before[met.i]
         if met.frame >= 0:
             before = carried_along(before, state.placed_before[met.frame], placed[met.frame])
-        now = placed[met.i]
-        local = transposed_times(now[:3, :3], met.point - now[:3, 3])
-        velocity = (met.point - (times(before[:3, :3], local) + before[:3, 3])) / self._dt
+        velocity = _way(met.point, before, placed[met.i]) / self._dt
         self._unmoved.setTransform(before[:3, :3], before[:3, 3])
         return Touch(
             robot=met.robot,
@@ -114,9 +112,7 @@ class Verdicts:
 
     def _base_speed(self, state: RefereeState, placed: Array, met: Encounter) -> float:
         """Speed [m/s] at which the motion of the base takes the touching point towards the other."""
-        now, before = placed[self._base], state.placed_before[self._base]
-        local = transposed_times(now[:3, :3], met.point - now[:3, 3])
-        return dot(met.point - (times(before[:3, :3], local) + before[:3, 3]), met.normal) / self._dt
+        return dot(_way(met.point, state.placed_before[self._base], placed[self._base]), met.normal) / self._dt
 
     def _by_robot(
         self, state: RefereeState, world: World, placed: Array, met: Encounter, touch: Touch, *, begins: bool
@@ -146,10 +142,11 @@ class Verdicts:
         self._earlier.setTransform(T[:3, :3], T[:3, 3])
         return not self._responsibility.touches((met.robot[0], self._earlier), met.against)
 
-    def _by_person(self, state: RefereeState, world: World, met: Encounter, closing: float) -> bool:
-        return self._counterfactual.persons_doing(
-            _motions(state, met), world.time, robot=met.robot, other=met.against, closing=closing
-        )
+
+def _way(point: Array, before: Array, now: Array) -> Array:
+    """Way [m] of a point in the last substep that is fixed to a body, whose transforms (4, 4) are given."""
+    local = transposed_times(now[:3, :3], point - now[:3, 3])
+    return point - (times(before[:3, :3], local) + before[:3, 3])
 
 
 def _against(touch: Touch) -> bool:

@@ -10,8 +10,8 @@ import numpy as np
 from motm_twin.control.arm.controller import Manipulator
 from motm_twin.control.arm.parameters import ArmParameters
 from motm_twin.control.arm.types import ArmGoal, ArmInputs, ArmObstacles, ArmStep
+from motm_twin.model.arm_kernels import HAND, TCP
 from motm_twin.model.geometry import Array, compose, from_frame, inverse, wrap_angle
-from motm_twin.model.kinematics import HAND, TCP
 from motm_twin.model.known import known_world
 from motm_twin.model.motion import drive
 from motm_twin.model.plant import Observation, Truth

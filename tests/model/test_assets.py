@@ -7,9 +7,10 @@ import pytest
 import trimesh
 
 from motm_twin.model import assets, body_geometry
+from motm_twin.model.arm_kernels import ARM_FRAMES, fk_arm
 from motm_twin.model.data_dirs import web_assets_dir
 from motm_twin.model.joint_limits import READY
-from motm_twin.model.kinematics import ARM_FRAMES, LINKS, fk_arm
+from motm_twin.model.kinematics import LINKS
 
 FINGER_Z = 0.0584
 WIDTH_HALVES = (0.0, 0.02, 0.04)

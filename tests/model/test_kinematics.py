@@ -7,18 +7,17 @@ import pinocchio as pin
 import pytest
 
 from motm_twin.model import joint_limits
-from motm_twin.model.data_dirs import web_assets_dir
-from motm_twin.model.kinematics import (
+from motm_twin.model.arm_kernels import (
     ARM_FRAMES,
-    LINKS,
     TCP,
-    Frankie,
     arm_jacobian,
     fk_arm,
     manipulability,
     manipulability_gradient,
     point_jacobian,
 )
+from motm_twin.model.data_dirs import web_assets_dir
+from motm_twin.model.kinematics import LINKS, Frankie
 from motm_twin.model.motion import drive
 from motm_twin.model.profile import ArmSpec, RobotProfile
 

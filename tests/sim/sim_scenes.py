@@ -1,6 +1,9 @@
-"""Scenes for the tests of the simulation, built directly."""
+"""Scenes for the tests of the simulation, built directly, and the tracks of their agents."""
+
+from itertools import combinations
 
 import msgspec
+import numpy as np
 
 from motm_twin.model.profile import RobotProfile
 from motm_twin.model.scene import Agent, Bin, Box, Cylinder, Noise, Pick, Place, Scene, SceneObject, Solid
@@ -87,3 +90,17 @@ def temis(count=4):
         order = (ring[i:] + ring[:i])[1:] + ring[i : i + 1] if i % 2 == 0 else ring[i::-1] + ring[:i:-1]
         agents.append(Agent(name=f"temi{i}", start=(*starts[i], 0.0), waypoints=order))
     return tuple(agents)
+
+
+def track_of(plant, seconds, step=0.05):
+    """Positions of all agents every ``step`` [s], shape (steps, n, 2)."""
+    track = []
+    for _ in range(round(seconds / step)):
+        plant.step(step)
+        track.append([agent.position[:2] for agent in plant.truth().agents])
+    return np.array(track)
+
+
+def least_gap(track, radius):
+    pairs = combinations(range(track.shape[1]), 2)
+    return min(np.hypot(*(track[:, i] - track[:, j]).T).min() for i, j in pairs) - 2.0 * radius

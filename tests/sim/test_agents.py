@@ -1,27 +1,15 @@
 import math
-from itertools import combinations
 
 import numpy as np
 import pytest
-from sim_scenes import box, experiment, scene, temis
+from sim_scenes import box, experiment, least_gap, scene, temis, track_of
 
 from motm_twin.model.scene import Agent
 from motm_twin.sim.plant import SimulatedPlant
 
 
 def run(plant, seconds):
-    """Positions of all agents at 10 Hz, shape (steps, n, 2)."""
-    track = []
-    for _ in range(round(seconds / 0.1)):
-        plant.step(0.1)
-        track.append([agent.position[:2] for agent in plant.truth().agents])
-    return np.array(track)
-
-
-def least_gap(track, radius=0.25):
-    return min(np.hypot(*(track[:, i] - track[:, j]).T).min() for i, j in combinations(range(track.shape[1]), 2)) - (
-        2.0 * radius
-    )
+    return track_of(plant, seconds, step=0.1)
 
 
 def ways(track):
@@ -42,7 +30,7 @@ def test_yielding_agents_never_touch_a_robot_that_stands_in_their_lane():
     plant = SimulatedPlant(experiment(start=(4.2, 0.6, 0.0), agents=temis()))
     track = run(plant, 120.0)
     assert plant.truth().contacts == ()
-    assert least_gap(track) > 0.0
+    assert least_gap(track, 0.25) > 0.0
     assert ways(track).min() > 3.0  # they go round it
 
 
@@ -52,7 +40,7 @@ def test_two_agents_head_on_pass_each_other(aside):
     b = Agent(name="b", start=(4.0, aside, math.pi), waypoints=((0.0, aside), (4.0, aside)))
     plant = SimulatedPlant(scene(start=(-2.0, -3.0, 0.0), agents=(a, b)))
     track = run(plant, 60.0)
-    assert least_gap(track) > 0.0
+    assert least_gap(track, 0.25) > 0.0
     for i in range(2):
         assert track[:, i, 0].min() < 0.5
         assert track[:, i, 0].max() > 3.5

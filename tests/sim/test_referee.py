@@ -6,11 +6,11 @@ from shapely.geometry import Polygon
 from sim_hands import DOWN, ROBOT, act, move, over_a_cube, tcp
 from sim_scenes import box, experiment, scene
 
+from motm_twin.model.geometry import rectangle
 from motm_twin.model.joint_limits import READY
 from motm_twin.model.profile import Footprint, RobotProfile
 from motm_twin.model.scene import Agent, Bin, Cylinder, Prism, Solid
 from motm_twin.sim.plant import SimulatedPlant
-from motm_twin.sim.solids import rectangle
 
 BODIES = (*(f"panda_link{i}" for i in range(8)), "panda_hand", "panda_leftfinger", "panda_rightfinger")
 
@@ -79,7 +79,7 @@ def test_base_clearance_equals_an_independent_geometry_library_along_a_drive(see
     solids = [box(f"b{i}", tuple(rng.uniform(-3, 3, 2)), (0.4, 0.2), 0.3, yaw=rng.uniform(0, 3)) for i in range(8)]
     solids = [s for s in solids if math.hypot(*s.shape.centre) > 0.8]
     plant = SimulatedPlant(scene(solids=tuple(solids), robot=RobotProfile(footprint=Footprint(offset_x=0.1))))
-    shapes = [Polygon(rectangle(*s.shape.centre, s.shape.yaw, s.shape.size)) for s in solids]
+    shapes = [Polygon(rectangle((*s.shape.centre, s.shape.yaw), s.shape.size)) for s in solids]
     least = math.inf
     plant.command(act((0.3, 0.5 * rng.standard_normal())))
     for step in range(151):
@@ -87,7 +87,7 @@ def test_base_clearance_equals_an_independent_geometry_library_along_a_drive(see
             plant.step(0.01)
         pose = plant.truth().pose
         middle = pose[:2] + 0.1 * np.array([math.cos(pose[2]), math.sin(pose[2])])
-        body = Polygon(rectangle(*middle, pose[2], (0.7, 0.5)))
+        body = Polygon(rectangle((*middle, pose[2]), (0.7, 0.5)))
         least = min(least, *(body.distance(s) for s in shapes))
         assert plant.truth().min_base_clearance == pytest.approx(least, abs=1e-6)
 

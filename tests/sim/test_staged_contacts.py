@@ -13,11 +13,11 @@ from sim_scenes import box, scene
 
 from motm_twin.model.arm_kernels import HAND
 from motm_twin.model.edits import AddObstacle
+from motm_twin.model.geometry import rectangle
 from motm_twin.model.joint_limits import READY
 from motm_twin.model.scene import Agent, Cylinder, SceneObject, Solid
 from motm_twin.model.state import state_hash
 from motm_twin.sim.plant import SimulatedPlant
-from motm_twin.sim.solids import rectangle
 
 # --- by the robot's own motion ---------------------------------------------------------------------------------
 
@@ -233,7 +233,7 @@ def test_the_shorter_way_out_of_what_was_put_onto_the_robot_is_no_fault_and_the_
     while abs(ahead - back) < 0.08:
         length, width = rng.uniform(0.1, 0.9, 2).tolist()
         x, y, heading = rng.uniform((-0.6, -0.5, 0.0), (0.6, 0.5, math.pi)).tolist()
-        it = shapely.Polygon(rectangle(x, y, heading, (length, width)))
+        it = shapely.Polygon(rectangle((x, y, heading), (length, width)))
         ahead, back = (way_out(base, it, direction) for direction in (1, -1))
     shorter = 1.0 if ahead < back else -1.0
     for speed, seconds, caused in ((0.2 * shorter, 4.0, False), (-0.2 * shorter, 0.6, True)):

@@ -1,12 +1,11 @@
 """Agents that walk: ORCA and social forces, among each other, walls and the robot."""
 
 import math
-from itertools import combinations
 
 import msgspec
 import numpy as np
 import pytest
-from sim_scenes import box, scene
+from sim_scenes import box, least_gap, scene, track_of
 
 from motm_twin.model.scene import Agent
 from motm_twin.model.scene_error import SceneError
@@ -31,27 +30,13 @@ def circle(behaviour, count=5, radius=4.0, **more):
     return tuple(person(f"p{i}", start, (-start[0], -start[1]), behaviour, **more) for i, start in enumerate(starts))
 
 
-def track_of(plant, seconds):
-    """Positions of all agents at 20 Hz, shape (steps, n, 2)."""
-    track = []
-    for _ in range(round(seconds / 0.05)):
-        plant.step(0.05)
-        track.append([agent.position[:2] for agent in plant.truth().agents])
-    return np.array(track)
-
-
-def least_gap(track, radius=0.3):
-    pairs = combinations(range(track.shape[1]), 2)
-    return min(np.hypot(*(track[:, i] - track[:, j]).T).min() for i, j in pairs) - 2.0 * radius
-
-
 @pytest.mark.parametrize(("behaviour", "gap"), [("orca", -0.02), ("social_force", -0.10)])
 def test_five_who_cross_a_circle_all_arrive_and_keep_apart(behaviour, gap):
     agents = circle(behaviour)
     track = track_of(SimulatedPlant(scene(start=FAR, agents=agents)), 25.0)
     goals = np.array([agent.waypoints[0] for agent in agents])
     assert np.hypot(*(track[-1] - goals).T).max() < 0.3
-    assert least_gap(track) > gap
+    assert least_gap(track, 0.3) > gap
     assert np.hypot(*np.diff(track, axis=0).reshape(-1, 2).T).max() <= 1.3 * 0.05 + 1e-6
 
 

@@ -7,11 +7,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from motm_twin.model.arm_kernels import HAND, TCP
 from motm_twin.model.body_geometry import CAPSULE_FRAMES, CAPSULE_LINKS, CAPSULE_P0, CAPSULE_P1, CAPSULE_RADII
 from motm_twin.model.compiler import njit
 from motm_twin.model.exact import norm
 from motm_twin.model.geometry import Array
-from motm_twin.model.kinematics import HAND, TCP
 from motm_twin.model.known import KnownWorld, known_solids
 from motm_twin.model.scene import Box, Cylinder, Prism
 

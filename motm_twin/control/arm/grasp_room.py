@@ -24,11 +24,10 @@ from motm_twin.control.arm.bodies import (
 from motm_twin.control.arm.geometry import QUARTER, cube_yaw, tool_rotation
 from motm_twin.control.arm.parameters import AvoidanceParameters
 from motm_twin.control.arm.types import ArmGoal
-from motm_twin.model.arm_kernels import HAND_LENGTH
+from motm_twin.model.arm_kernels import HAND, HAND_LENGTH
 from motm_twin.model.compiler import njit
 from motm_twin.model.exact import hypot
 from motm_twin.model.geometry import Array, to_frame
-from motm_twin.model.kinematics import HAND
 from motm_twin.model.known import KnownWorld
 
 REACH = 0.16  # [m] from the centre of an object: no part of the hand is further off

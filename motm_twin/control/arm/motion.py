@@ -20,10 +20,10 @@ from motm_twin.control.arm.parameters import ArmParameters, Numbers
 from motm_twin.control.arm.phases import grasp_point
 from motm_twin.control.arm.types import ArmInputs, Phase
 from motm_twin.control.arm.view import Arm, ManipulatorState, View
+from motm_twin.model.arm_kernels import HAND, TCP
 from motm_twin.model.compiler import njit
 from motm_twin.model.exact import hypot, norm, wrap_angle
 from motm_twin.model.geometry import Array
-from motm_twin.model.kinematics import HAND, TCP
 
 _HOME, _OUT, _FIXED = 0, 1, 2
 _GOALS = ("none", "pick", "place")
