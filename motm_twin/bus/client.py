@@ -7,6 +7,7 @@ import time
 import traceback
 from collections import defaultdict
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
@@ -21,6 +22,7 @@ from motm_twin.bus.connection import answers, direct, open_client
 from motm_twin.bus.keys import Keys, spoken_on
 from motm_twin.model.scene import Scene
 
+STANDS = ("paused", "done")  # states in which no further tick comes
 LOST_AFTER = 2.0  # [s] without a status message
 GET_TIMEOUT = 1.0  # [s]
 NEVER = -1e9  # [s]
@@ -58,6 +60,18 @@ class _Slot:
     def put(self, payload: bytes, attachment: bytes | None) -> None:
         self.payload, self.attachment, self.at = payload, attachment, time.monotonic()
         self.count += 1
+
+
+class _When(msgspec.Struct):
+    """Moment that a status or a tick is of."""
+
+    run: int
+    time: float  # [s]
+    state: str = ""  # of the server; a tick has none
+
+    def of_tick(self) -> "_When":
+        """The same moment, as a tick says it."""
+        return _When(self.run, self.time)
 
 
 class TwinClient:
@@ -257,13 +271,27 @@ class TwinClient:
                     listener(payload, attached or b"null")
                 except Exception:
                     traceback.print_exc()  # one callback fails: the others and this client go on
+        if key == self.keys.status:
+            self._catch_up(payload)
+
+    def _catch_up(self, status: bytes) -> None:
+        """Fetch the tick of a twin that stands when it was lost: Zenoh drops what finds no room in a queue."""
+        tick = self._slots[self.keys.tick]
+        with suppress(msgspec.DecodeError):
+            now = msgspec.json.decode(status, type=_When)
+            if now.state in STANDS and tick.payload and msgspec.json.decode(tick.payload, type=_When) != now.of_tick():
+                self._start(lambda: self._fetch(self.keys.tick, tick.count), "lost tick")
 
     def _on_alive(self, sample: zenoh.Sample) -> None:
         if sample.kind == zenoh.SampleKind.DELETE:
             with self._changed:
                 self._slots[self.keys.status].at = NEVER  # until the next one
             return
-        thread = threading.Thread(target=self._fetch_all, name="late joiner", daemon=True)
+        self._start(self._fetch_all, "late joiner")
+
+    def _start(self, fetch: Callable[[], None], name: str) -> None:
+        """Fetch in a thread of its own: Zenoh's must not wait."""
+        thread = threading.Thread(target=fetch, name=name, daemon=True)
         with self._changed:
             if not self.closed:
                 thread.start()  # before `close` may join it

@@ -121,6 +121,13 @@ def test_ticks_come_in_order_and_a_slow_reader_gets_the_newest(server, client):
     until(lambda: client.tick().time == newest, "the client is behind")
 
 
+def test_a_tick_that_was_lost_on_the_way_is_fetched_while_the_twin_stands(server, client):
+    client._declared.pop(0).undeclare()
+    index = client.tick().index
+    assert client.command(Step()).ok
+    until(lambda: client.tick().index == index + 1, "it was not fetched")
+
+
 def test_a_history_reader_gets_every_tick_and_grid_in_order_even_when_it_stalls(server, client):
     ticks, grids = [], []
 
@@ -228,7 +235,7 @@ def test_while_a_scene_loads_the_newest_tick_is_of_the_one_before_and_said_to_be
             assert client.of_scene(before)
             loading = threading.Thread(target=client.command, args=(Load(scene="other"),), kwargs={"timeout": 30.0})
             loading.start()
-            until(lambda: client.scene().name == "other", "the scene is not sent")
+            until(lambda: client.scene() and client.scene().name == "other", "the scene is not sent")
             assert client.tick().run == before.run
             assert not client.of_scene(client.tick())
             go_on.set()

@@ -244,7 +244,7 @@ def _put(plant: SimulatedPlant, pose: Array) -> None:
     if item is not None:
         frames = plant._frames(pose, state.arm.q)
         item.position = frames[HAND, :3, 3] + frames[HAND, :3, :3] @ state.gripper.position_in_hand
-    state.referee = plant._referee.start(plant._world(np.array([state.base.v, state.base.w])))
+    state.referee = plant._referee.start(plant._world(links=None))
 
 
 def _mount_distance(pose: Array, point: tuple[float, ...], scene: Scene) -> float:
