@@ -23,6 +23,7 @@ from motm_twin.bus.keys import Keys, spoken_on
 from motm_twin.model.scene import Scene
 
 STANDS = ("paused", "done")  # states in which no further tick comes
+SAME_TIME = 1e-5  # [s] between a status, which may be rounded, and its tick
 LOST_AFTER = 2.0  # [s] without a status message
 GET_TIMEOUT = 1.0  # [s]
 NEVER = -1e9  # [s]
@@ -69,10 +70,6 @@ class _When(msgspec.Struct):
     time: float  # [s]
     state: str = ""  # of the server; a tick has none
 
-    def of_tick(self) -> "_When":
-        """The same moment, as a tick says it."""
-        return _When(self.run, self.time)
-
 
 class TwinClient:
     """Reads and commands one twin. State is latest-value: a slow reader skips, and is never served an old pose."""
@@ -85,6 +82,9 @@ class TwinClient:
         self._sending = threading.Lock()  # numbers must arrive in order
         self._listeners: dict[str, list[OnGrid]] = defaultdict(list)  # by key
         self._fetches: list[threading.Thread] = []
+        self._fetched: _When | None = (
+            None  # status for which the tick was fetched: once, as a recording stands between two
+        )
         self.closed = False
         self._session = open_client(endpoint)
         self._encode = msgspec.json.Encoder().encode
@@ -279,8 +279,15 @@ class TwinClient:
         tick = self._slots[self.keys.tick]
         with suppress(msgspec.DecodeError):
             now = msgspec.json.decode(status, type=_When)
-            if now.state in STANDS and tick.payload and msgspec.json.decode(tick.payload, type=_When) != now.of_tick():
-                self._start(lambda: self._fetch(self.keys.tick, tick.count), "lost tick")
+            if now.state not in STANDS or now == self._fetched or not tick.payload:
+                return
+            newest = msgspec.json.decode(tick.payload, type=_When)
+            if newest.run != now.run or abs(newest.time - now.time) > SAME_TIME:
+                self._start(lambda: self._fetch_tick(now, tick.count), "lost tick")
+
+    def _fetch_tick(self, now: _When, unless_after: int) -> None:
+        self._fetch(self.keys.tick, unless_after)
+        self._fetched = now
 
     def _on_alive(self, sample: zenoh.Sample) -> None:
         if sample.kind == zenoh.SampleKind.DELETE:
