@@ -23,6 +23,7 @@ from motm_twin.bus.keys import Keys, spoken_on
 from motm_twin.model.scene import Scene
 
 STANDS = ("paused", "done")  # states in which no further tick comes
+ON_ITS_WAY = 0.3  # [s] that a tick may take to arrive after the status that is of it
 SAME_TIME = 1e-5  # [s] between a status, which may be rounded, and its tick
 LOST_AFTER = 2.0  # [s] without a status message
 GET_TIMEOUT = 1.0  # [s]
@@ -82,9 +83,7 @@ class TwinClient:
         self._sending = threading.Lock()  # numbers must arrive in order
         self._listeners: dict[str, list[OnGrid]] = defaultdict(list)  # by key
         self._fetches: list[threading.Thread] = []
-        self._fetched: _When | None = (
-            None  # status for which the tick was fetched: once, as a recording stands between two
-        )
+        self._fetched: _When | None = None  # the status for which a lost tick was fetched, once
         self.closed = False
         self._session = open_client(endpoint)
         self._encode = msgspec.json.Encoder().encode
@@ -281,13 +280,15 @@ class TwinClient:
             now = msgspec.json.decode(status, type=_When)
             if now.state not in STANDS or now == self._fetched or not tick.payload:
                 return
-            newest = msgspec.json.decode(tick.payload, type=_When)
+            newest, count = msgspec.json.decode(tick.payload, type=_When), tick.count
             if newest.run != now.run or abs(newest.time - now.time) > SAME_TIME:
-                self._start(lambda: self._fetch_tick(now, tick.count), "lost tick")
+                self._start(lambda: self._fetch_tick(now, count), "lost tick")
 
-    def _fetch_tick(self, now: _When, unless_after: int) -> None:
-        self._fetch(self.keys.tick, unless_after)
-        self._fetched = now
+    def _fetch_tick(self, now: _When, after: int) -> None:
+        """Fetch the newest tick unless one more than ``after`` comes by itself: it may be on its way."""
+        if self.wait_tick(after, ON_ITS_WAY) == after and not self.closed:
+            self._fetch(self.keys.tick, after)
+            self._fetched = now
 
     def _on_alive(self, sample: zenoh.Sample) -> None:
         if sample.kind == zenoh.SampleKind.DELETE:
