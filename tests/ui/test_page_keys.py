@@ -140,6 +140,7 @@ def test_space_plays_and_pauses_from_tabs_buttons_lists_sliders_and_checkboxes_b
         chip.click()
 
 
+@pytest.mark.timeout(300)
 def test_a_page_says_that_its_server_is_away_and_comes_back_however_often_it_has_tried_in_vain(browser):
     port = free_port()
     server = open_page("127.0.0.1", port)
