@@ -27,11 +27,12 @@ from motm_twin.control.arm.view import ManipulatorState, View
 from motm_twin.control.method import ArmParts, BaseChoices, Materials, Method, Policies
 from motm_twin.model.arm_kernels import manipulability_gradient
 from motm_twin.model.exact import norm
-from motm_twin.model.geometry import Array, frozen, to_frame
+from motm_twin.model.geometry import Array, frozen
 from motm_twin.model.profile import RobotProfile
 from motm_twin.model.reason import Kind, Reason
 from motm_twin.planning.candidates import Rule
 from motm_twin.planning.parameters import PlanningParameters
+from motm_twin.planning.reach import ReachModel
 from motm_twin.planning.types import (
     BaseController,
     BasePlan,
@@ -42,9 +43,9 @@ from motm_twin.planning.types import (
     PlanStatus,
     SearchBudget,
     Target,
-    no_placement,
+    empty_path,
 )
-from motm_twin.rivals.motm2022 import TangentController, TangentParameters, TangentPlacement
+from motm_twin.rivals.motm2022 import TangentController, TangentParameters, TangentPlacement, TangentState
 
 _RESTING = (Phase.STOW, Phase.CARRY)  # the arm has no target: the base stands too
 _STEPS = 6.0  # arm steps of acceleration by which the base may lead the monitor's last output
@@ -90,7 +91,7 @@ class WholeBody:
 
     def inputs(self, state: ManipulatorState, inputs: ArmInputs) -> ArmInputs:
         """The base continues from its last twist; without a goal it follows the requested one."""
-        room = inputs.dt * self._base.accelerations
+        room = inputs.dt * np.array([self._base.linear_acceleration, self._base.yaw_acceleration])
         last = np.clip(state.twist, inputs.base_twist - _STEPS * room, inputs.base_twist + _STEPS * room)
         wanted = np.clip(inputs.base_twist, last - room, last + room) if inputs.goal.kind == "none" else last
         return msgspec.structs.replace(inputs, base_twist=wanted)
@@ -151,60 +152,82 @@ class WholeBody:
 
 def _direction(view: View) -> float:
     """theta [rad] of the hand in the base frame."""
-    x, y = to_frame(view.pose, view.p[:2])
-    return math.atan2(y, x)
+    dx, dy, heading = view.p[0] - view.pose[0], view.p[1] - view.pose[1], view.pose[2]
+    c, s = math.cos(heading), math.sin(heading)
+    return math.atan2(-s * dx + c * dy, c * dx + s * dy)
 
 
-class HolisticPlacement(TangentPlacement):
+class HolisticPlacement:
     """No base placement: the hand leads. Points to drive to are placed as by MotM of 2022."""
+
+    def __init__(self, profile: RobotProfile) -> None:
+        self._drives = TangentPlacement(profile, TangentParameters())
+
+    def snapshot(self) -> TangentState:
+        """The state of the drives."""
+        return self._drives.snapshot()
+
+    def restore(self, state: TangentState) -> None:
+        """Continue from a snapshot."""
+        self._drives.restore(state)
 
     def place(self, problem: BaseProblem) -> Placement:
         """The target itself; for a point to drive to, that point."""
         target = problem.target
         if target is None or target.kind == "drive":
-            return super().place(problem)
-        goal = frozen([*target.position[:2], problem.pose[2]])
-        return msgspec.structs.replace(no_placement(goal), mode=Mode.WHOLE_BODY, why=Reason(kind=Kind.WHOLE_BODY))
+            return self._drives.place(problem)
+        none = frozen(np.zeros(0))
+        return Placement(
+            mode=Mode.WHOLE_BODY, radius=0.0, poses=frozen(np.zeros((0, 3))), cost_current=none, cost_next=none,
+            cost=none, rejected=(), chosen=-1, goal=frozen([*target.position[:2], problem.pose[2]]),
+            goal_has_heading=False, why=Reason(kind=Kind.WHOLE_BODY), next_goal=None,
+        )  # fmt: skip
 
 
-class HolisticBase(TangentController):
+class HolisticBase:
     """Drives to points; while the hand leads it plans nothing and only reports the time to the target."""
 
     def __init__(self, profile: RobotProfile, planning: PlanningParameters) -> None:
-        super().__init__(profile, planning)
-        self._arm = profile.arm
+        self._drives = TangentController(profile, planning)
+        self._arm, self._limits = profile.arm, profile.base
+        self._model = ReachModel(profile, planning.reach)
 
     def plan(self, problem: BaseProblem, placement: Placement, budget: SearchBudget) -> BasePlan:
         """No acceleration of its own towards a pick or a place: the arm's program moves the base."""
         target = problem.target
         if target is None or target.kind == "drive":
-            return super().plan(problem, placement, budget)
+            return self._drives.plan(problem, placement, budget)
         time = self._time_to_range(problem, target)
         return BasePlan(
             acceleration=frozen(np.zeros(2)),
             status=PlanStatus.GOAL,
             why=None if time == 0.0 else Reason(kind=Kind.HAND_HELD_UP, subject=target.name),
             global_path=frozen([problem.pose[:2], target.position[:2]]),
+            next_path=empty_path(),
             intermediate_goal=placement.goal,
             local_poses=frozen([[*problem.pose, *problem.twist]]),
             local_times=frozen([0.0]),
+            bezier=empty_path(),
+            expansions=0,
+            cut_by_clock=False,
             t_h=time,
+            k=1.0,
             time_to_range=time,
         )
 
     def _time_to_range(self, problem: BaseProblem, target: Target) -> float:
         """0 in reach, else the time [s] of the straight way."""
-        if self.reach.contains(problem.pose, problem.twist, target):
+        if self._model.contains(problem.pose, problem.twist, target):
             return 0.0
         x, y, heading = (float(value) for value in problem.pose)
         mount = np.array([x + self._arm.mount_x * math.cos(heading), y + self._arm.mount_x * math.sin(heading)])
-        away = float(np.hypot(*(target.position[:2] - mount))) - self.reach.parameters.r_max(target.kind)
-        return max(away, 0.05) / self.limits.forward_speed
+        away = float(np.hypot(*(target.position[:2] - mount))) - self._model.parameters.r_max(target.kind)
+        return max(away, 0.05) / self._limits.forward_speed
 
 
 def whole_body_placement(materials: Materials, candidates: Rule) -> PlacementStrategy:
     """No base placement."""
-    return HolisticPlacement(materials.parts.known.robot, TangentParameters())
+    return HolisticPlacement(materials.parts.known.robot)
 
 
 def whole_body_base(materials: Materials, policies: Policies) -> BaseController:
