@@ -201,3 +201,14 @@ def test_the_documents_and_the_page_list_every_fault():
     assert {edit.fault for edit in FAULTS.values()} == set(KINDS)
     for edit in FAULTS.values():
         assert bounds.problem(edit) == ""
+
+
+def test_the_hand_stays_over_the_object_while_the_fingers_are_stuck_and_the_base_brakes(moments):
+    twin, found = moments
+    _, snapshot = found["gripper_stuck"]
+    twin.restore(snapshot)
+    twin.post(InjectFault(fault="gripper_stuck", seconds=LASTS))
+    ticks = [twin.advance() for _ in range(40)]
+    stuck = [tick for tick in ticks if "fingers should close" in tick.stop_reason]
+    assert stuck and abs(float(stuck[0].observation.twist[0])) > 0.1
+    assert max(step.error for tick in stuck for step in tick.arm if step.phase == "closing") < 0.01

@@ -220,7 +220,7 @@ def findings(state: MotionState, now: Observation, base: BaseLimits, settings: M
     if state.fingers == "stuck":
         stand = 1e3 * now.gripper_width
         why = Reason(kind=Kind.FINGERS_STUCK, subject="fingers", other=state.gripper, value=stand, unit="mm")
-        found.append(Finding(reason=why, base=0.0, arm=0.0))
+        found.append(Finding(reason=why, base=0.0))
     return found
 
 

@@ -133,9 +133,6 @@ class SelfCheck(Stateful[SelfCheckState]):
         motion, worst = state.motion, state.findings[0]
         stands = bool((np.abs(motion.expected) < MOVING).all())
         joints = motion_check.joint_shares(motion, stands=stands)
-        arm = min(one.arm for one in state.findings)
-        if arm < 1.0:
-            joints = np.full(7, arm) if joints is None else arm * joints
         bad = state.of_scan
         return Trust(
             base=worst.base, joints=joints, reason=worst.told,
@@ -219,7 +216,7 @@ class SelfCheck(Stateful[SelfCheckState]):
         found += motion_check.findings(state.motion, now, base, settings.motion)
         robot = self._known.robot
         found += detection_check.findings(state.detection, seen, beliefs, held, robot, settings.detections, kept)
-        state.findings = tuple(sorted(found, key=lambda one: (one.base, one.arm)))
+        state.findings = tuple(sorted(found, key=lambda one: one.base))
 
 
 def _shifted(now: Observation, believed: Observation) -> Observation:

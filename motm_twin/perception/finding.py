@@ -8,11 +8,10 @@ HALF = 0.5  # share of its speed that the base keeps while what it senses is hal
 
 
 class Finding(msgspec.Struct, frozen=True, kw_only=True):
-    """One thing that is not as it should be now, and how much of its speed the robot keeps for it."""
+    """One thing that is not as it should be now, and how much of its speed the base keeps for it."""
 
     reason: Reason  # its kind is one of `KINDS`, its subject a sensor or part: lidar, camera, wheels, joint 4, fingers
     base: float = 1.0  # share of its speed that the base keeps: 0 stands
-    arm: float = 1.0  # share of its rates that the arm keeps
 
     @property
     def kind(self) -> Kind:
