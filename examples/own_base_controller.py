@@ -97,15 +97,10 @@ class Pursuit:
             status=status,
             why=why,
             global_path=path,
-            next_path=empty_path(),
             intermediate_goal=problem.pose,
             local_poses=np.array([[*problem.pose, *problem.twist]]),
             local_times=np.zeros(1),
-            bezier=empty_path(),
-            expansions=0,
-            cut_by_clock=False,
             t_h=0.0,
-            k=1.0,
             time_to_range=time_to_range,
         )
 

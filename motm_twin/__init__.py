@@ -10,8 +10,11 @@
 `connect` returns a client of a running twin; `methods` lists the methods. Only these names and `Result` are stable.
 """
 
+import hashlib
 import importlib
+import os
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -39,17 +42,18 @@ _HOMES = {  # imported by `__getattr__`
 
 
 def drop_stale_kernels(package: Path) -> int:
-    """Delete compiled kernels below a folder that are older than the newest source with kernels; returns their number.
+    """Delete compiled kernels of a folder that are older than the newest source with kernels; returns their number.
+
+    They lie beside the sources, or in folders of ``NUMBA_CACHE_DIR`` that have the names that numba makes.
 
     Numba recompiles a kernel when its own file has changed, but not when a kernel that it calls has: after a `git pull`
     or an edit a run would mix old and new kernels. Called when the package is imported, before any kernel is loaded. A
     read-only installation is not touched: its sources do not change either.
     """
-    indices = list(package.glob("**/__pycache__/*.nbi"))
-    sources = {index.parent.parent / f"{index.name.partition('.')[0]}.py" for index in indices}
-    newest = max((source.stat().st_mtime_ns for source in sources if source.exists()), default=0)
+    sources = {index: folder / f"{index.name.partition('.')[0]}.py" for folder, index in _compiled(package)}
+    newest = max((source.stat().st_mtime_ns for source in set(sources.values()) if source.exists()), default=0)
     dropped = 0
-    for index in indices:
+    for index in sources:
         try:
             if index.stat().st_mtime_ns < newest:
                 index.unlink()
@@ -57,6 +61,17 @@ def drop_stale_kernels(package: Path) -> int:
         except OSError:  # somebody else was faster, or the installation cannot be written to
             continue
     return dropped
+
+
+def _compiled(package: Path) -> Iterator[tuple[Path, Path]]:
+    """Folders of sources, and numba's index of each kernel that it has kept of them."""
+    elsewhere = os.environ.get("NUMBA_CACHE_DIR")
+    for folder in package.absolute().glob("**/"):
+        places = {folder / "__pycache__"}
+        if elsewhere:
+            digest = hashlib.sha1(str(folder).encode(), usedforsecurity=False).hexdigest()
+            places.add(Path(elsewhere) / f"{folder.name}_{digest}")
+        yield from ((folder, index) for place in places for index in place.glob("*.nbi"))
 
 
 if Path(sys.argv[0]).name == "motm-twin" or sys.orig_argv[1:3] == ["-m", "motm_twin"]:

@@ -5,6 +5,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 from motm_twin import drop_stale_kernels
 
 INNER = "from numba import njit\n\n@njit(cache=True)\ndef inner(x):\n    return x + {}\n"
@@ -27,7 +29,10 @@ def later(path: Path, text: str) -> None:
     os.utime(path, ns=(newest, newest))
 
 
-def test_a_kernel_is_compiled_again_when_one_that_it_calls_has_changed(tmp_path):
+@pytest.mark.parametrize("elsewhere", [False, True])
+def test_a_kernel_is_compiled_again_when_one_that_it_calls_has_changed(tmp_path, monkeypatch, elsewhere):
+    if elsewhere:
+        monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "kernels"))
     (tmp_path / "inner.py").write_text(INNER.format(1))
     (tmp_path / "outer.py").write_text(OUTER)
     assert outer_of_1(tmp_path) == 20

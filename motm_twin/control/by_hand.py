@@ -18,7 +18,7 @@ from motm_twin.model.state import Stateful
 from motm_twin.planning.braking import stopping_clearance
 from motm_twin.planning.collision import body_of, clearance, field_of
 from motm_twin.planning.parameters import StaaParameters
-from motm_twin.planning.types import BasePlan, BaseProblem, PlanStatus, empty_path
+from motm_twin.planning.types import BasePlan, BaseProblem, PlanStatus
 
 SHARES = (1.0, 0.75, 0.5, 0.25, 0.1)  # of the twist, tried in this order
 HOLD = 0.3  # [s] that one twist lasts; then the robot goes on with its tasks
@@ -62,16 +62,10 @@ class ByHand(Stateful[ByHandState]):
             acceleration=self._towards(problem, share * wanted),
             status=PlanStatus.BY_HAND,
             why=Reason(kind=Kind.BY_HAND, other=slowed, value=max(room, 0.0), unit="m"),
-            global_path=empty_path(),
-            next_path=empty_path(),
             intermediate_goal=np.full(3, math.nan),
             local_poses=np.zeros((0, 5)),
             local_times=np.zeros(0),
-            bezier=empty_path(),
-            expansions=0,
-            cut_by_clock=False,
             t_h=math.inf,
-            k=1.0,
             time_to_range=math.inf,
         )
 
