@@ -135,14 +135,17 @@ def compile_kernels(parts: Iterable[str] = EVERYTHING, tell: Callable[[str], Non
     began, done = time.monotonic(), 0
     started = [(_start(share), share) for share in shares(parts, joblib.cpu_count())]
     try:
-        running = True
+        running, failed = True, False
         while running:
             time.sleep(LOOK)
             running = any(process.poll() is None for process, _ in started)
-            ended = sum(is_warm([part]) for part in parts) if running else len(parts)
+            failed = any(process.returncode for process, _ in started)
+            ended = sum(is_warm([part]) for part in parts) if running or failed else len(parts)
             if ended > done:
                 done = ended
                 tell(f"  {done} of {len(parts)} parts after {time.monotonic() - began:.0f} s")
+        if failed:
+            tell("Some kernels failed to compile, with the errors above: they compile again when they are called.")
     finally:
         for process, _ in started:
             process.kill()

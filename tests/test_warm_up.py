@@ -49,6 +49,15 @@ def test_the_first_start_says_that_it_compiles_and_how_far_it_is(cold, monkeypat
     assert said[-1].startswith("  5 of 5 parts after ")
 
 
+def test_a_part_that_fails_is_not_counted_and_said(cold, monkeypatch) -> None:
+    monkeypatch.setattr(
+        warm_up, "_start", lambda parts: subprocess.Popen([sys.executable, "-c", "raise SystemExit(1)"])
+    )
+    said: list[str] = []
+    compile_kernels(tell=said.append)
+    assert len(said) == 2 and "failed to compile" in said[-1]
+
+
 def test_what_is_compiled_is_not_compiled_again(monkeypatch) -> None:
     monkeypatch.setattr(warm_up, "is_warm", lambda parts: "arm" not in parts)
     started: list[list[str]] = []
