@@ -158,8 +158,8 @@ FORESIGHT = Method(
     summary="Like fast, but it predicts others, passes behind those who do not yield, and is passively safe.",
     source="own",
     chosen=(
-        "Those who are slow are expected to yield, as in `fast`. Others go on straight, in "
-        "ellipses that grow. Candidates, ways to them and nodes of the search "
+        "Those who are slow are expected to yield, as in `fast`, but their time counts twice. "
+        "Others go on straight, in ellipses that grow. Candidates, ways to them and nodes of the search "
         "cost what the probability of a meeting says at the time when the base is there; a place that is free soon "
         "is waited for. The others' time that a plan takes is a cost. Where the search meets somebody, one in layers "
         "looks 6 s ahead; last comes the motion that stays clear best. The base stands before anything that goes on as "
@@ -169,7 +169,7 @@ FORESIGHT = Method(
         **FAST.parameters,
         "passive_safety": True,
         "risk_weight": 10.0,
-        "courtesy_weight": 0.4,
+        "courtesy_weight": 2.0,
         "arm_prediction": 0.5,
     },
     planner=BaseChoices(view=expect_tracks, candidates=all_rings_in_time, commitment=keep_plans, evasion=make_way),

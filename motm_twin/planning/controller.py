@@ -18,13 +18,13 @@ from motm_twin.planning.braking import best_braking
 from motm_twin.planning.collision import Field, body_of, clearances
 from motm_twin.planning.commitment import Anew, Commitment, time_left
 from motm_twin.planning.cost_to_go import Table
-from motm_twin.planning.encounters import WORTH, costs_along
+from motm_twin.planning.encounters import GOES_ON, WORTH, costs_along, others_of
 from motm_twin.planning.escape import Escape, depth_of, find_escape, find_room, find_turn, overlapping_cells
 from motm_twin.planning.evasion import Evasion, StandsItsGround
 from motm_twin.planning.global_path import GraphCache, leaves_disc, path_to_goal, rates_of, shortest_path
 from motm_twin.planning.lattice import NO_LATTICE
 from motm_twin.planning.parameters import PlanningParameters, Room, fitted, room_for
-from motm_twin.planning.prediction import NOBODY, arriving, expected
+from motm_twin.planning.prediction import NOBODY, expected
 from motm_twin.planning.reach import Job, ReachModel, first_in_reach, first_node_in_reach, in_reach
 from motm_twin.planning.rtr import path_rtr, turn
 from motm_twin.planning.search_settings import (
@@ -157,9 +157,10 @@ class StaaController:
     ) -> BasePlan:  # fmt: skip
         """The plan; where it meets others or does not arrive, a better one of a search that looks farther ahead."""
         arrives = found.status == PlanStatus.GOAL
-        if not len(world.others) or settings.bound < math.inf:
+        going = world.others[world.others[:, GOES_ON] > 0.0]
+        if not len(going) or settings.bound < math.inf:
             return found
-        among = Among(world.others, self.body, settings.among)
+        among = Among(going, self.body, settings.among)
         if found.local_among[0] + self._after(asked, found, among) < WORTH:
             return found
         bound = float(found.local_to_go[0]) if arrives else math.inf
@@ -236,10 +237,10 @@ class StaaController:
         return field, field._replace(value=np.array(proximity, dtype=np.float32)) if grid else field, moving
 
     def others(self, problem: BaseProblem) -> Array:
-        """Tracks (k, 7) that the search meets where they are expected; none where it is told nothing of them."""
+        """Those among whom the search plans, see `others_of`; nobody where it is told nothing of them."""
         if self.parameters.risk_weight == 0.0:
-            return np.zeros((0, 7))  # not a read-only one: kernels are compiled once
-        return arriving(problem.world.tracks, self.limits.velocity_lag)
+            return np.zeros((0, 8))  # not a read-only one: kernels are compiled once
+        return others_of(problem.world.tracks, problem.yielding, self.limits.velocity_lag)
 
     def among(self, problem: BaseProblem, states: Array, times: Array) -> Array:
         """Cost [s] that is left at each of the states (n, 5) after times [s] (n,) for being among others, (n,)."""

@@ -15,7 +15,7 @@ from motm_twin.model.motion import kernel
 from motm_twin.model.scene import AGENT_REACTION, TEMI_ACCELERATION
 from motm_twin.planning.collision import Body
 from motm_twin.planning.kernels import length_of
-from motm_twin.planning.prediction import Spread, gap_to_point, probability_taken
+from motm_twin.planning.prediction import Spread, arriving, gap_to_point, probability_taken
 from motm_twin.planning.types import Encounter, Passes, Yields
 
 STEP = 0.1  # [s] between two states of a plan
@@ -24,7 +24,8 @@ LOOKS = 6  # along a stopping way
 CLOSE = 1.0  # [m] nearer than which an encounter is told
 WORTH = 0.3  # [s] that a plan pays for being among others, from which on it is worth another search
 AROUND = 0.5  # [m] more than that others are given room
-TRACK = 6  # column of the identity
+TRACK, GOES_ON = 6, 7  # columns of the identity; and 1 for who is met where he will be, 0 for who yields
+ITSELF = 0.2  # share of the courtesy that is left for who goes on: the risk of meeting him counts already
 
 
 class Weights(NamedTuple):
@@ -60,13 +61,28 @@ def in_the_way(x: float, y: float, c: float, s: float, time: float, mover: Array
 def cost_among(
     x: float, y: float, c: float, s: float, time: float, others: Array, body: Body, weights: Weights
 ) -> float:
-    """Cost [s] of the footprint at a pose after a time [s] among tracks (k, 7)."""
+    """Cost [s] of the footprint at a pose after a time [s] among others (k, 8), see `others_of`."""
     cost = 0.0
     for k in range(others.shape[0]):
-        cost += weights.risk * probability_taken(x, y, c, s, time, others[k], weights.spread, body)
-        if weights.courtesy > 0.0:
-            cost += weights.courtesy * in_the_way(x, y, c, s, time, others[k], body)
+        courtesy = weights.courtesy
+        if others[k, GOES_ON] > 0.0:
+            cost += weights.risk * probability_taken(x, y, c, s, time, others[k], weights.spread, body)
+            courtesy *= ITSELF
+        if courtesy > 0.0:
+            cost += courtesy * in_the_way(x, y, c, s, time, others[k], body)
     return cost
+
+
+def others_of(tracks: Array, yielding: Array, lag: float) -> Array:
+    """Those who move when the base begins to follow a plan, ``lag`` [s] from now: tracks with `GOES_ON`, (k, 8).
+
+    ``tracks``: those who go on, ``yielding``: those who brake for the base, (n, 7) each.
+    """
+    rows = [
+        np.column_stack([one, np.full(len(one), goes)])
+        for one, goes in ((arriving(tracks, lag), 1.0), (arriving(yielding, lag), 0.0))
+    ]
+    return np.concatenate(rows)
 
 
 def near(movers: Array, here: Array, horizon: float, speed: float, body: Body) -> Array:

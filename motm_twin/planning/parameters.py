@@ -117,7 +117,7 @@ class StaaParameters:
             "Extra time charged to a node where somebody is expected, times the probability; 0 predicts nobody.",
             (0.0, 20.0, 0.5), paper=0.0)] = 0.0  # fmt: skip
     courtesy_weight: Annotated[float,
-        Number("", OWN, "of a second of somebody else's time: in the stopping way of whoever comes"),
+        Number("", OWN, "of a second in the stopping way of whoever yields; a fifth of it where he goes on"),
         Slider("Courtesy", "Base control",
             "How much the time counts that others lose when the plan enters the space they need to stop.",
             (0.0, 3.0, 0.1), paper=0.0)] = 0.0  # fmt: skip

@@ -110,7 +110,7 @@ class World(NamedTuple):
     lattice: LatticeCosts
     floor: SeenFloor
     moving: Array  # discs where what moves is expected, every half node, (n, k, 3); `field` is without it then
-    others: Array  # tracks of those whose place is a matter of probability, (k, 7); `field` is without them then
+    others: Array  # those among whom it plans, (k, 8), see `others_of`; `field` is without those who go on
 
 
 class CellVisibility(NamedTuple):

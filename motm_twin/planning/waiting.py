@@ -13,9 +13,9 @@ from motm_twin.model.geometry import Array
 from motm_twin.model.motion import kernel
 from motm_twin.model.profile import BaseLimits
 from motm_twin.planning.collision import Body
-from motm_twin.planning.encounters import Weights, cost_among, in_the_way
+from motm_twin.planning.encounters import Weights, cost_among
 from motm_twin.planning.parameters import StaaParameters
-from motm_twin.planning.prediction import LONGEST, WAIT_STEP, probability_taken
+from motm_twin.planning.prediction import LONGEST, WAIT_STEP
 
 LOOK = StaaParameters().node_duration  # [s] between two looks
 AHEAD = 4.0  # [s] of the path after it
@@ -32,7 +32,7 @@ class Wait(NamedTuple):
 class Among(NamedTuple):
     """Others, and what being among them costs."""
 
-    others: Array  # tracks, (k, 7)
+    others: Array  # those who go on, (k, 8), see `others_of`
     body: Body
     weights: Weights
 
@@ -97,8 +97,7 @@ def _whom(places: Array, way: Array, times: Array, others: Array, body: Body, we
         cost = 0.0
         for i in range(times.shape[0]):
             x, y, c, s = places[i, 0], places[i, 1], way[i, 0], way[i, 1]
-            cost += weights.risk * probability_taken(x, y, c, s, times[i], others[k], weights.spread, body)
-            cost += weights.courtesy * in_the_way(x, y, c, s, times[i], others[k], body)
+            cost += cost_among(x, y, c, s, times[i], others[k : k + 1], body, weights)
         if cost > most:
             worst, most = k, cost
     return worst

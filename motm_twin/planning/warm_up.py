@@ -72,7 +72,7 @@ def warm_up_search() -> None:
 def warm_up_foresight() -> BasePlan:
     """Compile what planning among others needs: candidates in time, the search that looks ahead, and waiting."""
     robot, parameters = RobotProfile(), PlanningParameters()
-    staa = replace(parameters.staa, risk_weight=10.0, courtesy_weight=0.4)
+    staa = replace(parameters.staa, risk_weight=10.0, courtesy_weight=2.0)
     parameters = replace(parameters, staa=staa)
     problem = _problem()
     rows = [[0.8, 0.5, 0.0, -0.5, 0.25, 0.03, 1.0], [2.0, 0.9, 0.0, -0.3, 0.25, 0.03, 2.0]]

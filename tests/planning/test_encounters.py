@@ -59,7 +59,7 @@ def test_the_robot_yields_to_those_that_the_driven_motion_stays_clear_of():
 
 
 def test_who_is_far_away_is_no_encounter():
-    assert encounters(straight(0.5), np.array([(2.0, 3.0, 0.5, 0.0, 0.25, 0.03, 1.0, 0.5)]), BODY) == ()
+    assert encounters(straight(0.5), np.array([(2.0, 3.0, 0.5, 0.0, 0.25, 0.03, 1.0)]), BODY) == ()
 
 
 def test_an_ellipse_grows_more_along_the_way_than_across():

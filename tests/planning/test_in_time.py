@@ -15,6 +15,7 @@ from motm_twin.perception.world_map import NO_TRACKS, WorldMap
 from motm_twin.planning.collision import body_of
 from motm_twin.planning.commitment import KeepPlans
 from motm_twin.planning.controller import StaaController
+from motm_twin.planning.encounters import in_the_way
 from motm_twin.planning.every_ring import EveryRing
 from motm_twin.planning.in_time import InTime, delay_along
 from motm_twin.planning.parameters import PlanningParameters, StaaParameters
@@ -35,7 +36,7 @@ PICK = Target(kind="pick", name="cube", position=np.array([3.0, 0.0]), dwell=1.3
 
 def world(*tracks):
     """An empty floor with tracks: x, y [m], velocity [m/s]."""
-    rows = [(*track, 0.25, 0.03, 1.0 + k, 0.5) for k, track in enumerate(tracks)]
+    rows = [(*track, 0.25, 0.03, 1.0 + k) for k, track in enumerate(tracks)]
     return WorldMap(
         stamp=0.0, resolution=0.05, origin=np.array(BASE.grid.origin), occupied=BASE.occupied, distance=BASE.distance,
         proximity=np.zeros_like(BASE.distance), polygons=(), seen_points=np.zeros((0, 2)),
@@ -88,13 +89,13 @@ def test_waiting_is_the_reason_when_it_is_cheaper_than_every_other_place():
 @pytest.mark.parametrize(("start", "loses"), [(-1.5, True), (1.5, False), (-3.9, False)])
 def test_a_way_loses_time_only_to_those_who_are_on_it_when_the_base_is(start, loses):
     path = np.array([(0.0, 0.0), (4.0, 0.0)])
-    crossing = np.array([(1.5, start, 0.0, 0.5, 0.25, 0.03, 1.0, 0.5)])
+    crossing = np.array([(1.5, start, 0.0, 0.5, 0.25, 0.03, 1.0)])
     delay = delay_along(path, 0.5, crossing, BODY)
     assert (delay > 0.5) == loses
 
 
 def foresighted(**others):
-    staa = dataclasses.replace(StaaParameters(), notches=5, risk_weight=10.0, courtesy_weight=0.5, **others)
+    staa = dataclasses.replace(StaaParameters(), notches=5, risk_weight=10.0, courtesy_weight=2.5, **others)
     return StaaController(ROBOT, PlanningParameters(staa=staa), commitment=KeepPlans())
 
 
@@ -130,6 +131,21 @@ def test_a_kept_plan_is_given_up_when_somebody_is_expected_on_it():
     met = drive(world((1.2, -0.8, 0.0, 0.5)), controller)
     assert met.local_among[0] < 3.0
     assert least_gap(met, (1.2, -0.8, 0.0, 0.5)) > 0.0
+
+
+@pytest.mark.parametrize(("place", "speed"), [((1.6, -1.4), 0.4), ((2.0, -1.6), 0.4), ((1.5, 1.5), -0.4)])
+def test_a_plan_does_not_cut_in_on_those_who_would_yield(place, speed):
+    one = np.array([(*place, 0.0, speed, 0.25, 0.03, 1.0)])
+
+    def taken(controller):
+        problem = msgspec.structs.replace(ask(world(), DRIVE, 0.5), yielding=one)
+        plan = controller.plan(problem, NextTargetPlacement(ROBOT, PlanningParameters()).place(problem), BUDGET)
+        assert plan.status in (PlanStatus.GOAL, PlanStatus.ABORTED)
+        poses = zip(plan.local_poses[:, :3].tolist(), plan.local_times.tolist(), strict=True)
+        return sum(in_the_way(x, y, math.cos(h), math.sin(h), time, one[0], BODY) for (x, y, h), time in poses)
+
+    assert taken(StaaController(ROBOT, PlanningParameters())) > 4.0
+    assert taken(foresighted()) < 1.0
 
 
 def test_without_a_price_of_meetings_tracks_change_nothing():

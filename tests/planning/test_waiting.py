@@ -24,7 +24,7 @@ STANDS = np.zeros(5)
 
 
 def wait(*tracks, path=PATH, begins=0.0):
-    rows = np.array([(*track, 0.25, 0.03, 1.0 + k) for k, track in enumerate(tracks)]).reshape(-1, 7)
+    rows = np.array([(*track, 0.25, 0.03, 1.0 + k, 1.0) for k, track in enumerate(tracks)]).reshape(-1, 8)
     return best_wait(STANDS, path, ROBOT.base, Among(rows, BODY, WEIGHTS), begins)
 
 
@@ -56,7 +56,7 @@ def test_a_base_at_the_end_of_its_path_waits_for_nobody_who_keeps_clear():
 @pytest.mark.parametrize("speed", [0.0, 0.4])
 def test_in_a_narrow_corridor_the_base_stands_and_says_for_whom(speed):
     corridor = world_of((rectangle(-1.5, 0.45, 2.0, 1.95), rectangle(-1.5, -1.95, 2.0, -0.45)))
-    crossing = np.array([(2.4, -0.8, 0.0, 0.4, 0.25, 0.03, 7.0, 0.4)])
+    crossing = np.array([(2.4, -0.8, 0.0, 0.4, 0.25, 0.03, 7.0)])
     there = Target(kind="drive", name="there", position=np.array([4.0, 0.0]))
     problem = BaseProblem(
         time=0.0, world=msgspec.structs.replace(corridor, tracks=crossing), pose=np.array([0.6, 0.0, 0.0]),
