@@ -51,6 +51,11 @@ class Room(NamedTuple):
     blocked: bool  # so near that a hand that tilts or moves a little does not get by; known for sure
     wanders: bool  # where it is comes from localisation, which may be another in some seconds
 
+    @property
+    def closed(self) -> bool:
+        """There is no room, whatever localisation says."""
+        return self.blocked and not self.wanders
+
 
 class GraspRoom:
     """The mapped furniture, and the hand as the arm's own speed limits have it."""
@@ -64,14 +69,15 @@ class GraspRoom:
     def yaw(self, goal: ArmGoal, near: float, natural: float, width: float, T_odom_world: Array) -> tuple[float, Room]:
         """The hand's yaw [rad], odometry frame, and its room: of the two pairs of faces the one that costs least.
 
+        A pair that surely has no room comes last: there may be some beside the other when localisation is another.
         ``near``: yaw that costs no turning; the other faces are taken from the side of the ``natural`` one, where
         joint 7 is in its middle. ``width`` [m] of the open gripper.
         """
         first = cube_yaw(goal.yaw, near)
         other = first + math.copysign(QUARTER, math.remainder(natural - first, 2.0 * math.pi))
         rooms = [self.room(goal, yaw, width, T_odom_world) for yaw in (first, other)]
-        costs = [abs(yaw - near) + room.cost for yaw, room in zip((first, other), rooms, strict=True)]
-        return (first, rooms[0]) if costs[0] <= costs[1] else (other, rooms[1])
+        pairs = list(zip((first, other), rooms, strict=True))
+        return min(pairs, key=lambda pair: (pair[1].closed, abs(pair[0] - near) + pair[1].cost))
 
     def room(self, goal: ArmGoal, yaw: float, width: float, T_odom_world: Array) -> Room:
         """Room for the hand over the object with this yaw [rad], odometry frame."""
