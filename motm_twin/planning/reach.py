@@ -121,14 +121,14 @@ def _mark_reached(
 
 @kernel
 def _mark_behind(
-    poses: Array, c: Array, s: Array, mount_x: float, mount_y: float, x: float, y: float, walls: Array,
+    poses: Array, c: Array, s: Array, mount: tuple[float, float], to: tuple[float, float], walls: Array,
     result: NDArray[np.bool_],
 ) -> None:  # fmt: skip
     """`ReachModel.behind_walls`; c, s of the headings."""
     for i in range(poses.shape[0]):
-        from_x = poses[i, 0] + c[i] * mount_x - s[i] * mount_y
-        from_y = poses[i, 1] + s[i] * mount_x + c[i] * mount_y
-        result[i] = _crosses(from_x, from_y, x, y, walls)
+        x = poses[i, 0] + c[i] * mount[0] - s[i] * mount[1]
+        y = poses[i, 1] + s[i] * mount[0] + c[i] * mount[1]
+        result[i] = _crosses(x, y, to[0], to[1], walls)
 
 
 class ReachModel:
@@ -175,8 +175,8 @@ class ReachModel:
         """From which poses (m, 3) the line from the mount to the target crosses a wall, shape (m,) of bool."""
         result = np.empty(len(poses), dtype=np.bool_)
         _mark_behind(
-            poses, np.cos(poses[:, 2]), np.sin(poses[:, 2]), self._arm.mount_x, self._arm.mount_y,
-            float(target.position[0]), float(target.position[1]), np.array(target.walls), result,
+            poses, np.cos(poses[:, 2]), np.sin(poses[:, 2]), (self._arm.mount_x, self._arm.mount_y),
+            (float(target.position[0]), float(target.position[1])), np.array(target.walls), result,
         )  # fmt: skip
         return result
 
