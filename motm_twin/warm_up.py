@@ -21,6 +21,7 @@ from numba.core import event
 
 from motm_twin.control.arm.controller import Manipulator
 from motm_twin.control.arm.geometry import rotation_error
+from motm_twin.control.arm.grasp_room import height_over
 from motm_twin.control.arm.monitor import ArmMonitor
 from motm_twin.control.arm.parameters import ArmParameters
 from motm_twin.control.arm.program import base_bounds, joint_bounds
@@ -40,6 +41,7 @@ from motm_twin.model.plant import Actuation, Observation, Scan
 from motm_twin.model.profile import Lidar, RobotProfile
 from motm_twin.model.scene import Scene
 from motm_twin.model.scene_file import load_scene
+from motm_twin.perception.detection_check import Beliefs, DetectionSettings, Screens
 from motm_twin.perception.mapper import Mapper
 from motm_twin.perception.movers import MoverTracker
 from motm_twin.perception.objects import ObjectTracker
@@ -215,6 +217,7 @@ def _perception() -> None:
         world = tracks.update(mapper.taken, movers.sort(mapper.update(now), now.pose))
         acting = Actuation(twist=frozen(np.array([0.2, 0.0])), joint_velocity=frozen(np.zeros(7)), gripper="open")
         checks.told(monitor.check(acting, seen, PERIOD, scan_stamp=seen.time, world=world).actuation, seen)
+    Beliefs(tracker, now, known.robot, DetectionSettings(), known.bins, Screens.of(known)).screened(np.zeros(3))
 
 
 def _arm() -> None:
@@ -237,6 +240,7 @@ def _arm() -> None:
     narrow = _observation(known.robot.lidar, ARM_STEP * PERIODS, radius=0.5, speed=0.5)
     fast = Actuation(twist=frozen(np.array([0.5, 0.1])), joint_velocity=frozen(np.zeros(7)), gripper="open")
     monitor.check(fast, narrow, ARM_STEP, scan_stamp=narrow.time)  # brakes
+    height_over(np.zeros(3), 0.0, known.robot.gripper.max_width, inputs.goal)  # on its way down
     _called_by_other_arms(known.robot)
 
 

@@ -23,7 +23,7 @@ from motm_twin.model.state import Stateful
 from motm_twin.perception import detection_check, localisation_check
 from motm_twin.perception.association import disproved
 from motm_twin.perception.blind_sector import Outline, SectorSettings, SectorState, check_sector
-from motm_twin.perception.detection_check import Beliefs, DetectionSettings, DetectionState
+from motm_twin.perception.detection_check import Beliefs, DetectionSettings, DetectionState, Screens
 from motm_twin.perception.finding import Finding
 from motm_twin.perception.localisation_check import LocalisationSettings, LocalisationState
 from motm_twin.perception.objects import ObjectTracker
@@ -79,7 +79,7 @@ class SelfCheck(Stateful[SelfCheckState]):
         """Beliefs are the tracker's; ``slow_age`` [s] of a sweep or a state from which the monitor slows the robot."""
         self._known, self._tracker = known, tracker
         self._settings, self._slow_age = settings, slow_age
-        self._segments = map_segments(known)
+        self._segments, self._screens = map_segments(known), Screens.of(known)
         self.outline = Outline.of(self._segments, self._settings.sector.bin)
         self._state = SelfCheckState(SectorState.of(known.robot.lidar.beams, int(self.outline.first[-1])))
 
@@ -110,7 +110,7 @@ class SelfCheck(Stateful[SelfCheckState]):
             motion_check.check_fingers(state.motion, now, robot, settings.motion)
         scan = self._usable_scan(now, believed)
         seen = _shifted(now, believed)  # what the camera says, in the odometry that is believed
-        beliefs = Beliefs(self._tracker, seen, robot, settings.detections, self._known.bins)
+        beliefs = Beliefs(self._tracker, seen, robot, settings.detections, self._known.bins, self._screens)
         detections = detection_check.checked(state.detection, seen, beliefs, held, robot, settings.detections)
         self._gather(now, seen, beliefs, held, detections)
         self._forget(now)

@@ -2,7 +2,8 @@
 
 A blind sector turns with the robot; furniture that was taken away stays gone from every direction. So beams are in
 doubt when nothing returns where the map expects it, and they are blind when other beams have seen that very place
-since. Beams in doubt and blind ones say nothing: what lies there is unknown, not free. They are trusted again when they
+since. A beam beside the end of some furniture may pass it when the pose is a little off: nothing is expected of it.
+Beams in doubt and blind ones say nothing: what lies there is unknown, not free. They are trusted again when they
 return something, or have missed nothing for a while; for longer each time.
 """
 
@@ -114,22 +115,42 @@ def _look(state: SectorState, scan: Scan, pose: Array, outline: Outline, setting
     """Compare a sweep with the map, and tell which beams are not trusted."""
     reach = min(REACH, scan.range_max)
     expected = seen_edges(pose, scan.origin, scan.angle_min, scan.angle_step, len(scan.ranges), outline.segments, reach)
+    sure = _surely_met(expected[0], expected[1], abs(scan.angle_step), settings.margin)
     run = max(settings.proofs, math.ceil(BLIND_ANGLE / abs(scan.angle_step)))
     limits = (GONE_AFTER, settings.rest, settings.margin, settings.share, run, settings.proofs)
     state.unseen = _follow(
         (state.doubted, state.proved, state.blind, state.times, state.miss, state.returned),
         (state.gone, state.missed, state.missing),
-        scan.ranges, expected, outline.first, scan.stamp, limits,
+        scan.ranges, (*expected, sure), outline.first, scan.stamp, limits,
     )  # fmt: skip
+
+
+@njit(cache=True)
+def _surely_met(ranges: Array, edge: NDArray[np.int64], step: float, margin: float) -> NDArray[np.bool_]:
+    """Beams that meet furniture even from a pose that is off by a margin [m] across them, shape (n,).
+
+    ``ranges`` and ``edge`` as of `seen_edges`; ``step`` [rad] between beams.
+    """
+    count = ranges.shape[0]
+    result = edge >= 0
+    for i in range(count):
+        if edge[i] < 0:
+            continue
+        aside = int(math.ceil(math.atan2(margin, ranges[i]) / step))
+        for k in range(max(0, i - aside), min(count, i + aside + 1)):
+            if edge[k] < 0:
+                result[i] = False
+                break
+    return result
 
 
 @njit(cache=True)
 def _follow(state, places, returns, expected, first, stamp, limits):
     """Move the memory on by one sweep, and tell which beams are not trusted now, shape (n,).
 
-    ``expected``: what the map has in the way of each beam, as of `seen_edges`.
+    ``expected``: what the map has in the way of each beam, as of `seen_edges` and `_surely_met`.
     """
-    ranges, edge, along = expected
+    ranges, edge, along, sure = expected
     doubted, proved, blind, _, miss, returned = state
     gone, missed, missing = places
     doubt, rest, margin, share, run, proofs = limits
@@ -151,7 +172,7 @@ def _follow(state, places, returns, expected, first, stamp, limits):
                 missed[place[i]] = -1
         elif math.isfinite(error) and error > 0.0:
             gone[place[i]] = True  # something behind it is seen
-        misses[i] = returns[i] == np.inf and not gone[place[i]]
+        misses[i] = returns[i] == np.inf and sure[i] and not gone[place[i]]
     begin = 0
     while begin < count:
         end = begin

@@ -3,13 +3,16 @@
 import math
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
-from typing import Annotated
+from typing import Annotated, NamedTuple
 
 import msgspec
 import numpy as np
 
 from motm_twin.model.arm_kernels import HAND, fk_arm
+from motm_twin.model.compiler import njit
+from motm_twin.model.exact import hypot
 from motm_twin.model.geometry import Array, compose, from_frame, inverse, to_frame
+from motm_twin.model.known import KnownWorld
 from motm_twin.model.number import OWN, Number
 from motm_twin.model.plant import Detection, Observation
 from motm_twin.model.profile import RobotProfile
@@ -18,6 +21,7 @@ from motm_twin.model.scene import Bin
 from motm_twin.perception import association
 from motm_twin.perception.association import AssociationSettings, AssociationState, Places
 from motm_twin.perception.finding import Finding
+from motm_twin.perception.footprints import outline
 from motm_twin.perception.objects import ObjectTracker
 
 
@@ -62,14 +66,31 @@ class DetectionState:
     association: AssociationState = field(default_factory=AssociationState)  # of detections without a name
 
 
+class Screens(NamedTuple):
+    """Sides of the mapped furniture that may hide an object from the camera."""
+
+    edges: Array  # [m] x, y, x, y, world, shape (s, 4)
+    z: Array  # [m] from and to, shape (s, 2)
+
+    @classmethod
+    def of(cls, known: KnownWorld) -> "Screens":
+        """All sides of all pieces of the map."""
+        outlines = [outline(solid.shape) for solid in known.solids]
+        edges = [np.hstack([corners, np.roll(corners, -1, axis=0)]) for corners in outlines]
+        z = [
+            np.tile((solid.z_min, solid.z_max), (len(side), 1)) for solid, side in zip(known.solids, edges, strict=True)
+        ]
+        return cls(np.vstack([np.zeros((0, 4)), *edges]), np.vstack([np.zeros((0, 2)), *z]))
+
+
 class Beliefs:
     """Places of the objects as the tracker believes them at one observation, looked up when they are asked for."""
 
     def __init__(
         self, tracker: ObjectTracker, now: Observation, profile: RobotProfile, settings: "DetectionSettings",
-        bins: tuple[Bin, ...] = (),
+        bins: tuple[Bin, ...], screens: Screens,
     ) -> None:  # fmt: skip
-        self._tracker, self._now, self._bins = tracker, now, bins
+        self._tracker, self._now, self._bins, self._screens = tracker, now, bins, screens
         self._profile, self._settings = profile, settings
         self._eye: tuple[Array, Array] | None = None
 
@@ -78,14 +99,26 @@ class Beliefs:
         return self._tracker.places(self._now)
 
     def in_view(self, point: Array) -> bool:
-        """The camera surely sees a point (3,) [m], odometry frame, unless something stands before it."""
+        """The camera surely sees a point (3,) [m], odometry frame, unless something unknown stands before it."""
+        in_cone = in_view(self._lens(), to_frame(self._now.odometry, point), self._profile, self._settings)
+        return in_cone and not self.screened(point)
+
+    def screened(self, point: Array) -> bool:
+        """Mapped furniture may stand between the camera and a point (3,) [m], odometry frame."""
+        eye = from_frame(self._now.pose, self._lens()[0])
+        return bool(_screened(eye, self._in_world(point), self._settings.above, *self._screens))
+
+    def _lens(self) -> tuple[Array, Array]:
         if self._eye is None:
             self._eye = lens(self._now.q, self._profile)
-        return in_view(self._eye, to_frame(self._now.odometry, point), self._profile, self._settings)
+        return self._eye
+
+    def _in_world(self, point: Array) -> Array:
+        return from_frame(compose(self._now.pose, inverse(self._now.odometry)), point)
 
     def in_bin(self, point: Array) -> bool:
         """A point (3,) [m], odometry frame, is in a bin: what lies there was dropped, and may lie anywhere in it."""
-        x, y, _ = from_frame(compose(self._now.pose, inverse(self._now.odometry)), point).tolist()
+        x, y, _ = self._in_world(point).tolist()
         return any(math.hypot(x - box.centre[0], y - box.centre[1]) < 0.75 * box.side for box in self._bins)
 
     def get(self, name: str) -> tuple[Array, float] | None:
@@ -263,6 +296,30 @@ def in_view(eye: tuple[Array, Array], point: Array, profile: RobotProfile, setti
     return bool(free and cone)
 
 
+@njit(cache=True)
+def _screened(eye: Array, point: Array, beside: float, edges: Array, z: Array) -> bool:
+    """A side (s, 4) between its heights (s, 2) crosses the line from an eye (3,) to a point (3,) or ``beside`` [m] it.
+
+    What is no higher than the point is no screen: the point may be on it.
+    """
+    dx, dy, dz = point[0] - eye[0], point[1] - eye[1], point[2] - eye[2]
+    length = max(hypot(dx, dy), 1e-9)
+    for aside in (0.0, beside, -beside):
+        ex, ey = dx - aside * dy / length, dy + aside * dx / length
+        for k in range(edges.shape[0]):
+            if z[k, 1] <= point[2]:
+                continue
+            ax, ay = edges[k, 0] - eye[0], edges[k, 1] - eye[1]
+            bx, by = edges[k, 2] - edges[k, 0], edges[k, 3] - edges[k, 1]
+            det = ex * by - ey * bx
+            if det == 0.0:
+                continue
+            share, along = (ax * by - ay * bx) / det, (ax * ey - ay * ex) / det
+            if 0.0 <= share <= 1.0 and 0.0 <= along <= 1.0 and z[k, 0] <= eye[2] + share * dz <= z[k, 1]:
+                return True
+    return False
+
+
 def _missing(
     state: DetectionState, now: Observation, beliefs: Beliefs, held: str | None, profile: RobotProfile,
     settings: DetectionSettings, reported: Collection[str],
@@ -276,7 +333,8 @@ def _missing(
         if belief is None or name == held or name in reported or not recent or belief[1] > settings.doubtful:
             state.missing.pop(name, None)
             continue
-        if in_view(eye, to_frame(now.odometry, belief[0]), profile, settings):
+        seen = in_view(eye, to_frame(now.odometry, belief[0]), profile, settings)
+        if seen and not beliefs.screened(belief[0]):
             state.missing.setdefault(name, now.time)
         else:
             state.missing.pop(name, None)

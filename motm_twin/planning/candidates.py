@@ -253,7 +253,10 @@ def waiting_rooms(survey: Survey) -> tuple[float, ...]:
 def closest_places(
     target: Target, survey: Survey, room: float, within: float = math.inf, *, sight: bool = False
 ) -> Iterator[Candidates]:
-    """Free places ``within`` [m] of a target, the closest first, that leave room [m] to what may be moving."""
+    """Free places ``within`` [m] of a target, the closest first, that leave room [m] to what may be moving.
+
+    Places behind walls are none of them: however close, from there the arm does not come to the target.
+    """
     model, here, wanted = survey.model, survey.here, survey.room.clearance
     farthest = model.body.reach + model.parameters.staa.local_radius
     for radius in np.arange(0.0, farthest, 2.0 * model.placement.radius_step):
@@ -261,6 +264,7 @@ def closest_places(
             return
         pose, place, place_of = spokes(target.position, radius, model.placement.positions, 4)
         keep = clearances(pose, wanted, here.field, here.body) >= wanted
+        keep &= ~model.reach.behind_walls(pose, target)
         if room > 0.0:
             keep &= leaves_room(pose, room, here)
         if sight and keep.any():

@@ -33,6 +33,7 @@ class Job(NamedTuple):
     heading: float  # [rad] drive only, nan: free
     heading_tolerance: float  # [rad]
     behind: float  # cosine of the largest azimuth that joint 1 can turn the arm to
+    walls: Array  # [m] edges x, y, x, y of what the arm does not reach over, shape (k, 4)
 
 
 @kernel
@@ -56,7 +57,24 @@ def manipulable(x: float, y: float, c: float, s: float, v: float, w: float, job:
     distance = length_of(px - job.mount_x, py - job.mount_y)
     if distance < job.r_min or distance > job.r_max or px - job.mount_x < job.behind * distance:
         return False
-    return length_of(v - w * py, w * px) <= job.speed
+    if length_of(v - w * py, w * px) > job.speed:
+        return False
+    mount_x, mount_y = x + c * job.mount_x - s * job.mount_y, y + s * job.mount_x + c * job.mount_y
+    return not _crosses(mount_x, mount_y, job.x, job.y, job.walls)
+
+
+@kernel
+def _crosses(x: float, y: float, to_x: float, to_y: float, walls: Array) -> bool:
+    """Test that the line from a point (x, y) to another crosses a wall (k, 4)."""
+    for k in range(walls.shape[0]):
+        ax, ay, bx, by = walls[k, 0], walls[k, 1], walls[k, 2], walls[k, 3]
+        of_a = (to_x - x) * (ay - y) - (to_y - y) * (ax - x)
+        of_b = (to_x - x) * (by - y) - (to_y - y) * (bx - x)
+        of_start = (bx - ax) * (y - ay) - (by - ay) * (x - ax)
+        of_end = (bx - ax) * (to_y - ay) - (by - ay) * (to_x - ax)
+        if of_a * of_b < 0.0 and of_start * of_end < 0.0:
+            return True
+    return False
 
 
 @kernel
@@ -101,6 +119,18 @@ def _mark_reached(
         result[i] = least <= distance <= most and c[i] * dx + s[i] * dy >= behind * distance
 
 
+@kernel
+def _mark_behind(
+    poses: Array, c: Array, s: Array, mount: tuple[float, float], to: tuple[float, float], walls: Array,
+    result: NDArray[np.bool_],
+) -> None:  # fmt: skip
+    """`ReachModel.behind_walls`; c, s of the headings."""
+    for i in range(poses.shape[0]):
+        x = poses[i, 0] + c[i] * mount[0] - s[i] * mount[1]
+        y = poses[i, 1] + s[i] * mount[0] + c[i] * mount[1]
+        result[i] = _crosses(x, y, to[0], to[1], walls)
+
+
 class ReachModel:
     """Reach of the arm of one robot: horizontal distance and azimuth of the object from the mount, and its speed."""
 
@@ -115,14 +145,14 @@ class ReachModel:
             heading = math.nan if target.heading is None else float(target.heading)
             return Job(
                 DRIVE, float(target.position[0]), float(target.position[1]), 0.0, 0.0, 0.0, float(target.tolerance),
-                math.inf, ARRIVED, heading, staa.pass_heading, -1.0,
+                math.inf, ARRIVED, heading, staa.pass_heading, -1.0, np.array(target.walls),
             )  # fmt: skip
         r_max = p.r_max(target.kind)
         speed = p.relative_speed * (p.plan_speed if slack > 0.0 else 1.0)
         return Job(
             MANIPULATE, float(target.position[0]), float(target.position[1]), self._arm.mount_x, self._arm.mount_y,
             p.r_min + slack, r_max - slack, speed, p.dwell(target.kind),
-            math.nan, 0.0, math.cos(p.azimuth_max),
+            math.nan, 0.0, math.cos(p.azimuth_max), np.array(target.walls),
         )  # fmt: skip
 
     def contains(self, pose: Array, twist: Array, target: Target, staa: StaaParameters | None = None) -> bool:
@@ -139,22 +169,16 @@ class ReachModel:
             poses, np.cos(poses[:, 2]), np.sin(poses[:, 2]), self._arm.mount_x, self._arm.mount_y,
             float(target.position[0]), float(target.position[1]), least, most, math.cos(p.azimuth_max), result,
         )  # fmt: skip
-        if len(target.walls):
-            result &= ~self._behind_walls(poses, target)
-        return result
+        return result & ~self.behind_walls(poses, target)
 
-    def _behind_walls(self, poses: Array, target: Target) -> Array:
+    def behind_walls(self, poses: Array, target: Target) -> Array:
         """From which poses (m, 3) the line from the mount to the target crosses a wall, shape (m,) of bool."""
-        c, s = np.cos(poses[:, 2:3]), np.sin(poses[:, 2:3])
-        x = poses[:, :1] + c * self._arm.mount_x - s * self._arm.mount_y
-        y = poses[:, 1:2] + s * self._arm.mount_x + c * self._arm.mount_y
-        to_x, to_y = target.position[:2].tolist()
-        ax, ay, bx, by = target.walls.T
-        of_a = (to_x - x) * (ay - y) - (to_y - y) * (ax - x)
-        of_b = (to_x - x) * (by - y) - (to_y - y) * (bx - x)
-        of_mount = (bx - ax) * (y - ay) - (by - ay) * (x - ax)
-        of_target = (bx - ax) * (to_y - ay) - (by - ay) * (to_x - ax)
-        return ((of_a * of_b < 0.0) & (of_mount * of_target < 0.0)).any(axis=1)
+        result = np.empty(len(poses), dtype=np.bool_)
+        _mark_behind(
+            poses, np.cos(poses[:, 2]), np.sin(poses[:, 2]), (self._arm.mount_x, self._arm.mount_y),
+            (float(target.position[0]), float(target.position[1])), np.array(target.walls), result,
+        )  # fmt: skip
+        return result
 
     def passes(self, radius: float, target: Target) -> bool:
         """Test that a base on a tangent of a circle of `radius` [m] gets the target into reach at all."""

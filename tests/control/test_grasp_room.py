@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from motm_twin.control.arm.grasp_room import BLOCKED, GraspRoom
+from motm_twin.control.arm.grasp_room import BLOCKED, GraspRoom, height_over
 from motm_twin.control.arm.parameters import AvoidanceParameters
 from motm_twin.control.arm.types import ArmGoal
 from motm_twin.model.known import KnownWorld
@@ -93,6 +93,13 @@ def test_between_cubes_on_all_sides_there_is_no_room():
     assert room.what.startswith("c")
 
 
+def test_a_pair_that_localisation_may_open_is_no_reason_to_give_up():
+    """Between a cube and a box that localisation had 2 cm too near, a pick was given up within a second."""
+    _, room = chosen(known((0.055, 0.0, 0.05, 0.05, 0.3)), goal((0.0, 0.055, 0.0)))
+    assert room.blocked
+    assert room.wanders and room.what == "piece0"
+
+
 def test_a_neighbour_that_nobody_has_seen_costs_but_does_not_block():
     _, room = chosen(known(), goal((0.045, 0.0, 0.0), (0.0, 0.045, 0.0), seen=0.0))
     assert not room.blocked
@@ -130,3 +137,24 @@ def test_the_choice_is_the_same_in_every_odometry_frame():
     other, room_there = chosen(post, turned, 0.7, T)
     assert other - 0.7 == pytest.approx(yaw)
     assert room_there.cost == pytest.approx(room.cost)
+
+
+@pytest.mark.parametrize(
+    ("place", "yaw", "low"),
+    [
+        ((0.0, 0.0), 0.0, True),  # as it grasps: the neighbour is beside the fingers, not below them
+        ((0.0, 0.0), math.pi / 2, False),  # not yet turned: a finger over the neighbour
+        ((0.05, 0.05), 0.0, False),  # not yet there
+        ((0.0, 0.025), 0.0, False),  # a finger over the object itself
+        ((0.0, 0.0), 0.3, True),
+    ],
+)
+def test_the_hand_comes_down_only_where_no_finger_comes_down_on_an_object(place, yaw, low):
+    target = goal((0.055, 0.0, 0.0))
+    height = height_over(np.array([*place, TOP + 0.1]), yaw, 0.08, target)
+    assert (height < TOP + 0.02) == low
+    assert height < TOP + 0.02 + 0.06, "hovering it is over all of them"
+
+
+def test_an_object_that_nobody_has_seen_does_not_keep_the_hand_up():
+    assert height_over(np.array([0.0, 0.0, TOP + 0.1]), 0.0, 0.08, goal((0.0, 0.055, 0.0), seen=0.0)) == -math.inf

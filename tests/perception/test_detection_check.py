@@ -8,9 +8,19 @@ import pytest
 
 from motm_twin.model.geometry import to_frame
 from motm_twin.model.joint_limits import READY
+from motm_twin.model.known import KnownWorld
 from motm_twin.model.plant import Detection, Observation
 from motm_twin.model.profile import RobotProfile
-from motm_twin.perception.detection_check import DetectionSettings, DetectionState, checked, findings, lens
+from motm_twin.model.scene import Box, Cylinder, Solid
+from motm_twin.perception.detection_check import (
+    DetectionSettings,
+    DetectionState,
+    Screens,
+    _screened,
+    checked,
+    findings,
+    lens,
+)
 
 PROFILE, SETTINGS = RobotProfile(), DetectionSettings()
 EYE, AXIS = lens(READY, PROFILE)
@@ -29,6 +39,9 @@ class Beliefs:
         return next(near, "")
 
     def in_bin(self, point):
+        return False
+
+    def screened(self, point):
         return False
 
 
@@ -51,6 +64,28 @@ def judge(now, beliefs, state=None, held=None):
     kept = checked(state, now, beliefs, held, PROFILE, SETTINGS)
     found = findings(state, now, beliefs, held, PROFILE, SETTINGS)
     return [one.name for one in kept], [one.kind for one in found]
+
+
+@pytest.mark.parametrize(
+    ("name", "shape", "low", "high", "screened"),
+    [
+        ("box", Box(centre=(0.5, 0.0), size=(0.1, 0.4)), 0.7, 0.9, True),
+        ("can", Cylinder(centre=(0.6, 0.06), radius=0.03), 0.7, 0.9, True),  # an edge
+        ("low", Box(centre=(0.5, 0.0), size=(0.1, 0.4)), 0.7, 0.72, False),
+        ("table", Box(centre=(0.5, 0.0), size=(2.0, 2.0)), 0.67, 0.7, False),
+        ("lamp", Box(centre=(0.5, 0.0), size=(0.1, 0.4)), 1.1, 1.2, False),
+        ("aside", Box(centre=(0.5, 0.3), size=(0.1, 0.1)), 0.7, 1.9, False),
+    ],
+)
+def test_mapped_furniture_between_camera_and_object_hides_it(name, shape, low, high, screened):
+    """A cube behind a box was said to be lost although in view."""
+    solid = Solid(name=name, shape=shape, z_min=low, z_max=high, mapped=True)
+    known = KnownWorld(
+        robot=PROFILE, start=(0.0, 0.0, 0.0), solids=(solid,), objects=(), object_sd=0.03, bins=(), tasks=(),
+        bounds=(-3.0, -3.0, 3.0, 3.0),
+    )  # fmt: skip
+    eye, point = np.array([0.0, 0.0, 1.0]), np.array([0.8, 0.0, 0.72])
+    assert _screened(eye, point, SETTINGS.above, *Screens.of(known)) == screened
 
 
 def test_a_detection_in_view_is_kept_as_it_is():

@@ -2,11 +2,13 @@
 
 import numpy as np
 import pytest
+from idealised import rectangle, world_of
 
 from motm_twin.model.profile import RobotProfile
 from motm_twin.planning.parameters import PlanningParameters
+from motm_twin.planning.placement import NextTargetPlacement
 from motm_twin.planning.reach import ReachModel
-from motm_twin.planning.types import Target
+from motm_twin.planning.types import BaseProblem, Target
 
 WALL = np.array([[-2.0, 0.3, 2.0, 0.3]])  # along x, beyond the target
 
@@ -31,3 +33,25 @@ def test_from_behind_a_wall_nothing_is_reached(model, heading):
 
 def test_a_wall_that_ends_before_the_line_is_in_nobodys_way(model):
     assert reached(model, (0.0, 0.65, 0.0), [[-2.0, 0.3, -0.4, 0.3]])
+
+
+def test_a_search_does_not_end_and_an_arm_does_not_leave_behind_a_wall(model):
+    target = Target(kind="pick", name="it", position=np.zeros(2), walls=WALL)
+    assert model.contains(np.array([0.0, -0.65, 0.0]), np.zeros(2), target)
+    assert not model.contains(np.array([0.0, 0.65, 0.0]), np.zeros(2), target)
+
+
+def test_where_no_pose_reaches_the_closest_place_is_before_the_wall_and_not_behind_it():
+    """It drove round a wall to the place closest to its target, 0.6 m from it and out of its arm's reach."""
+    counter, wall = rectangle(-2.0, -0.6, 2.0, 0.29), rectangle(-2.0, 0.3, 2.0, 0.31)
+    corners = np.asarray(wall)
+    target = Target(
+        kind="pick", name="it", position=np.array([0.0, 0.25]), walls=np.hstack([corners, np.roll(corners, -1, axis=0)])
+    )
+    problem = BaseProblem(
+        time=0.0, world=world_of((counter, wall), (-4, -4, 4, 4)), pose=np.array([0.0, -2.0, 0.0]), twist=np.zeros(2),
+        target=target, next_target=None, engaged=False,
+    )  # fmt: skip
+    placement = NextTargetPlacement(RobotProfile(), PlanningParameters()).place(problem)
+    assert placement.mode == "closest"
+    assert placement.goal[1] < 0.0

@@ -1,8 +1,9 @@
 """Room for the open hand beside an object: which of its faces the fingers can take.
 
-The fingers come straight down on two faces of a cube, the palm over them, and go up again the same way. Both pairs of
-faces are candidates. Mapped furniture and bins must leave the distances that the arm keeps from them, other objects
-the width of the fingers. What is short of room costs; a pair that has none is not taken.
+The fingers come straight down on two faces of a cube, the palm over them, and go up again the same way. They do not
+come down before the hand is turned and over it so far that they meet nothing. Both pairs of faces are candidates.
+Mapped furniture and bins must leave the distances that the arm keeps from them, other objects the width of the fingers.
+What is short of room costs; a pair that has none is not taken.
 """
 
 import math
@@ -50,6 +51,11 @@ class Room(NamedTuple):
     blocked: bool  # so near that a hand that tilts or moves a little does not get by; known for sure
     wanders: bool  # where it is comes from localisation, which may be another in some seconds
 
+    @property
+    def closed(self) -> bool:
+        """There is no room, whatever localisation says."""
+        return self.blocked and not self.wanders
+
 
 class GraspRoom:
     """The mapped furniture, and the hand as the arm's own speed limits have it."""
@@ -63,14 +69,15 @@ class GraspRoom:
     def yaw(self, goal: ArmGoal, near: float, natural: float, width: float, T_odom_world: Array) -> tuple[float, Room]:
         """The hand's yaw [rad], odometry frame, and its room: of the two pairs of faces the one that costs least.
 
+        A pair that surely has no room comes last: there may be some beside the other when localisation is another.
         ``near``: yaw that costs no turning; the other faces are taken from the side of the ``natural`` one, where
         joint 7 is in its middle. ``width`` [m] of the open gripper.
         """
         first = cube_yaw(goal.yaw, near)
         other = first + math.copysign(QUARTER, math.remainder(natural - first, 2.0 * math.pi))
         rooms = [self.room(goal, yaw, width, T_odom_world) for yaw in (first, other)]
-        costs = [abs(yaw - near) + room.cost for yaw, room in zip((first, other), rooms, strict=True)]
-        return (first, rooms[0]) if costs[0] <= costs[1] else (other, rooms[1])
+        pairs = list(zip((first, other), rooms, strict=True))
+        return min(pairs, key=lambda pair: (pair[1].closed, abs(pair[0] - near) + pair[1].cost))
 
     def room(self, goal: ArmGoal, yaw: float, width: float, T_odom_world: Array) -> Room:
         """Room for the hand over the object with this yaw [rad], odometry frame."""
@@ -136,24 +143,62 @@ def _object_room(position: Array, yaw: float, width: float, neighbours: Array) -
     return nearest, who
 
 
+def height_over(position: Array, yaw: float, width: float, goal: ArmGoal) -> float:
+    """Height [m] of the tool centre point below which the open hand, as it is now, would be in an object; -inf: none.
+
+    ``position`` (3,) and ``yaw`` [rad] of the hand in the frame of the goal. The goal's own object counts for the
+    fingers, others that were seen for the palm, too.
+    """
+    own = np.array([[*goal.position, goal.yaw, goal.side, 1.0]])
+    return _height_over(position, yaw, width, np.concatenate((own, goal.neighbours)))
+
+
+@njit(cache=True)
+def _height_over(position: Array, yaw: float, width: float, items: Array) -> float:
+    """`height_over` the objects (n, 6), of which the goal's own is the first."""
+    low, height = np.array([position[0], position[1], -np.inf]), -np.inf  # so low that every part counts
+    for n in range(items.shape[0]):
+        item = items[n]
+        top = item[2] + 0.5 * item[4] + _HIGHER
+        if item[5] == 0.0:
+            continue
+        if _fingers_gap(low, yaw, width, item) < 0.0:
+            height = max(height, top - _PARTS[0][3])
+        elif n > 0 and _object_gap(low, yaw, width, item) < 0.0:
+            height = max(height, top - _PALM[2])
+    return height
+
+
 @njit(cache=True)
 def _object_gap(position: Array, yaw: float, width: float, item: Array) -> float:
     """Gap [m] between the open hand over a position and an upright cube; negative: they overlap seen from above."""
+    gap = _fingers_gap(position, yaw, width, item)
+    if item[2] + 0.5 * item[4] + _HIGHER > position[2] + _PALM[2]:
+        gap = min(gap, _part_gap(position, yaw, 0.0, _PALM[0], _PALM[1], item))
+    return gap
+
+
+@njit(cache=True)
+def _fingers_gap(position: Array, yaw: float, width: float, item: Array) -> float:
+    """The same of the fingers alone."""
     gap = np.inf
-    dx, dy = item[0] - position[0], item[1] - position[1]
-    if hypot(dx, dy) > REACH + item[4]:
-        return gap
-    c, s = math.cos(yaw), math.sin(yaw)
-    along, across = c * dx + s * dy, s * dx - c * dy  # of the hand: x, and y, which the fingers close along
     top = item[2] + 0.5 * item[4] + _HIGHER
     for middle, half, depth, bottom in _PARTS:
         if top > position[2] + bottom:
             for sign in (1.0, -1.0):
-                out = sign * (0.5 * width + middle)
-                gap = min(gap, _square_gap(along, across - out, depth, half, item[3] - yaw, 0.5 * item[4]))
-    if top > position[2] + _PALM[2]:
-        gap = min(gap, _square_gap(along, across, _PALM[1], _PALM[0], item[3] - yaw, 0.5 * item[4]))
+                gap = min(gap, _part_gap(position, yaw, sign * (0.5 * width + middle), half, depth, item))
     return gap
+
+
+@njit(cache=True)
+def _part_gap(position: Array, yaw: float, out: float, half: float, depth: float, item: Array) -> float:
+    """The same of one part, ``out`` [m] along the closing axis from the middle of the hand; inf: far away."""
+    dx, dy = item[0] - position[0], item[1] - position[1]
+    if hypot(dx, dy) > REACH + item[4]:
+        return np.inf
+    c, s = math.cos(yaw), math.sin(yaw)
+    along, across = c * dx + s * dy, s * dx - c * dy  # of the hand: x, and y, which the fingers close along
+    return _square_gap(along, across - out, depth, half, item[3] - yaw, 0.5 * item[4])
 
 
 @njit(cache=True)

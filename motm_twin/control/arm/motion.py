@@ -16,6 +16,7 @@ from motm_twin.control.arm.geometry import (
     tilt_for,
     tool_rotation,
 )
+from motm_twin.control.arm.grasp_room import height_over
 from motm_twin.control.arm.parameters import ArmParameters, Numbers
 from motm_twin.control.arm.phases import grasp_point
 from motm_twin.control.arm.types import ArmInputs, Phase
@@ -126,8 +127,9 @@ def _point(state: ManipulatorState, view: View, p: ArmParameters) -> Array:
 
 
 def _final_point(state: ManipulatorState, view: View, p: ArmParameters) -> Array:
-    """The grasp point, or above it as long as the object is not below the fingers or not seen well enough.
+    """The grasp point, or above it as long as the object is not between the fingers or not seen well enough.
 
+    Nor do they come down on what stands beside it, while the hand is still being turned.
     A hand that has waited for a sight of the object rises: from higher up the camera sees more of what is around.
     """
     point = grasp_point(view, p)
@@ -139,6 +141,8 @@ def _final_point(state: ManipulatorState, view: View, p: ArmParameters) -> Array
             point[2] += min(p.search_rise, p.search_speed * waited)
         return point
     point[2] += min(max((view.distance - p.funnel_radius) * p.funnel_slope, 0.0), p.hover_height)
+    yaw = math.atan2(view.R[1, 0], view.R[0, 0])
+    point[2] = max(point[2], height_over(view.p, yaw, view.width, view.goal))
     return point
 
 
