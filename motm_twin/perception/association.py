@@ -114,6 +114,10 @@ def names_of(
     match = picture.matched()
     age = max(0.0, now - newest) if found else 0.0
     _watch_absent(state, picture, match, now, sight)
+
+    def absent(name: str) -> bool:
+        return _is_absent(state, name, now, age, settings)
+
     names = [""] * len(found)
     candidates = [_candidate(state, picture, k) for k in range(len(found))]
     for k, candidate in enumerate(candidates):
@@ -123,9 +127,9 @@ def names_of(
         candidate.name = ""
         vague = picture.places.variances[i] > settings.vague**2
         sure = not vague or candidate.count > 1
-        if sure and not (not picture.places.seen[i] and picture.ambiguous(k, i, match, sight)):
+        if sure and not (not picture.places.seen[i] and picture.ambiguous(k, i, match, absent)):
             names[k] = picture.places.names[i]
-    _claim(candidates, picture, names, match, sight, lambda name: _is_absent(state, name, now, age, settings))
+    _claim(candidates, picture, names, match, sight, absent)
     if found:
         state.stamp = newest
         state.names = {one.p_base.tobytes(): name for one, name in zip(found, names, strict=True)}
@@ -178,12 +182,15 @@ class _Picture:
         near = rest & (self.distance < self.settings.pushed) & self.free[None, :] & self.places.seen[None, :]
         return match | _assigned(self.distance, near)
 
-    def ambiguous(self, k: int, i: int, match: dict[int, int], sight: Sight) -> bool:
-        """Another object that was never seen, and is not in view, may as well be what is detected."""
+    def ambiguous(self, k: int, i: int, match: dict[int, int], absent: Callable[[str], bool]) -> bool:
+        """Another object that was never seen may as well be what is detected, unless its place is seen to be empty.
+
+        One picture does not show that: it is the other object, and that of the match is not in view yet.
+        """
         taken = set(match.values())
         for other in np.flatnonzero(self.possible[k] & np.logical_not(self.places.seen)).tolist():
             near = self.cost[k, other] - self.cost[k, i] < self.settings.rival
-            if other != i and other not in taken and near and not sight.in_view(self.places.positions[other]):
+            if other != i and other not in taken and near and not absent(self.places.names[other]):
                 return True
         return False
 

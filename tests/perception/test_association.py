@@ -150,6 +150,16 @@ def test_which_of_two_that_were_never_seen_it_is_stays_open_until_the_other_ones
     assert camera.shows(middle - np.array([0.0, 0.01, 0.0]), times=10) == ("a",)
 
 
+def test_a_picture_of_one_of_two_is_not_of_the_other_because_its_place_looks_empty():
+    """The other one came into view two pictures later, when each had the name of the other."""
+    shift, mate = np.array([-0.04, 0.0, 0.0]), A + np.array([0.08, 0.0, 0.0])
+    camera = Camera(Sight(sd=NEVER, a=A, b=mate, hidden=(A,)))
+    assert camera.shows(mate + shift - np.array([0.001, 0.0, 0.0]), times=2) == ("",)
+    pictures = [camera.shows(A + shift, mate + shift) for _ in range(4)]
+    assert {first for first, _ in pictures} == {"", "a"}
+    assert {second for _, second in pictures} == {"", "b"}
+
+
 def test_what_lies_in_a_bin_is_what_was_dropped_there_first():
     bin_at = np.array([2.0, 2.0, 0.66])
     camera = Camera(Sight(a=A, b=bin_at, bins=(bin_at,)))
