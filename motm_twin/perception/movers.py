@@ -21,6 +21,7 @@ from motm_twin.perception.mapper import MapSettings
 from motm_twin.perception.world_map import NO_AGES, NO_MOVERS, NO_POINTS, WorldMap
 
 _ASTRAY = MapSettings().explained_per_range  # [rad] by which the heading is off at most
+_REMEMBERS = MapSettings().static_after  # [s] free of it after which a static cell is no longer one
 
 
 class MoverParameters(msgspec.Struct, frozen=True, kw_only=True):
@@ -68,9 +69,6 @@ class MoverParameters(msgspec.Struct, frozen=True, kw_only=True):
     beside: Annotated[
         float, Number("", OWN, "share of a thing that is static, or beside it, from which on all of it is")
     ] = 0.9
-    remembers: Annotated[
-        float, Number("s", OWN, "free of it after which a static cell is no longer one: as long as it takes to be one")
-    ] = 3.0
     near_time: Annotated[
         float,
         Number(
@@ -224,7 +222,7 @@ class MoverTracker(Stateful[MoverState]):
             state.came = state.came[state.static.has(state.came)]
         static |= state.lately.has(cells) & ~held
         lately = cells[static]
-        until = np.full(len(lately), now + self.parameters.remembers)
+        until = np.full(len(lately), now + _REMEMBERS)
         state.lately = state.lately.also(lately, until).after(now)
         return static
 

@@ -1,7 +1,9 @@
 """Beliefs about the objects: a rough idea at first, then what the gripper camera says.
 
-Estimates live in the odometry frame: it is smooth, so the arm does not jump when localisation does. Each object has a
-Kalman filter with one variance for its three axes. What an object far from its belief needs to be believed is three
+Estimates live in the odometry frame: it is smooth, so the arm does not jump when localisation does. But wheels that
+turn a little more than they should are off by the more, the farther the base drives and turns: what was not seen for a
+while moves with the world, as localisation has it on average. Each object has a Kalman filter with one variance for its
+three axes. What an object far from its belief needs to be believed is three
 detections that agree with each other: then somebody has moved it.
 """
 
@@ -18,6 +20,7 @@ from motm_twin.model.exact import wrap_angle
 from motm_twin.model.geometry import Array, compose, from_frame, inverse, to_frame
 from motm_twin.model.known import KnownWorld
 from motm_twin.model.number import OWN, Number
+from motm_twin.model.period import PERIOD
 from motm_twin.model.plant import Detection, Observation
 from motm_twin.model.state import Stateful
 from motm_twin.perception.association import Places
@@ -44,6 +47,12 @@ class TrackerSettings(msgspec.Struct, frozen=True, kw_only=True):
     jump: Annotated[
         float, Number("m", OWN, "and [rad] by which localisation leaves odometry at once: somebody pushed the robot")
     ] = 0.1
+    memory: Annotated[
+        float,
+        Number(
+            "s", OWN, "for which odometry keeps the place of an object; then localisation, averaged over as long, does"
+        ),
+    ] = 3.0
     bin_sd: Annotated[
         float, Number("m", OWN, "of an object from the middle of its bin; twice of one that the hand has lost")
     ] = 0.05
@@ -68,6 +77,8 @@ class TrackerState:
     stamps: dict[str, float]  # of the newest detection used per object
     pose: Array | None = None  # localised and odometry pose of the last update, shape (3,) each
     odometry: Array | None = None
+    anchor: Array | None = None  # the world in the odometry frame, averaged, shape (3,)
+    anchored: float = 0.0  # [s] when it was last moved
 
 
 class ObjectTracker(Stateful[TrackerState]):
@@ -85,6 +96,7 @@ class ObjectTracker(Stateful[TrackerState]):
         """Take in the detections of a period; those of a held object are left out: it moves with the hand."""
         state = self._state
         self._notice_push(observation)
+        self._follow_world(observation)
         for detection in observation.detections:
             new = detection.stamp > state.stamps.get(detection.name, -math.inf)
             if new and detection.name != held and detection.name in self._priors and _usable(detection):
@@ -219,6 +231,26 @@ class ObjectTracker(Stateful[TrackerState]):
             track.yaw = wrap_angle(track.yaw + float(T_odom_world[2] + T_world_odom[2]))
             track.variance += 2.0 * settings.localisation_sd**2
             track.elsewhere = []
+        state.anchor = None
+
+    def _follow_world(self, observation: Observation) -> None:
+        """Move what was not seen lately with the world, once in a period."""
+        state, now, memory = self._state, observation.time, self._settings.memory
+        if state.anchor is not None and now - state.anchored < PERIOD - 1e-6:
+            return
+        before, new = state.anchor, self._world_in_odometry(observation)
+        if not np.isfinite(new).all():
+            return
+        if before is not None:
+            share = 1.0 - math.exp(-(now - state.anchored) / memory)
+            turn = wrap_angle(float(new[2] - before[2]))
+            x, y = (before[:2] + share * (new[:2] - before[:2])).tolist()
+            new = np.array([x, y, wrap_angle(float(before[2]) + share * turn)])
+            for track in state.tracks.values():
+                if now - track.last_seen > memory:
+                    track.position = from_frame(new, to_frame(before, track.position))
+                    track.yaw = wrap_angle(track.yaw + share * turn)
+        state.anchor, state.anchored = new, now
 
     def _prior(self, name: str) -> tuple[Array, float]:
         if name not in self._priors:

@@ -55,6 +55,27 @@ def test_detections_bring_the_belief_to_the_true_place_from_any_base_pose(tracke
     assert last_seen == pytest.approx(1.95)
 
 
+@pytest.mark.parametrize(("seconds", "off"), [(1.0, 0.0), (20.0, 0.03)])
+def test_a_place_is_kept_by_odometry_at_first_and_by_localisation_while_wheels_turn_2_percent_too_much(
+    tracker, seconds, off
+):
+    """After a turn by 180 deg odometry has what stands 2 m away 13 cm from where it is."""
+    rng, start, yaw = np.random.default_rng(2), np.array([0.3, 0.2, 0.4]), np.array([0.0, 0.0, 1.0])
+    for k in range(10):
+        pose = start + rng.normal(0.0, 0.005, 3)
+        at = detection(0.05 * k, odometry=start)
+        tracker.update(observe(0.05 * k, pose=pose, odometry=start, detections=(at,)))
+    before = tracker.belief("cube", NOW)[0]
+    for k in range(10, round(20.0 * seconds)):
+        turn = math.pi * min(1.0, 0.05 * k / 10.0)
+        pose = start + turn * yaw + rng.normal(0.0, 0.005, 3)
+        odometry = start + 1.02 * turn * yaw
+        tracker.update(observe(0.05 * k, pose=pose, odometry=odometry))
+    T_odom_world = compose(odometry, inverse(start + turn * yaw))
+    there = from_frame(T_odom_world, TRUE) if off else before
+    assert math.dist(tracker.belief("cube", NOW)[0], there) <= off
+
+
 def test_one_outlier_changes_nothing(tracker):
     for k in range(10):
         feed(tracker, 0.05 * k)
