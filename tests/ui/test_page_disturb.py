@@ -1,6 +1,5 @@
 """The page in Chromium, used by mouse and keyboard as a person would: disturbing robot, sensors and furniture."""
 
-import itertools
 import math
 import re
 
@@ -17,6 +16,7 @@ from motm_twin.sessions.session import Session
 from motm_twin.sim.slides import FRICTION
 
 pytestmark = [pytest.mark.browser, pytest.mark.timeout(600)]
+FLOOR = (1.8, -0.5)  # [m] free
 GRAB = 0.15  # [m] height at which the Temi is taken: its body
 OCCUPIED = 255  # of a cell of the grid
 OLD, NEW = SHELF, (-1.5, -0.4)  # [m] where the shelf stands, and is dragged to
@@ -28,28 +28,7 @@ DRAWN = 1e-3  # share of the pixels that a Temi changes at least
 TRIES = 6  # to throw: a page that draws slowly sees no speed at times
 
 
-def ahead(tick, distance):
-    """A point of the robot's own path, ``distance`` [m] ahead."""
-    path = np.array([tick.robot.pose[:2], *tick.plan.global_path])
-    for start, end in itertools.pairwise(path):
-        length = float(np.linalg.norm(end - start))
-        if distance <= length:
-            return start + (end - start) * (distance / length)
-        distance -= length
-    return path[-1]
-
-
-def gap(tick, name):
-    """Distance [m] from the robot's footprint to the disc of a Temi."""
-    body = next(body for body in tick.obstacles if body.name == name)
-    x, y, heading = tick.robot.true_pose
-    dx, dy = body.position[0] - x, body.position[1] - y
-    along = abs(math.cos(heading) * dx + math.sin(heading) * dy) - 0.35
-    across = abs(-math.sin(heading) * dx + math.cos(heading) * dy) - 0.25
-    return math.hypot(max(along, 0.0), max(across, 0.0)) - 0.25
-
-
-def test_the_page_loads_the_robot_moves_and_avoids_a_temi_that_is_dragged_into_its_way(browser, begun):
+def test_the_page_loads_the_robot_moves_and_a_temi_is_dragged_to_where_it_should_stand(browser, begun):
     with visiting(browser, begun("exp1")) as visitor:
         client, page = visitor.twin.client, visitor.page
         visitor.says("motm-twin")
@@ -59,40 +38,17 @@ def test_the_page_loads_the_robot_moves_and_avoids_a_temi_that_is_dragged_into_i
 
         page.keyboard.press("Space")
         visitor.state("Paused")
-        page.keyboard.press("r")
-        until(lambda: client.tick().index == 0, 30.0, "reset by keyboard")
-        page.keyboard.press("n")
-        until(lambda: client.tick().index == 1, 30.0, "one step by keyboard")
         visitor.tab("Disturb")
         before = visitor.picture()
         visitor.press("Temi")
         temi = until(lambda: client.tick().obstacles, 30.0, "the Temi was not added")[0]
         until(lambda: changed(before, visitor.picture()) > DRAWN, 30.0, "the page does not draw it")
-
-        target = ahead(client.tick(), 1.6)
-        visitor.drag([*temi.position[:2], GRAB], [*target, GRAB])
-        placed = until(
-            lambda: next((b for b in client.tick().obstacles if math.dist(b.position[:2], target) < 0.1), None),
+        visitor.drag([*temi.position[:2], GRAB], [*FLOOR, GRAB])
+        until(
+            lambda: math.dist(client.tick().obstacles[0].position[:2], FLOOR) < 0.1,
             30.0,
-            f"dragged to {target}, but the Temi is at {client.tick().obstacles[0].position}",
+            f"dragged to {FLOOR}, but the Temi is at {client.tick().obstacles[0].position}",
         )
-        visitor.tab("Drive")
-        visitor.speed("4x")
-        visitor.press("Play")
-        visitor.state("Running")
-
-        gaps, picks = [], 0
-
-        def delivered():
-            nonlocal picks
-            tick = client.tick()
-            gaps.append(gap(tick, placed.name))
-            picks = tick.score.picks
-            assert not [c for c in tick.score.contacts if c.caused_by_robot and c.other == placed.name]
-            return tick.score.places >= 1
-
-        until(delivered, 240.0, f"the robot did not deliver its first cube past the Temi; picks: {picks}")
-        assert min(gaps) > 0.0
 
 
 def test_the_robot_its_sensors_and_bodies_are_disturbed_by_mouse_and_a_hostile_name_is_only_text(browser, begun):
@@ -106,10 +62,10 @@ def test_the_robot_its_sensors_and_bodies_are_disturbed_by_mouse_and_a_hostile_n
         visitor.page.keyboard.press("Space")
         until(lambda: client.status().state == "playing", 30.0, "not playing")
         the_robot_is_pushed(visitor)  # where there is room on all sides
+        speed(visitor, "2x")
         the_cube_is_taken_away(visitor)
         speed(visitor, "1x")
         the_robot_is_blinded(visitor)
-        until(lambda: client.tick().score.places == 1, 120.0, "the robot does not get over it")
         furniture_is_moved_and_announced(visitor)
         a_hostile_name_is_only_text(visitor)
         a_box_is_thrown(visitor)
