@@ -36,6 +36,8 @@ def test_the_page_loads_the_robot_moves_and_a_temi_is_dragged_to_where_it_should
 
         page.keyboard.press("Space")
         visitor.state("Paused")
+        page.keyboard.press("r")
+        until(lambda: client.tick().index == 0, 30.0, "reset by keyboard")
         visitor.tab("Disturb")
         before = visitor.picture()
         visitor.press("Temi")
