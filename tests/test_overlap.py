@@ -79,7 +79,7 @@ def test_an_arm_into_which_a_box_is_put_stands_draws_back_and_goes_on(phase, job
     twin = with_a_box_on_its_hand(phase)
     for status in ("standing", "withdrawing"):
         tick = advance_until(twin, lambda tick, status=status: tick.arm[-1].qp_status.startswith(status), 280)
-    tick = advance(twin, 20)
+    tick = advance(twin, 60)
     assert not caused(tick)
     assert getattr(tick.truth, job) == 0
     twin.post(RemoveBody(name="box"))

@@ -9,6 +9,7 @@ import pytest
 from twin_steps import SHORT, advance, advance_until, caused
 
 from motm_twin.model.edits import AddObstacle, Announce, InjectFault, MoveBody, ReleaseBody, RemoveBody, SetParameter
+from motm_twin.model.known import known_world
 from motm_twin.model.scene_file import check_all, list_scenes, load_scene
 from motm_twin.record.replay import rerun
 from motm_twin.sessions.session import decode_session, encode_session
@@ -35,9 +36,13 @@ def test_the_first_published_trial_is_done_without_contact_or_false_alarm_faster
     assert result["time_s"] <= 85.6  # of the paper
 
 
-@pytest.mark.parametrize("name", [listing.name for listing in list_scenes()])
-def test_every_variant_of_every_shipped_scene_runs(name):
-    for scene in check_all(name):
+@pytest.mark.parametrize("listing", list_scenes(), ids=lambda listing: listing.name)
+def test_every_variant_of_every_shipped_scene_runs(listing):
+    scenes = check_all(listing.name)
+    assert [(scene.name, scene.variant) for scene in scenes] == [(listing.name, name) for name in listing.variants]
+    for scene in scenes:
+        assert scene.tasks
+        assert known_world(scene).tasks == scene.tasks
         assert Twin(scene).advance().index == 0
 
 

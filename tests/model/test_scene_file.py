@@ -16,7 +16,7 @@ from motm_twin.model.data_dirs import scenes_dir
 from motm_twin.model.known import known_world
 from motm_twin.model.profile import RobotProfile
 from motm_twin.model.scene import EARLIER_NOISE, USUAL_NOISE, Bump, DriveTo, Mismatch, Pick, Place, Prism, Scene
-from motm_twin.model.scene_file import SceneError, check_all, list_scenes, load_scene
+from motm_twin.model.scene_file import SceneError, check_all, load_scene
 from motm_twin.model.scene_shapes import outline
 from motm_twin.model.state import state_hash
 
@@ -37,28 +37,16 @@ TRIALS = {
 FORMAT = "format: motm-scene/1\n"
 
 
-def shipped() -> list[tuple[str, str]]:
-    return [(scene.name, variant) for scene in list_scenes() for variant in scene.variants]
-
-
 def write(tmp_path, text: str) -> str:
     path = tmp_path / "mine.yaml"
     path.write_text(FORMAT + text, encoding="utf-8")
     return str(path)
 
 
-@pytest.mark.parametrize(("name", "variant"), shipped())
-def test_every_shipped_scene_and_variant_resolves(name, variant):
-    scene = load_scene(name, variant)
-    assert (scene.name, scene.variant) == (name, variant)
-    assert scene.tasks
-    assert known_world(scene).tasks == scene.tasks
-
-
-@pytest.mark.parametrize("path", sorted(scenes_dir().glob("*.yaml")), ids=lambda path: path.stem)
-def test_every_shipped_scene_fits_the_published_schema(path):
-    schema = json.loads((DOCS / "scene.schema.json").read_text(encoding="utf-8"))
-    jsonschema.validate(yaml.safe_load(path.read_text(encoding="utf-8")), schema)
+def test_every_shipped_scene_fits_the_published_schema():
+    schema = jsonschema.Draft202012Validator(json.loads((DOCS / "scene.schema.json").read_text(encoding="utf-8")))
+    for path in scenes_dir().glob("*.yaml"):
+        schema.validate(yaml.safe_load(path.read_text(encoding="utf-8")))
 
 
 def test_the_published_schema_is_the_one_of_the_types():
