@@ -12,7 +12,7 @@ from motm_twin.model.scene_file import load_scene
 from motm_twin.sessions.session import decode_session, encode_session
 from motm_twin.twin import Twin
 
-PERIODS = 3
+PERIODS = 2
 CASES = dict(ends())
 GROUPS = {key: list(names) for key, names in itertools.groupby(CASES, key=lambda name: name.rpartition(".")[0])}
 

@@ -47,17 +47,15 @@ def test_a_fault_is_named_within_a_second_hits_nothing_and_is_forgotten_when_it_
     twin.restore(snapshot)
     assert kinds(twin) == set()
     twin.post(InjectFault(fault=kind, seconds=LASTS))
-    named, shown, events = None, "", []
-    while True:
+    named, shown, events, tick = None, "", [], None
+    while tick is None or tick.time < began + LASTS + 1.5 or kinds(twin) & set(CAUSES[kind]):
         tick = twin.advance()
+        assert tick.time < began + LASTS + 5.0, "not forgotten"
         events += [event for event in tick.events if event.kind == "fault"]
         if named is None and kinds(twin) & set(CAUSES[kind]):
             named, shown = tick.time - began, tick.stop_reason
-        if tick.time > began + LASTS + 5.0:
-            break
     assert named is not None and named <= 1.0 + 1e-6
     assert shown and events
-    assert kinds(twin) & set(CAUSES[kind]) == set()
     assert [contact for contact in tick.truth.contacts if contact.caused_by_robot] == []
     assert tick.truth.plant_faults == ()
 
@@ -69,10 +67,10 @@ def test_every_cause_is_a_kind_of_finding_and_every_fault_has_one():
 
 def test_a_pushed_robot_says_so_and_goes_on():
     twin = Twin(load_scene("exp1", "trial1"))
-    while twin.index < 70:
+    while twin.index < 40:
         twin.advance()
     twin.post(PushRobot(dx=-0.15, dy=-0.2, turn=0.2))
-    ticks = [twin.advance() for _ in range(80)]
+    ticks = [twin.advance() for _ in range(60)]
     assert any("pushed" in tick.stop_reason for tick in ticks[:20])
     assert all("pushed" not in tick.stop_reason for tick in ticks[40:])
     assert max(abs(tick.observation.twist[0]) for tick in ticks[40:]) > 0.3

@@ -1,9 +1,8 @@
 """What a person tells the twin while it runs: parameters, tasks, moved furniture; and what it can tell about itself."""
 
-import msgspec
 import numpy as np
 import pytest
-from twin_steps import SCENE, advance, advance_until, caused
+from twin_steps import SCENE, SHORT, advance, advance_until, caused, holding, short
 
 from motm_twin.control.parameters import Parameters
 from motm_twin.control.tuning import PARAMETERS
@@ -144,11 +143,10 @@ def test_a_drive_inserted_before_the_active_task_is_driven_at_once():
 
 
 def test_a_delivery_added_after_the_end_is_worked_through_and_counted():
-    scene = msgspec.structs.replace(SCENE, tasks=SCENE.tasks[:2])
-    twin = Twin(scene)
+    twin, _ = short("release")
     tick = advance_until(twin, lambda tick: tick.done)
     assert tick.success
-    spare = next(item.name for item in scene.objects if item.name != scene.tasks[0].object)
+    spare = next(item.name for item in SHORT.objects if item.name != SHORT.tasks[0].object)
     twin.post(InsertTask(tasks=(Pick(object=spare), Place(bin="drop2"))))
     assert not twin.advance().done
     advance_until(twin, lambda tick: tick.done)
@@ -158,9 +156,8 @@ def test_a_delivery_added_after_the_end_is_worked_through_and_counted():
 
 
 def test_an_object_in_a_bin_is_not_picked_until_somebody_takes_it_out():
-    scene = msgspec.structs.replace(SCENE, tasks=SCENE.tasks[:2])
-    cube, box = scene.tasks[0].object, scene.tasks[1].bin
-    twin = Twin(scene)
+    cube, box = SHORT.tasks[0].object, SHORT.tasks[1].bin
+    twin, _ = short("release")
     advance_until(twin, lambda tick: tick.truth.places == 1)
     again = InsertTask(tasks=(Pick(object=cube), Place(bin=box)))
     with pytest.raises(ValueError, match=f"{cube} lies in {box}"):
@@ -170,7 +167,7 @@ def test_an_object_in_a_bin_is_not_picked_until_somebody_takes_it_out():
     tick = twin.advance()
     believed = next(belief for belief in tick.beliefs if belief.name == cube)
     assert np.linalg.norm(believed.position[:2] - (3.65, 1.47)) < 0.05, "who points at a cube shows where it is"
-    advance_until(twin, lambda tick: tick.truth.places == 2, 1000)
+    advance_until(twin, lambda tick: tick.truth.picks == 2)
 
 
 def test_a_twin_of_given_parameter_objects_has_no_session():
@@ -216,7 +213,7 @@ def test_an_announced_table_takes_its_cubes_its_place_on_the_map_and_the_believe
         assert np.linalg.norm(belief.position[:2] - expected[:2]) < 0.05
     assert not occupied(tick.map, 3.2, 1.45), "where it stood is free at once"
     assert occupied(tick.map, 4.5, 2.3)
-    tick = advance_until(twin, lambda tick: tick.truth.places == 1, 900)
+    tick = advance_until(twin, lambda tick: tick.truth.picks == 1)
     assert not caused(tick)
 
 
@@ -232,8 +229,7 @@ def test_the_check_of_single_beams_follows_a_map_with_other_edges():
 
 
 def test_an_announced_bin_is_served_where_it_stands_now():
-    twin = Twin(SCENE)
-    advance_until(twin, lambda tick: tick.tasks[0].status == "done")
+    twin = holding()
     twin.post(MoveBody(name="drop1_round_table", x=1.2, y=0.5))
     twin.advance()
     twin.post(Announce(name="drop1_round_table"))

@@ -4,7 +4,7 @@ import dataclasses
 
 import msgspec
 import pytest
-from twin_steps import BIN, CUBE, SCENE, advance, advance_until, caused, in_phase
+from twin_steps import BIN, CUBE, FOUR, SCENE, SHORT, advance, advance_until, caused, holding, short
 
 from motm_twin.control.parameters import Parameters
 from motm_twin.control.sequence import SequenceParameters
@@ -16,12 +16,25 @@ from motm_twin.twin import Twin
 OTHER, SECOND = SCENE.tasks[3].bin, SCENE.tasks[2].object
 
 
-@pytest.fixture
-def narrow():
-    """A twin whose first bin is narrower than the cube, so that it is never let go there; it soon loses patience."""
+@pytest.fixture(scope="module")
+def given_up():
+    """A twin whose first bin is narrower than the cube and was given up, its state then, the Ticks of both failures."""
     bins = tuple(msgspec.structs.replace(item, side=0.05) if item.name == BIN else item for item in SCENE.bins)
     hasty = Parameters(sequence=SequenceParameters(stall_limit=2.0))
-    return Twin(msgspec.structs.replace(SCENE, bins=bins, tasks=SCENE.tasks[:4]), numbers=hasty)
+    twin = Twin(msgspec.structs.replace(FOUR, bins=bins), numbers=hasty)
+    missed, failed = (
+        advance_until(twin, lambda tick, kind=kind: any(event.kind == kind for event in tick.events))
+        for kind in ("missed", "failed")
+    )
+    return twin, twin.snapshot(), missed, failed
+
+
+@pytest.fixture
+def narrow(given_up):
+    """Such a twin, on its way to the other bin."""
+    twin, state, *_ = given_up
+    twin.restore(state)
+    return twin
 
 
 def states(tick):
@@ -30,7 +43,7 @@ def states(tick):
 
 def test_a_base_whose_arm_was_stuck_stands_elsewhere_for_the_next_try():
     """The arm began anew from where it had not got there, again and again, until the pick was given up."""
-    twin = Twin(msgspec.structs.replace(SCENE, tasks=SCENE.tasks[:2]))
+    twin = Twin(SHORT)
     rules = twin.loop.manipulator._usual
     hasty = msgspec.structs.replace(rules.parameters, patience=0.1)
     twin.loop.manipulator._usual = dataclasses.replace(rules, parameters=hasty)
@@ -44,12 +57,11 @@ def test_a_base_whose_arm_was_stuck_stands_elsewhere_for_the_next_try():
     assert twin.loop._problem(tick.observation, tick.map).stuck_at.shape == (0, 3)  # a new target, a new try
 
 
-def test_a_cube_that_its_bin_does_not_take_goes_to_the_other_bin_before_the_next_pick(narrow):
+def test_a_cube_that_its_bin_does_not_take_goes_to_the_other_bin_before_the_next_pick(narrow, given_up):
     """The next pick stalled ("an object is already held") until it was given up, and its bin got the wrong cube."""
-    tick = advance_until(narrow, lambda tick: any(event.kind == "missed" for event in tick.events))
-    assert "trying again" in tick.events[0].text
-    assert (tick.tasks[tick.task_index].target, tick.tasks[tick.task_index].attempts) == (BIN, 2)
-    tick = advance_until(narrow, lambda tick: any(event.kind == "failed" for event in tick.events))
+    *_, missed, tick = given_up
+    assert "trying again" in missed.events[0].text
+    assert (missed.tasks[missed.task_index].target, missed.tasks[missed.task_index].attempts) == (BIN, 2)
     assert tick.events[0].text.endswith(f"{CUBE} goes to {OTHER} instead")
     reasons = set()
     while not tick.done:
@@ -67,7 +79,6 @@ def test_a_cube_that_its_bin_does_not_take_goes_to_the_other_bin_before_the_next
 
 @pytest.mark.parametrize("disturbance", [MoveObject(name=CUBE, x=3.4, y=1.47), PushRobot(dx=-0.1, dy=0.1, turn=0.2)])
 def test_a_disturbance_on_the_way_to_the_other_bin_does_not_change_where_the_cube_goes(narrow, disturbance):
-    advance_until(narrow, lambda tick: any(event.kind == "failed" for event in tick.events))
     advance(narrow, 20)
     narrow.post(disturbance)
     advance_until(narrow, lambda tick: tick.tasks[2].target == OTHER and tick.tasks[2].status == "done", 1200)
@@ -79,8 +90,7 @@ def test_a_disturbance_on_the_way_to_the_other_bin_does_not_change_where_the_cub
 @pytest.mark.parametrize("phase", ["closing", "lift"])
 def test_a_pick_whose_time_is_up_is_finished_when_the_fingers_have_the_cube(monkeypatch, phase):
     """The pick was given up, and the next one took the cube in the fingers for its own."""
-    twin = Twin(msgspec.structs.replace(SCENE, tasks=SCENE.tasks[:4]))
-    advance_until(twin, in_phase(phase))
+    twin, _ = short(phase, FOUR)
     monkeypatch.setattr(twin.loop.sequence, "limits", SequenceParameters(stall_limit=0.0))
     twin.advance()
     monkeypatch.undo()
@@ -91,8 +101,8 @@ def test_a_pick_whose_time_is_up_is_finished_when_the_fingers_have_the_cube(monk
 
 
 def test_a_place_whose_time_is_up_is_finished_when_the_fingers_let_go(monkeypatch):
-    twin = Twin(msgspec.structs.replace(SCENE, tasks=SCENE.tasks[:4]))
-    advance_until(twin, lambda tick: tick.arm[-1].phase == "release" and tick.arm[-1].actuation.gripper == "open")
+    twin, _ = short("release", FOUR)
+    advance_until(twin, lambda tick: tick.arm[-1].actuation.gripper == "open")
     monkeypatch.setattr(twin.loop.sequence, "limits", SequenceParameters(stall_limit=0.0, place_attempts=1))
     twin.advance()
     monkeypatch.undo()
@@ -102,7 +112,6 @@ def test_a_place_whose_time_is_up_is_finished_when_the_fingers_let_go(monkeypatc
 
 def test_what_is_held_cannot_be_put_into_the_list_to_be_picked_again():
     """It lay in its bin when its turn came, and the arm reached in after it."""
-    twin = Twin(SCENE)
-    advance_until(twin, lambda tick: tick.tasks[0].status == "done")
+    twin = holding()
     with pytest.raises(ValueError, match=f"{CUBE} is in the gripper already"):
         twin.post(InsertTask(tasks=(Pick(object=CUBE), Place(bin=OTHER))))

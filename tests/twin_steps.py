@@ -10,24 +10,33 @@ from motm_twin.twin import Twin
 
 SCENE = load_scene("exp1", "trial1", 0)
 SHORT = msgspec.structs.replace(SCENE, tasks=SCENE.tasks[:2])
+FOUR = msgspec.structs.replace(SCENE, tasks=SCENE.tasks[:4])
 CUBE, BIN = SCENE.tasks[0].object, SCENE.tasks[1].bin
 
 
-_run, _moments = [], {}  # a run of SHORT as far as a test has asked, and its first Tick and state in each phase
+_runs = {}  # by tasks: a run as far as a test has asked, and its first Tick and state in each phase
 
 
-def short(phase):
-    """A run of SHORT that has just come into a phase of the arm, and its Tick."""
-    while phase not in _moments:
-        if not _run:
-            _run.append(Twin(SHORT))
-        tick = _run[0].advance()
-        if tick.arm[-1].phase not in _moments:
-            _moments[tick.arm[-1].phase] = tick, _run[0].snapshot()
-    tick, state = _moments[phase]
-    twin = Twin(SHORT)
+def short(phase, scene=SHORT):
+    """A run of SHORT, or of FOUR, that has just come into a phase of the arm, and its Tick."""
+    if scene.tasks not in _runs:
+        _runs[scene.tasks] = Twin(scene), {}
+    run, moments = _runs[scene.tasks]
+    while phase not in moments:
+        tick = run.advance()
+        if tick.arm[-1].phase not in moments:
+            moments[tick.arm[-1].phase] = tick, run.snapshot()
+    tick, state = moments[phase]
+    twin = Twin(scene)
     twin.restore(state)
     return twin, tick
+
+
+def holding(scene=SHORT):
+    """Such a run that has just picked its first cube."""
+    twin, _ = short("lift", scene)
+    advance_until(twin, lambda tick: tick.tasks[0].status == "done")
+    return twin
 
 
 def advance(twin, periods):
@@ -49,11 +58,6 @@ def advance_until(twin, test, limit=600):
 def says(words):
     """Whether the reason to stand contains a pattern."""
     return lambda tick: re.search(words, tick.stop_reason) is not None
-
-
-def in_phase(*phases):
-    """Whether the arm is in one of these phases."""
-    return lambda tick: tick.arm[-1].phase in phases
 
 
 def caused(tick):

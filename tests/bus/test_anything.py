@@ -86,7 +86,7 @@ def running():
         yield loop
 
 
-@settings(max_examples=40, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=20, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.lists(ANYTHING, min_size=1, max_size=8))
 def test_a_driver_can_do_anything_and_the_twin_goes_on(running, history):
     assert running.ask(Reset()) == ""

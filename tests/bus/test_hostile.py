@@ -91,10 +91,10 @@ def test_nobody_else_is_heard_on_the_keys_of_the_twin_and_nobody_else_answers(tw
 
 def test_clients_that_leave_or_are_killed_leave_no_thread(twin, worker):
     restart(twin.client, playing=True)
-    assert worker.ask("visit", **where(twin), count=16, parallel=8)["knew nothing"] == 0
+    assert worker.ask("visit", **where(twin), count=8, parallel=4)["knew nothing"] == 0
     before = threads(twin)  # with those that Zenoh ends after some idle seconds
-    assert worker.ask("visit", **where(twin), count=24, parallel=4) == {"left": 24, "knew nothing": 0}
-    assert worker.ask("stay", **where(twin), count=10) == 10
+    assert worker.ask("visit", **where(twin), count=12, parallel=4) == {"left": 12, "knew nothing": 0}
+    assert worker.ask("stay", **where(twin), count=5) == 5
     worker.process.kill()
     until(lambda: threads(twin) <= before, f"there were {before} threads, now {threads(twin)}", 40.0)
 

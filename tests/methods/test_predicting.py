@@ -16,15 +16,14 @@ def twin_of(name: str) -> Twin:
     return Twin(load_scene("exp2", "random", 1), method=find_method(name))
 
 
-@pytest.mark.parametrize("name", ["motm", "fast", "sequential"])
+@pytest.mark.parametrize("name", ["fast", "sequential"])
 def test_it_can_be_changed_during_a_run_and_a_copy_goes_on_bit_for_bit(name: str):
     twin, plain = twin_of(name), twin_of(name)
     for _ in range(40):
         assert state_hash(twin.advance().plan) == state_hash(plain.advance().plan)
     twin.post(SetParameter(name="prediction", value=1.0))
     twin.post(SetParameter(name="moving_weight", value=1.0))
-    differ = [state_hash(twin.advance().plan) != state_hash(plain.advance().plan) for _ in range(60)]
-    assert any(differ)
+    assert any(state_hash(twin.advance().plan) != state_hash(plain.advance().plan) for _ in range(60))
     copy = twin_of(name)
     copy.restore(twin.snapshot())
     for _ in range(BESIDE_TEMIS):

@@ -16,7 +16,7 @@ from motm_twin.model.data_dirs import scenes_dir
 from motm_twin.model.known import known_world
 from motm_twin.model.profile import RobotProfile
 from motm_twin.model.scene import EARLIER_NOISE, USUAL_NOISE, Bump, DriveTo, Mismatch, Pick, Place, Prism, Scene
-from motm_twin.model.scene_file import SceneError, check_all, list_scenes, load_scene
+from motm_twin.model.scene_file import SceneError, check_all, load_scene
 from motm_twin.model.scene_shapes import outline
 from motm_twin.model.state import state_hash
 
@@ -37,28 +37,16 @@ TRIALS = {
 FORMAT = "format: motm-scene/1\n"
 
 
-def shipped() -> list[tuple[str, str]]:
-    return [(scene.name, variant) for scene in list_scenes() for variant in scene.variants]
-
-
 def write(tmp_path, text: str) -> str:
     path = tmp_path / "mine.yaml"
     path.write_text(FORMAT + text, encoding="utf-8")
     return str(path)
 
 
-@pytest.mark.parametrize(("name", "variant"), shipped())
-def test_every_shipped_scene_and_variant_resolves(name, variant):
-    scene = load_scene(name, variant)
-    assert (scene.name, scene.variant) == (name, variant)
-    assert scene.tasks
-    assert known_world(scene).tasks == scene.tasks
-
-
-@pytest.mark.parametrize("path", sorted(scenes_dir().glob("*.yaml")), ids=lambda path: path.stem)
-def test_every_shipped_scene_fits_the_published_schema(path):
-    schema = json.loads((DOCS / "scene.schema.json").read_text(encoding="utf-8"))
-    jsonschema.validate(yaml.safe_load(path.read_text(encoding="utf-8")), schema)
+def test_every_shipped_scene_fits_the_published_schema():
+    schema = jsonschema.Draft202012Validator(json.loads((DOCS / "scene.schema.json").read_text(encoding="utf-8")))
+    for path in scenes_dir().glob("*.yaml"):
+        schema.validate(yaml.safe_load(path.read_text(encoding="utf-8")))
 
 
 def test_the_published_schema_is_the_one_of_the_types():
@@ -146,12 +134,11 @@ def test_variant_one_temi_keeps_one_agent_and_the_published_trial():
 
 @pytest.mark.parametrize("name", ["exp1", "exp1a", "exp2"])
 def test_the_random_variant_depends_on_the_seed_alone(name):
-    drawn = [load_scene(name, "random", seed) for seed in range(20)]
-    again = [load_scene(name, "random", seed) for seed in range(20)]
+    drawn, again = ([load_scene(name, "random", seed) for seed in range(5)] for _ in range(2))
     assert [state_hash(scene) for scene in drawn] == [state_hash(scene) for scene in again]
     assert all(len({item.name for item in scene.objects}) == 6 for scene in drawn)
-    assert len({tuple(item.name for item in scene.objects) for scene in drawn}) > 15
-    assert [scene.tasks for scene in drawn] == [load_scene("exp1", "random", seed).tasks for seed in range(20)]
+    assert len({tuple(item.name for item in scene.objects) for scene in drawn}) == 5
+    assert [scene.tasks for scene in drawn] == [load_scene("exp1", "random", seed).tasks for seed in range(5)]
 
 
 def test_the_seed_does_not_change_a_published_trial():

@@ -67,7 +67,7 @@ def test_an_odd_value_anywhere_is_a_scene_or_a_scene_error(tmp_path, section):
         load(tmp_path / "odd.yaml", json.dumps(replaced(path, ODD[index * 7 % len(ODD)])).replace("NaN", ".nan"))
 
 
-@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture], derandomize=True)
+@settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture], derandomize=True)
 @given(start=st.integers(0, len(TEXT)), length=st.integers(0, 40), put=st.text(max_size=6))
 def test_cut_and_scribbled_text_is_a_scene_or_a_scene_error(tmp_path, start, length, put):
     load(tmp_path / "cut.yaml", TEXT[:start] + put + TEXT[start + length :])

@@ -63,6 +63,7 @@ def test_every_sweep_begins_small_and_grows():
 
 def test_the_quick_bench_of_growth_runs_and_prints_every_respect(tmp_path, monkeypatch):
     monkeypatch.setattr(growth, "OFFICE", 60.0)  # [m] a tenth of the floor
+    monkeypatch.setattr(growth, "QUICK_PERIODS", 4)
     console = Console(width=160, record=True, file=io.StringIO())
     assert growth.bench_growth(tmp_path, console, quick=True)
     text = console.export_text()

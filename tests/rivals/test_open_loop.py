@@ -71,7 +71,7 @@ def test_in_the_world_that_was_rehearsed_it_does_what_the_paper_s_method_does(qu
 
 
 def test_it_looks_at_nothing_and_misses_a_cube_that_was_moved(quiet):
-    moved = msgspec.structs.replace(quiet, faults=Faults(cube_moved_by=0.08))
+    moved = msgspec.structs.replace(quiet, tasks=quiet.tasks[:1], faults=Faults(cube_moved_by=0.08))
     assert run_scene(moved)["picks_done"] == 1
     planned = run_scene(moved, method=OPEN_LOOP)
     assert not planned["success"]
@@ -80,7 +80,7 @@ def test_it_looks_at_nothing_and_misses_a_cube_that_was_moved(quiet):
 
 
 def test_a_grasp_that_takes_longer_than_rehearsed_is_not_waited_for(quiet):
-    late = msgspec.structs.replace(quiet, faults=Faults(grasp_delay=3.0))
+    late = msgspec.structs.replace(quiet, tasks=quiet.tasks[:1], faults=Faults(grasp_delay=3.0))
     assert run_scene(late)["success"]
     assert run_scene(late, method=OPEN_LOOP)["picks_done"] == 0
 
@@ -116,6 +116,6 @@ def test_a_person_who_changes_the_task_list_gets_a_new_plan(quiet):
 @pytest.mark.slow
 def test_experiment_1_without_noise_is_done():
     scene = nominal_scene(known_world(load_scene("exp1", "trial3", 2)))
-    planned = run_scene(msgspec.structs.replace(scene, tasks=scene.tasks[:4]), method=OPEN_LOOP)
+    planned = run_scene(msgspec.structs.replace(scene, tasks=scene.tasks[:2]), method=OPEN_LOOP)
     assert planned["success"]
-    assert planned["places_done"] == 2
+    assert planned["places_done"] == 1

@@ -37,7 +37,7 @@ def test_back_to_any_period_and_on_with_the_same_edits_gives_the_same_run(record
     run(twin, branches, periods, disturbances)
     assert twin.session().state_hash == recorded.session.state_hash
 
-    @settings(max_examples=10, deadline=None, derandomize=True)
+    @settings(max_examples=5, deadline=None, derandomize=True)
     @given(index=st.integers(0, periods))
     def back_and_on(index):
         branches.branch(twin, index)
@@ -55,7 +55,7 @@ def test_back_to_any_period_and_on_with_the_same_edits_gives_the_same_run(record
 
 
 @pytest.mark.slow
-@settings(max_examples=6, deadline=None, derandomize=True)
+@settings(max_examples=3, deadline=None, derandomize=True)
 @given(
     back=st.lists(st.integers(0, 60), min_size=1, max_size=3),
     kind=st.sampled_from(["push", "temi", "parameter"]),

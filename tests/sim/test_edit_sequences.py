@@ -68,7 +68,7 @@ def run(plant, sequence):
     return refusals
 
 
-@settings(max_examples=60, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(max_examples=25, deadline=None, suppress_health_check=list(HealthCheck))
 @given(first=st.lists(steps, max_size=8), second=st.lists(steps, max_size=8))
 def test_random_edits_are_refused_or_applied_and_a_snapshot_has_one_future(first, second):
     plant = SimulatedPlant(room(noise=Noise()))
@@ -92,7 +92,7 @@ def test_random_edits_are_refused_or_applied_and_a_snapshot_has_one_future(first
     assert all(item.position[2] > 0.0 for item in truth.objects)
 
 
-@settings(max_examples=60, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(max_examples=25, deadline=None, suppress_health_check=list(HealthCheck))
 @given(sequence=st.lists(edits, min_size=1, max_size=12))
 def test_checking_edits_ahead_says_what_applying_them_says_and_changes_nothing(sequence):
     plant = SimulatedPlant(room())
@@ -124,7 +124,7 @@ def test_a_thousand_moves_wait_and_each_is_tried_once(monkeypatch):
     assert tried == moves[:-1]
 
 
-@settings(max_examples=25, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(max_examples=12, deadline=None, suppress_health_check=list(HealthCheck))
 @given(sequence=st.lists(steps, max_size=6))
 def test_two_plants_with_the_same_edits_are_the_same(sequence):
     hashes = []

@@ -232,21 +232,20 @@ def watched_trial(cut_ins):
     return episode(moments, made_with()[SOURCE], cut_ins=cut_ins)
 
 
-def report_among_temis(out, monkeypatch, cut_ins):
+def report_among_temis(out, monkeypatch, cut_ins, names=NAMES):
     monkeypatch.setattr(snapshots, "_photographs", lambda _, chosen: [[[[0, 0, 0]]]] * len(chosen))
     context = Context(Store({"exp1": OURS}), out, Console(quiet=True), plan="quick")
     context.episode = watched_trial(cut_ins)
     other = msgspec.structs.replace(context.episode, spec=TrialSpec("exp2", "random", 3, "foresight"))
     monkeypatch.setattr(Context, "with_foresight", lambda *_: other)
-    write(context, origin([], "draw"), "draw", NAMES)
-    return context, (out / "report.html").read_text()
+    return write(context, origin([], "draw"), "draw", names).read_text()
 
 
 def test_every_command_in_a_report_is_that_of_its_data(tmp_path, monkeypatch):
     out = tmp_path / "a report"
     out.mkdir()
     cut = {"time": 2.0, "agent": "temi_1", "gap_m": 0.6, "gap_s": 1.2, "least_gap_m": 0.6}
-    _, document = report_among_temis(out, monkeypatch, [cut])
+    document = report_among_temis(out, monkeypatch, [cut])
     codes = re.findall(r"<code>([^<]*)</code>", document.replace("&#x27;", "'"))
     commands = [each for code in codes for each in code.split("; ") if each.startswith("motm-twin")]
     one = [each for each in commands if not each.startswith("motm-twin paper") and "SCENE" not in each]
@@ -267,7 +266,7 @@ def test_every_command_in_a_report_is_that_of_its_data(tmp_path, monkeypatch):
 
 
 def test_what_these_trials_do_not_have_is_looked_for_with_the_next_larger_plan(tmp_path, monkeypatch):
-    _, document = report_among_temis(tmp_path, monkeypatch, [])
+    document = report_among_temis(tmp_path, monkeypatch, [], ["cutting_in"])
     assert 'class="missing" id="cutting_in"' in document
     assert f"motm-twin paper --out {tmp_path} --only cutting_in" in document
 

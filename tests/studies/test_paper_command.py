@@ -16,16 +16,16 @@ from motm_twin.studies.paper.parts import NAMES, PARTS, needed
 from motm_twin.studies.settings import PaperSettings
 from motm_twin.studies.spec import Experiment, TrialSpec
 
-SHORT = {"time_limit": 2.0}  # [s] the trial ends long before its task: enough for the way through
+SHORT = {"time_limit": 0.5}  # [s] the trial ends long before its task: enough for the way through
 HERE = made_with()[SOURCE]
 
 
 def shorten(patch):
-    """Plans of two trials of two seconds, on the same way as the others."""
+    """Plans of two trials of half a second, on the same way as the others."""
     specs = tuple(TrialSpec("exp1", "trial1", method=method, changes=SHORT) for method in ("motm", "staa"))
     for name in ("quick", "full"):
         tiny = plan.Plan(
-            name=name, experiments=(Experiment("ablations", "Two seconds", specs),), notes=(f"A {name} one.",)
+            name=name, experiments=(Experiment("ablations", "Half a second", specs),), notes=(f"A {name} one.",)
         )
         patch.setitem(plan.PLANS, name, lambda tiny=tiny: tiny)
 

@@ -7,6 +7,7 @@ from waiting import until
 
 from motm_twin.bus.client import TwinClient
 from motm_twin.bus.commands import STEPS
+from motm_twin.model.bounds import Between
 from motm_twin.studies.paper import planning_figures, snapshots
 from motm_twin.studies.paper.ground import first_period
 
@@ -42,8 +43,10 @@ def test_the_layout_has_the_twelve_slots_and_both_boxes():
     assert {(row["x_m"], row["y_m"]) for row in rows if row["what"] == "box of 1a"} == {(2.7, 1.7), (3.9, 0.96)}
 
 
-def test_a_twin_is_stepped_beyond_what_one_command_allows() -> None:
-    late = STEPS.high + 10
+def test_a_twin_is_stepped_beyond_what_one_command_allows(monkeypatch) -> None:
+    assert snapshots.STEPS is STEPS
+    monkeypatch.setattr(snapshots, "STEPS", Between(1, 15))  # fewer, to be quick
+    late = 40
     with fake_server() as server, TwinClient(server.endpoint) as client:
         until(lambda: client.tick() and client.status(), "nothing was received")
         snapshots._rewind(client)

@@ -9,7 +9,7 @@ from rich.console import Console
 
 from motm_twin.cli.bench import main
 from motm_twin.model.scene_file import load_scene
-from motm_twin.studies.people import SITUATIONS, alone, bench_people, cases, imposed, summaries
+from motm_twin.studies.people import SITUATIONS, Situation, alone, bench_people, cases, imposed, summaries
 
 
 def test_every_situation_is_a_scene():
@@ -36,7 +36,8 @@ def test_what_the_robot_imposes_is_the_difference_to_the_ways_without_it():
     assert imposed({}, {})["imposed_deviation_m"] == 0.0
 
 
-def test_situations_are_run_and_make_one_table(tmp_path):
+def test_situations_are_run_and_make_one_table(tmp_path, monkeypatch):
+    monkeypatch.setitem(SITUATIONS, "turns", Situation("people", "turns", {"time_limit": 5.0}))
     said = io.StringIO()
     bench_people(["turns"], ["fast"], 1, 1, tmp_path, Console(file=said, width=220))
     report = json.loads((tmp_path / "people.json").read_text(encoding="utf-8"))

@@ -12,6 +12,7 @@ from rich.console import Console
 from motm_twin.cli.bench import main
 from motm_twin.model.plant import Scan
 from motm_twin.model.scene_file import load_scene
+from motm_twin.studies.people import SITUATIONS, Situation
 from motm_twin.studies.tracker import Score, beams_on, bench_tracker, matched
 from motm_twin.twin import Twin
 
@@ -59,7 +60,8 @@ def test_a_perfect_tracker_scores_one_and_one_that_sees_nothing_zero():
     assert worst["mota"] == 0.0
 
 
-def test_a_run_is_scored_and_makes_a_table(tmp_path):
+def test_a_run_is_scored_and_makes_a_table(tmp_path, monkeypatch):
+    monkeypatch.setitem(SITUATIONS, "turns", Situation("people", "turns", {"time_limit": 5.0}))
     said = io.StringIO()
     assert bench_tracker(["turns"], 1, 1, tmp_path, Console(file=said, width=200))
     report = json.loads((tmp_path / "tracker.json").read_text(encoding="utf-8"))

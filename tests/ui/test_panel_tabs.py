@@ -1,6 +1,7 @@
 """A whole panel without a browser: its widgets are made, follow what is shown, and send what they should."""
 
 import json
+import math
 from importlib.util import find_spec
 
 import msgspec
@@ -13,6 +14,7 @@ from motm_twin.bus.commands import (
     Announce,
     Answer,
     Branch,
+    FreezeBody,
     HandOver,
     InjectFault,
     InsertTask,
@@ -190,8 +192,41 @@ def test_furniture_is_announced_and_cubes_are_put_elsewhere(person):
 def test_the_robot_is_pushed_and_blinded(person):
     person.presses("◀ Left")
     assert isinstance(person.last, PushRobot)
+    assert math.hypot(person.last.dx, person.last.dy) == pytest.approx(0.1)
     person.presses("Camera off 2 s")
     assert person.last == InjectFault(fault="camera_off", seconds=2.0)
+    person.shows(tick=msgspec.structs.replace(person.ticks[-1], faults=["camera off for 2 s"]))
+    assert any("camera off for 2 s" in html.content for html in texts(person.panel))
+
+
+def shows_with(person, bodies, name, state):
+    """A next tick, with the state of one of the objects or agents changed."""
+    newest = person.ticks[-1]
+    changed = [msgspec.structs.replace(b, state=state) if b.name == name else b for b in getattr(newest, bodies)]
+    tick = msgspec.structs.replace(newest, index=newest.index + 1, **{bodies: changed})
+    person.hub.history.add(msgspec.json.encode(tick))
+    person.shows(tick=tick)
+
+
+def test_the_cube_is_taken_from_the_gripper_while_it_holds_one(person):
+    take, cube = "Take the cube from the gripper", person.scene.objects[0]
+    person.shows()
+    assert not person.widget(take).visible
+    shows_with(person, "objects", cube.name, "held")
+    assert person.widget(take).visible
+    person.presses(take)
+    assert person.last == MoveObject(name=cube.name, x=cube.position[0], y=cube.position[1])
+
+
+def test_the_selected_agent_is_frozen_and_goes_on(person):
+    agent = person.scene.agents[0].name
+    person.chooses("Selected", agent)
+    person.shows()
+    person.presses("Freeze")
+    assert person.last == FreezeBody(name=agent, frozen=True)
+    shows_with(person, "agents", agent, "frozen")
+    person.presses("Go on")
+    assert person.last == FreezeBody(name=agent, frozen=False)
 
 
 def test_sliders_send_and_follow(person):

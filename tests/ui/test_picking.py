@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from fake_twin import fake_scene
 
-from motm_twin.bus.commands import Answer, MoveBody, TakeWheel
+from motm_twin.bus.commands import Answer, MoveBody, SendAgent, TakeWheel
 from motm_twin.bus.messages import BodyMessage
 from motm_twin.ui.hub import View
 from motm_twin.ui.scene.drag import Drag, on_plane, spot_of, throw
@@ -180,6 +180,13 @@ def test_the_next_click_on_the_floor_puts_a_new_body_there_and_the_one_after_let
     assert (hub.view.selected, hub.view.placing) == ("temi 1", "")
     hub = click(pointing, (6.0, -1.0))
     assert len(hub.sent) == 1 and hub.view.selected == ""
+
+
+def test_a_click_on_the_floor_sends_the_agent_that_is_to_go_somewhere(pointing):
+    pointing._hub.view.sending = "temi 1"
+    hub = click(pointing, (6.0, -1.5))
+    assert hub.sent == [SendAgent(name="temi 1", x=6.0, y=-1.5)]
+    assert hub.view.sending == ""
 
 
 def test_one_click_on_the_floor_proposes_a_drive_that_a_second_one_there_confirms(pointing):

@@ -152,9 +152,8 @@ class TestProcess:
         assert what_if.state == State() and what_if.others(0.0) == []
         until(lambda: not any(thread.name.startswith("what if") for thread in threading.enumerate()))
 
-    @pytest.mark.parametrize("data", [b"", b"{}", b'{"version": "motm.session/1"}'])
-    def test_what_is_no_session_says_so(self, data):
-        what_if = WhatIf(lambda: data)
+    def test_what_is_no_session_says_so(self):
+        what_if = WhatIf(lambda: b"{}")
         what_if.start({"next_weight": 0.0}, 0)
         until(lambda: what_if.state.phase == "failed")
         assert "session" in what_if.state.text
