@@ -191,6 +191,19 @@ def test_a_moving_obstacle_pushes_the_gripper_back_and_is_named():
     assert step.obstacle_distance > 0.2
 
 
+@pytest.mark.parametrize(("cells", "after"), [(1, 0.3), (2, 0.0)])
+def test_a_single_cell_in_the_arm_may_be_a_wrong_hit_and_counts_when_it_stays(cells, after):
+    plant, manipulator = SimulatedPlant(SCENE), Manipulator(known_world(SCENE))
+    seen = np.array([[0.15 + 0.484, 0.05 * k] for k in range(cells)])
+    inputs = inputs_of(plant, obstacles=ArmObstacles(points=seen, static=np.zeros(cells, dtype=bool)))
+    stands = []
+    for k in range(50):
+        now = msgspec.structs.replace(inputs.observation, time=0.01 * k)
+        stands.append(manipulator.step(msgspec.structs.replace(inputs, observation=now)).program == "standing")
+    assert stands.index(True) == pytest.approx(100.0 * after, abs=2)
+    assert all(stands[stands.index(True) :])
+
+
 def test_snapshots_restore_the_same_decisions():
     plant = SimulatedPlant(SCENE)
     manipulator = Manipulator(known_world(SCENE))

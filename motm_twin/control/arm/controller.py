@@ -29,6 +29,7 @@ from motm_twin.model.reason import Kind, Reason
 from motm_twin.model.state import Stateful
 
 _BOUND_NAMES = ("base speed", "base yaw rate", *(f"joint {k}" for k in range(1, 8)))
+_WRONG_HIT = 0.3  # [s] that one stays in the map, at most
 _GONE = 0.2  # share of the time that an arm stands in something, after which that is gone when it is not seen
 _REST, _NO_SLACK = frozen(np.zeros(7)), frozen(np.zeros(6))
 _GRASPING = (Phase.TRANSIT, Phase.FINAL, Phase.CLOSING, Phase.LIFT, Phase.RETRY)
@@ -110,6 +111,11 @@ class Manipulator(Stateful[ManipulatorState]):
     def busy(self) -> bool:
         """Are the fingers closing on an object, lifting it, or letting go of it?"""
         return fingers_at_work(self._state)
+
+    def overdue(self, time: float) -> bool:
+        """Test that the hand has been on its way to a target in range for half of its patience, and is not there."""
+        since = self._state.in_range_since
+        return since is not None and time - since > 0.5 * self.parameters.patience
 
     def retasked(self, edit: TaskEdit) -> None:
         """A person has changed the task list: of interest only to an arm that plans beyond its goal of now."""
@@ -208,7 +214,11 @@ class Manipulator(Stateful[ManipulatorState]):
         """The overlap of arm and something seen; it lasts until it has not been seen for a while: beams flicker."""
         state = self._state
         found = self._overlap.find(view.arm, inputs, held_side, lasts=state.inside is not None)
-        if found is not None:
+        if found is None or not found.alone:
+            state.glimpsed = None
+        elif state.glimpsed is None:
+            state.glimpsed = view.time
+        if found is not None and (state.glimpsed is None or view.time - state.glimpsed > _WRONG_HIT):
             state.inside, state.inside_at = found, view.time
         elif view.time - state.inside_at > _GONE * self.parameters.overlap_stands:
             state.inside, state.inside_since = None, None

@@ -9,7 +9,7 @@ import math
 
 import numpy as np
 
-from motm_twin.control.arm.bodies import BODIES, arm_balls, placed
+from motm_twin.control.arm.bodies import BODIES, Balls, arm_balls, placed
 from motm_twin.control.arm.limits import seen_distances
 from motm_twin.control.arm.parameters import ArmParameters
 from motm_twin.control.arm.types import ArmInputs, Overlap
@@ -20,6 +20,7 @@ from motm_twin.model.geometry import Array
 from motm_twin.model.joint_limits import DDQ_MAX
 from motm_twin.model.profile import RobotProfile
 
+_BESIDE = 0.11  # [m] between the middles of cells that belong together
 _STOWED = 0.02  # [rad] joints this near to the stow pose are there
 
 
@@ -33,14 +34,23 @@ class ArmOverlap:
 
     def find(self, arm: Arm, inputs: ArmInputs, held_side: float, *, lasts: bool) -> Overlap | None:
         """The body deepest in something seen; ``held_side`` [m] of a held cube, 0: none; ``lasts``: there was one."""
-        points = inputs.obstacles.points
+        points, width = inputs.obstacles.points, inputs.observation.gripper_width
         if not len(points):
             return None
-        balls = placed(self._balls, inputs.observation.gripper_width, held_side)
+        balls = placed(self._balls, width, held_side)
+        found = self._deepest(arm, balls, points, 0.0 if lasts else self._parameters.overlap_depth)
+        if found is None or lasts:
+            return found
+        apart = np.hypot(*(points[:, None] - points[None]).transpose(2, 0, 1))
+        whole = np.ascontiguousarray(points[(apart < _BESIDE).sum(axis=1) > 1])
+        return found._replace(alone=self._deepest(arm, balls, whole, self._parameters.overlap_depth) is None)
+
+    def _deepest(self, arm: Arm, balls: Balls, points: Array, least: float) -> Overlap | None:
+        """The body of the arm that is deepest in points (m, 2), and more than ``least`` [m]."""
         distance, _, _ = seen_distances(arm.T, balls, len(BODIES), 0.0, points, arm.mount, arm.pose[2])
         deepest = int(distance.argmin())
         depth = -float(distance[deepest, 0])
-        return Overlap(BODIES[deepest], depth) if depth > (0.0 if lasts else self._parameters.overlap_depth) else None
+        return Overlap(BODIES[deepest], depth) if depth > least else None
 
     def way_out(self, arm: Arm, inputs: ArmInputs, twist: Array, *, withdraws: bool) -> tuple[Array, Array]:
         """Base twist (2,) after that commanded last, and arm rates (7,): the joints stop, or go to the stow pose.

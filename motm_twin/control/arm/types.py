@@ -72,6 +72,7 @@ class Overlap(NamedTuple):
 
     body: str
     depth: float
+    alone: bool = False  # in a single cell, which may be a wrong hit
 
 
 class ArmInputs(msgspec.Struct, frozen=True, kw_only=True, eq=False):

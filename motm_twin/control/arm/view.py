@@ -49,6 +49,7 @@ class ManipulatorState:
     no_room_since: float | None = field(default=None, metadata=LATER)  # [s] no faces can be taken; inf: not seen yet
     inside_since: float | None = field(default=None, metadata=LATER)  # [s] since when something stands where the arm is
     inside: Overlap | None = field(default=None, metadata=LATER)  # the newest sight of it ...
+    glimpsed: float | None = field(default=None, metadata=LATER)  # [s] since when only a single cell shows it
     inside_at: float = field(default=-math.inf, metadata=LATER)  # ... and when [s]
     late: float = field(default=0.0, metadata=LATER)  # [s] by which the fingers took longer than they should, lately
 
