@@ -200,7 +200,6 @@ class ControlLoop(Stateful[LoopState]):
             target=self.targets.base_target(self.sequence.active, observation, dwell),
             next_target=self.targets.base_target(self.sequence.following, observation, None),
             engaged=self._state.engaged,
-            overdue=self.manipulator.overdue(observation.time),
             period=PERIOD,
             recovery=self._progress.recovery(observation.time),
             stuck_at=np.array([pose for of, pose in self._state.stuck_at if of == self.sequence.index]).reshape(-1, 3),

@@ -107,9 +107,6 @@ class StaaController:
         self._asked = (problem, placement)
         if self._overlap_depth(problem, field) > problem.world.resolution:
             return self._escape(problem, field), False
-        if problem.overdue and self._rests_in_reach(problem, target):
-            stands = self._stop(problem, field, PlanStatus.BRAKING, None, None, 0)
-            return msgspec.structs.replace(stands, status=PlanStatus.IDLE, time_to_range=0.0), False
         room = self.room(problem)
         graph = self._graphs.graph(problem.world, room.growth)
         goal = self._local_goal(problem, placement, graph)
@@ -372,14 +369,6 @@ class StaaController:
         p = self.parameters
         return staa.proximity_scale(t_h, p.k_min, p.k_time) if p.scale_penalty else 1.0
 
-    def _rests_in_reach(self, problem: BaseProblem, target: Target) -> bool:
-        """A base that brakes now has the target in reach all the while."""
-        (x, y, heading), v = problem.pose.tolist(), float(problem.twist[0])
-        way = 0.5 * v * abs(v) / self.limits.linear_acceleration
-        rests = np.array([x + way * math.cos(heading), y + way * math.sin(heading), heading])
-        still = np.zeros(2)
-        return self.reach.contains(problem.pose, still, target) and self.reach.contains(rests, still, target)
-
     def at_goal(self, pose: Array, placement: Placement) -> bool:
         """The base is where it was to go, as near as the search takes it."""
         p, goal = self.parameters, placement.goal
@@ -484,7 +473,7 @@ class StaaController:
         return None
 
     def _stop(
-        self, problem: BaseProblem, field: Field, status: PlanStatus, why: Reason | None, goal: LocalGoal | None,
+        self, problem: BaseProblem, field: Field, status: PlanStatus, why: Reason, goal: LocalGoal | None,
         expansions: int, *, cut: bool = False,
     ) -> BasePlan:  # fmt: skip
         """Brake to rest; when the straight way to rest comes too near to something, steer to where it does not."""

@@ -47,7 +47,6 @@ class BaseProblem(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     target: Target | None  # None: nothing to do, come to rest
     next_target: Target | None
     engaged: bool  # the arm is at the object (final approach to lift): keep it in reach until done
-    overdue: bool = False  # the arm should have been at the target in reach long ago: a base that stands helps it
     period: float = 0.05  # [s] for which the answer is applied
     stuck_at: Array = frozen(np.zeros((0, 3)))  # base poses from which the arm did not get to the target, (k, 3)
     recovery: Recovery = NO_RECOVERY

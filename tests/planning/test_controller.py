@@ -263,19 +263,6 @@ def test_an_engaged_base_does_not_leave_for_a_place_to_wait() -> None:
         left -= PERIOD
 
 
-@pytest.mark.parametrize(("x", "stands"), [(0.0, True), (-2.0, False)])
-def test_a_base_stands_in_reach_while_the_arm_does_not_get_there(x: float, stands: bool) -> None:
-    """It drove to and fro for 20 s, and the hand did not come down."""
-    planner = BasePlanner(RobotProfile(), PlanningParameters())
-    pick = Target(kind="pick", name="cube", position=np.array([0.2, 0.7]), dwell=1.3)
-    after = Target(kind="drive", name="there", position=np.array([3.0, 0.0]))
-    problem = ask(world_of(()), np.array([x, 0.0, 0.0]), np.array([0.2, 0.0]), pick, after)
-    _, late = planner.plan(msgspec.structs.replace(problem, overdue=True), BUDGET)
-    assert (late.status == "idle" and late.time_to_range == 0.0 and late.acceleration[0] < 0.0) == stands
-    _, usual = planner.plan(problem, BUDGET)
-    assert usual.status == "goal"
-
-
 def test_time_to_range_counts_down_with_the_drive() -> None:
     planner, pose, twist, time = BasePlanner(RobotProfile()), HERE, np.zeros(2), 0.0
     predicted = []

@@ -112,11 +112,6 @@ class Manipulator(Stateful[ManipulatorState]):
         """Are the fingers closing on an object, lifting it, or letting go of it?"""
         return fingers_at_work(self._state)
 
-    def overdue(self, time: float) -> bool:
-        """Test that the hand has been on its way to a target in range for half of its patience, and is not there."""
-        since = self._state.in_range_since
-        return since is not None and time - since > 0.5 * self.parameters.patience
-
     def retasked(self, edit: TaskEdit) -> None:
         """A person has changed the task list: of interest only to an arm that plans beyond its goal of now."""
 
