@@ -3,7 +3,7 @@
 Hypothesis draws the same examples in every run, so that a change is judged by what it changes; MOTM_EXAMPLES=fresh
 draws new ones. How long one takes is no finding on a busy machine: pytest's timeout ends what hangs.
 
-Kernels that a change has made stale are compiled as `motm-twin warm-up` does it, in a seventh of numba's usual time,
+Kernels that a change has made stale are compiled as `motm_twin.warm_up` does it, in a seventh of numba's usual time,
 and before the workers start: each would compile the same ones.
 """
 

@@ -25,7 +25,7 @@ def overlap(pose, box, footprint):
     return body.intersects(Polygon(rectangle((*box.position[:2], box.yaw), box.size)))
 
 
-@pytest.mark.parametrize(("method", "gap"), [("fast", 0.0), ("staa", -0.04)])
+@pytest.mark.parametrize(("method", "gap"), [("fast", 0.0), ("motm", 0.02), ("staa", -0.04)])
 def test_a_base_that_touches_a_box_stops_within_its_stopping_distance_and_goes_round(tmp_path, method, gap):
     """It drove on through the box: what was inside the footprint counted as nothing."""
     path = tmp_path / "open_floor.yaml"

@@ -241,7 +241,7 @@ def _gap(pose, point, body):
 
 
 @pytest.mark.parametrize("v", [0.5, -0.25])
-@pytest.mark.parametrize("speed", [0.4, 1.2])
+@pytest.mark.parametrize("speed", [0.4, 0.8, 1.2])
 @pytest.mark.parametrize("bearing", range(0, 360, 30))
 def test_a_base_never_moves_towards_somebody_who_does_not_stop(v, speed, bearing):
     """They meet 1.5 m ahead of the base, whatever side they come from."""
@@ -253,7 +253,7 @@ def test_a_base_never_moves_towards_somebody_who_does_not_stop(v, speed, bearing
 
 @pytest.mark.parametrize("turn", [-1.2, 1.2])
 @pytest.mark.parametrize("speed", [0.3, 0.6])
-@pytest.mark.parametrize("aside", [-0.5, 0.25])
+@pytest.mark.parametrize("aside", [-0.5, -0.25, 0.25, 0.5])
 @pytest.mark.parametrize("bearing", range(0, 360, 45))
 def test_a_base_that_turns_on_the_spot_moves_towards_nobody(turn, speed, aside, bearing):
     """Somebody passes or touches the corners of a base that turns."""
@@ -264,7 +264,7 @@ def test_a_base_that_turns_on_the_spot_moves_towards_nobody(turn, speed, aside, 
 
 @pytest.mark.parametrize("turn", [-1.0, 1.0])
 @pytest.mark.parametrize("speed", [0.3, 0.5])
-@pytest.mark.parametrize("ahead", [0.7, 0.9])
+@pytest.mark.parametrize("ahead", [0.7, 0.8, 0.9])
 @pytest.mark.parametrize("bearing", range(-60, 75, 15))
 def test_a_base_that_backs_away_and_turns_goes_on_backing_away(turn, speed, ahead, bearing):
     """Both were braked, and somebody who followed caught up with a side that still turned towards him."""

@@ -34,7 +34,7 @@ def watched(seconds=6.0, noise=EARLIER_NOISE, **mismatch):
 
 
 @pytest.mark.parametrize("noise", [EARLIER_NOISE, SHAKING])
-@pytest.mark.parametrize("delay", [0.0, 0.05, 0.2])
+@pytest.mark.parametrize("delay", [0.0, 0.05, 0.1, 0.2])
 def test_the_delay_is_found_out(delay, noise):
     response, _ = watched(command_delay=delay, noise=noise)
     assert response.delay == pytest.approx(delay, abs=0.011)
@@ -42,7 +42,7 @@ def test_the_delay_is_found_out(delay, noise):
 
 
 @pytest.mark.parametrize("noise", [EARLIER_NOISE, SHAKING])
-@pytest.mark.parametrize("lag", [0.1, 0.3])
+@pytest.mark.parametrize("lag", [0.1, 0.2, 0.3])
 def test_the_lag_of_the_base_is_found_out(lag, noise):
     response, _ = watched(30.0, base_lag=lag, noise=noise)
     assert response.lag == pytest.approx(lag, abs=0.051)

@@ -138,7 +138,7 @@ ONCE_WRONG = (1, 53, 63, 76, 77, 84, 94, 125)  # seen to move too briefly; or it
 EARLY = pytest.mark.xfail(reason="known fault: it brakes slowly, and its rest begins 0.05 to 0.15 s too early")
 
 
-@pytest.mark.parametrize("seed", [*range(200, 202), *ONCE_WRONG, *(pytest.param(seed, marks=EARLY) for seed in (103,))])
+@pytest.mark.parametrize("seed", [*range(200, 206), *ONCE_WRONG, *(pytest.param(seed, marks=EARLY) for seed in (103,))])
 def test_what_has_come_to_rest_is_static_14_seconds_after_it_stopped_but_not_12_after_it_came(seed: int) -> None:
     """The map alone counts from when its cells were hit first, while it was still coming.
 
@@ -162,7 +162,7 @@ def test_what_has_come_to_rest_is_static_14_seconds_after_it_stopped_but_not_12_
     assert world.seen_static.mean() > 0.9  # a cell at its edge may flicker
 
 
-@settings(max_examples=3, deadline=None)
+@settings(max_examples=6, deadline=None)
 @given(speed=st.floats(0.25, 0.5), course=st.floats(-math.pi, math.pi), passes=st.floats(2.0, 3.5))
 def test_what_has_come_to_rest_is_not_static_sooner_because_something_passes_it(
     speed: float, course: float, passes: float
