@@ -32,6 +32,7 @@ ASK_INTERVAL = 1.0  # [s] between two at least
 ASK_TIMEOUT = 5.0  # [s]
 WAITING_MOST = 20_000  # payloads: half a minute at eight times real time; a longer backlog never shrinks
 Asked = Callable[[], None]
+_Message = tuple[str, bytes, bytes | None, bool]  # key, payload, attachment, asked for
 LISTENS = 1.0  # [s] limit until the twin knows of the recorder; messages until then are recorded too
 
 
@@ -45,7 +46,8 @@ class Recorder:
         self._zenoh, self._keys = session, Keys(twin)
         self._file = McapFile(path)
         self._stream = Stream(self._keys, self._file.add)
-        self._waiting: queue.Queue[tuple[str, bytes, bytes | None, bool]] = queue.Queue()
+        self._waiting: queue.Queue[_Message | None] = queue.Queue()  # None: all that was asked first is answered
+        self._early: list[_Message] | None = []  # what came by itself before that: written after it
         self._declared = [session.declare_subscriber(key, direct(self._on_sample)) for key in self._stream.keys]
         self._live: set[str] = set()  # keys of which something came by itself
         keys, self._listened = self._keys, threading.Event()
@@ -92,6 +94,7 @@ class Recorder:
         deadline = time.monotonic() + LAST_SESSION
         while not self._waiting.empty() and time.monotonic() < deadline:
             self._take(time.monotonic() + WAIT, ending=True)
+        self._release()
         before = self._session_at
         self._ask(self._keys.session)
         deadline = time.monotonic() + LAST_SESSION
@@ -104,15 +107,29 @@ class Recorder:
             if not ending and self._stream.wants_session and time.monotonic() >= self._asked_at + ASK_INTERVAL:
                 return
             try:
-                self._write(*self._waiting.get(timeout=left))
+                message = self._waiting.get(timeout=left)
             except queue.Empty:
                 return
+            if message is None:
+                self._release()
+                continue
+            key, *_, asked = message
+            if not asked:
+                self._live.add(key)
+            elif key in self._live and key not in (self._keys.status, self._keys.scene):
+                continue  # older than what came since
+            if self._early is None or asked:
+                self._write(*message)
+            else:
+                self._early.append(message)
+
+    def _release(self) -> None:
+        """Write what came early: the run of a tick is only known after its scene and its status."""
+        early, self._early = self._early or (), None
+        for message in early:
+            self._write(*message)
 
     def _write(self, key: str, payload: bytes, attachment: bytes | None, asked: bool) -> None:
-        if not asked:
-            self._live.add(key)
-        elif key in self._live:
-            return  # older than what came since
         try:
             if asked and self._stream.is_past(key, payload, attachment):
                 return
@@ -145,6 +162,7 @@ class Recorder:
         """In Zenoh's thread."""
         self._unanswered.discard(key)
         if not self._unanswered:
+            self._waiting.put(None)
             self._listened.set()
 
     def _on_sample(self, sample: zenoh.Sample, asked: bool = False) -> None:

@@ -16,6 +16,7 @@ from motm_twin.record import recorder as module
 from motm_twin.record.info import info
 from motm_twin.record.reader import read
 from motm_twin.record.recorder import Recorder
+from motm_twin.record.recording import load_recording
 from motm_twin.sessions.session import Session
 
 
@@ -34,6 +35,7 @@ class Bus:
     def get(self, key, handler, timeout):
         self.asked.append(key)
         self.answer(key)
+        handler.drop()
 
     def answer(self, key):
         """Nobody answers."""
@@ -162,6 +164,39 @@ def test_a_last_value_of_a_run_before_the_one_of_the_status_is_not_recorded(tmp_
     recorder.run(stop)
     ticks = [msgspec.json.decode(entry.data) for entry in read(tmp_path / "late.mcap") if entry.topic == ch.TICK.topic]
     assert [(tick["run"], tick["index"]) for tick in ticks] == [(4, 1), (3, 2)]
+
+
+@pytest.mark.parametrize("ended", [False, True])
+def test_a_tick_that_comes_by_itself_first_is_written_after_the_status_and_scene_that_were_asked_for(tmp_path, ended):
+    """``ended``: the recording ends before all is answered."""
+
+    class Slow(Bus):
+        handlers = ()
+
+        def get(self, key, handler, timeout):
+            self.handlers = (*self.handlers, handler)
+
+    bus, twin = Slow(), FakeTwin(fake_scene())
+    recorder = Recorder(bus, "frankie", tmp_path / "first.mcap")
+    keys, status = recorder._keys, msgspec.structs.replace(a_status(run=2), method="staa")
+    tick, other = (tick_message(twin.advance(), 2, 7.5) for _ in range(2))
+    scene = load_scene("exp1", "trial1", 0)
+    for key, message, asked in (
+        (keys.tick, tick, False),
+        (keys.status, status, False),
+        (keys.status, status, True),
+        (keys.scene, scene, True),
+        (keys.tick, other, True),  # dropped: it is not newer than the one that came
+    ):
+        recorder._waiting.put((key, msgspec.json.encode(message), None, asked))
+    for handler in bus.handlers[ended:]:
+        handler.drop()
+    stop = threading.Event()
+    stop.set()
+    recorder.run(stop)
+    (run,) = load_recording(tmp_path / "first.mcap").runs
+    assert run.scene is not None
+    assert (run.scene.name, run.method, run.indices) == (scene.name, "staa", [tick.index])
 
 
 def test_a_recording_of_a_run_that_has_ended_lasts_as_long_as_it_was_recorded(tmp_path):
