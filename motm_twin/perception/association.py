@@ -21,6 +21,7 @@ from motm_twin.model.period import PERIOD
 from motm_twin.model.plant import Detection
 
 MOST_CANDIDATES = 50  # that are remembered
+LIKELY = 0.2  # [s] for which one detection that was matched says where an object is that has no name yet
 
 
 class AssociationSettings(msgspec.Struct, frozen=True, kw_only=True):
@@ -85,8 +86,10 @@ class Candidate:
 
     position: Array  # [m] odometry frame, newest, shape (3,)
     stamp: float  # [s] newest
+    sd: float  # [m] of the newest position
     count: int = 1
     name: str = ""  # of the object that it is taken for
+    likely: str = ""  # of the object that it was matched with, when one detection was too little to say so
 
 
 @dataclass
@@ -110,7 +113,7 @@ def names_of(
         return tuple(state.names.get(one.p_base.tobytes(), "") for one in found)
     if not found and now - state.looked < PERIOD - 1e-6:
         return ()
-    picture = _Picture(found, sight.places(), held, settings)
+    picture = _Picture(found, _with_likely(sight.places(), state.candidates, newest), held, settings)
     match = picture.matched()
     age = max(0.0, now - newest) if found else 0.0
     _watch_absent(state, picture, match, now, sight)
@@ -119,7 +122,7 @@ def names_of(
         return _is_absent(state, name, now, age, settings)
 
     names = [""] * len(found)
-    candidates = [_candidate(state, picture, k) for k in range(len(found))]
+    candidates = _candidates(state, picture)
     for k, candidate in enumerate(candidates):
         i = match.get(k, -1)
         if i < 0:
@@ -127,8 +130,9 @@ def names_of(
         candidate.name = ""
         vague = picture.places.variances[i] > settings.vague**2
         sure = not vague or candidate.count > 1
-        if sure and not (not picture.places.seen[i] and picture.ambiguous(k, i, match, absent)):
-            names[k] = picture.places.names[i]
+        doubtful = not picture.places.seen[i] and picture.ambiguous(k, i, match, absent)
+        name = "" if doubtful else picture.places.names[i]
+        names[k], candidate.likely = (name, "") if sure else ("", name)
     _claim(candidates, picture, names, match, sight, absent)
     if found:
         state.stamp = newest
@@ -152,6 +156,20 @@ def disproved(state: AssociationState, now: float, settings: AssociationSettings
     return tuple(name for name, since in state.absent.items() if now - since >= settings.disproved)
 
 
+def _with_likely(places: Places, candidates: Sequence[Candidate], now: float) -> Places:
+    """The places of objects that were never named are where a detection was likely theirs in a picture just before.
+
+    Of two look-alikes side by side, the one that is named first would otherwise be as near to both in the next picture.
+    """
+    positions, variances = places.positions.copy(), places.variances.copy()
+    for one in candidates:
+        if one.likely and now - one.stamp <= LIKELY:
+            i = places.names.index(one.likely)
+            if not places.seen[i]:
+                positions[i], variances[i] = one.position, one.sd**2
+    return msgspec.structs.replace(places, positions=positions, variances=variances)
+
+
 class _Picture:
     """The detections of one picture, the objects, and how far they are from each other."""
 
@@ -159,6 +177,7 @@ class _Picture:
         self, found: Sequence[Detection], places: Places, held: str | None, settings: AssociationSettings
     ) -> None:
         self.found, self.places, self.settings = found, places, settings
+        self.stamp = max((one.stamp for one in found), default=-math.inf)  # [s]
         self.at = np.array([from_frame(one.odometry, one.p_base) for one in found]).reshape(-1, 3)
         self.sd = np.array([one.position_sd for one in found])
         variance = self.sd[:, None] ** 2 + places.variances[None, :]  # (detections, objects)
@@ -207,18 +226,23 @@ def _assigned(cost: Array, possible: NDArray[np.bool_]) -> dict[int, int]:
     return {int(r): int(c) for r, c in zip(rows, columns, strict=True) if possible[r, c]}
 
 
-def _candidate(state: AssociationState, picture: _Picture, k: int) -> Candidate:
-    """The detection here, seen once more or for the first time."""
-    places, at, stamp = picture.places, picture.at[k], picture.found[k].stamp
-    reach = places.gate_floor + places.gate * math.sqrt(2.0) * float(picture.sd[k])
-    near = [one for one in state.candidates if one.stamp < stamp and float(np.abs(one.position - at).max()) <= reach]
-    if near:
-        best = min(near, key=lambda one: math.dist(one.position.tolist(), at.tolist()))
-        best.position, best.stamp, best.count = at.copy(), stamp, best.count + 1
-        return best
-    new = Candidate(at.copy(), stamp)
-    state.candidates = [*state.candidates, new][-MOST_CANDIDATES:]
-    return new
+def _candidates(state: AssociationState, picture: _Picture) -> list[Candidate]:
+    """The detections, each seen once more or for the first time."""
+    old, places = [one for one in state.candidates if one.stamp < picture.stamp], picture.places
+    there = np.array([one.position for one in old]).reshape(-1, 3)
+    apart = picture.at[:, None, :] - there[None, :, :]
+    reach = places.gate_floor + places.gate * math.sqrt(2.0) * picture.sd
+    same = _assigned(np.sqrt((apart**2).sum(axis=2)), np.abs(apart).max(axis=2, initial=0.0) <= reach[:, None])
+    found = []
+    for k, (at, sd) in enumerate(zip(picture.at, picture.sd.tolist(), strict=True)):
+        if k in same:
+            one = old[same[k]]
+            one.position, one.stamp, one.sd, one.count = at.copy(), picture.stamp, sd, one.count + 1
+        else:
+            one = Candidate(at.copy(), picture.stamp, sd)
+            state.candidates = [*state.candidates, one][-MOST_CANDIDATES:]
+        found.append(one)
+    return found
 
 
 def _watch_absent(state: AssociationState, picture: _Picture, match: dict[int, int], now: float, sight: Sight) -> None:
