@@ -15,8 +15,9 @@ from motm_twin.planning.parameters import ReachParameters
 from motm_twin.planning.types import Target
 
 BESIDE = 0.25  # [m] objects this near may be in the way of a hand that grasps
-OVER_TARGET = 0.35  # [m] above a target: no higher does the arm reach over what stands before it
-OVER_MOUNT = 0.55  # [m] above its mount: the shoulder is at 0.33, and reaches down over what is lower
+OVER_TARGET = 0.1  # [m] above a target: what stands higher before it holds up the hand, which comes in no higher
+TALL_TARGET = 0.35  # [m] above a target: no higher does the arm ever reach over what stands before it
+TALL_MOUNT = 0.55  # [m] above its mount: the shoulder is at 0.33, and reaches down over what is lower
 NEAR = 1.5  # [m] further from a target no arm has its mount
 TABLE = 0.3  # [m] lower things do not carry objects
 
@@ -34,11 +35,11 @@ class Targets:
         self.tracker, self._reach = tracker, reach
         self.objects = {item.name: item for item in known.objects}
         self.bins = {item.name: item for item in known.bins}
-        self._over_all = known.robot.arm.mount_z + OVER_MOUNT
-        high = [solid for solid in known_solids(known) if solid.z_max > self._over_all]
-        outlines = [outline(solid.shape) for solid in high]
+        self._tall = known.robot.arm.mount_z + TALL_MOUNT
+        solids = known_solids(known)
+        outlines = [outline(solid.shape) for solid in solids]
         self._edges = np.concatenate([np.hstack([c, np.roll(c, -1, axis=0)]) for c in outlines] or [np.zeros((0, 4))])
-        self._tops = np.repeat([solid.z_max for solid in high], [len(c) for c in outlines]).astype(float)
+        self._tops = np.repeat([solid.z_max for solid in solids], [len(c) for c in outlines]).astype(float)
 
     def base_target(self, task: Task | None, observation: Observation, dwell: float | None) -> Target | None:
         """A task as the base sees it, in the world frame; dwell [s] as the arm reports it, or the usual one."""
@@ -59,24 +60,27 @@ class Targets:
             kind, name = "place", task.bin
             position = np.array(self.bins[name].centre)
         top = self.objects[name].position[2] if kind == "pick" else self.bins[name].rim_z
+        walls, tall = self._walls(position, float(top))
         return Target(
             kind=kind,
             name=name,
             position=position,
-            walls=self._walls(position, float(top)),
+            walls=walls,
+            tall=tall,
             dwell=self._reach.dwell(kind) if dwell is None else dwell,
         )
 
-    def _walls(self, position: Array, height: float) -> Array:
-        """Edges [m] near a target of what stands too high for the arm to reach over, shape (k, 4)."""
+    def _walls(self, position: Array, height: float) -> tuple[Array, Array]:
+        """Edges [m] near a target of what holds up the hand, and those of what the arm never reaches over; (k, 4)."""
         edges, tops = self._edges, self._tops
-        tall = tops > max(height + OVER_TARGET, self._over_all)
-        if not tall.any():
-            return edges[:0]
+        high = tops > height + OVER_TARGET
+        if not high.any():
+            return edges[:0], edges[:0]
         x, y = position.tolist()
-        low, high = np.minimum(edges[:, :2], edges[:, 2:]), np.maximum(edges[:, :2], edges[:, 2:])
-        near = (low[:, 0] < x + NEAR) & (high[:, 0] > x - NEAR) & (low[:, 1] < y + NEAR) & (high[:, 1] > y - NEAR)
-        return edges[tall & near]
+        edges, tops = edges[high], tops[high]
+        low, far = np.minimum(edges[:, :2], edges[:, 2:]), np.maximum(edges[:, :2], edges[:, 2:])
+        near = (low[:, 0] < x + NEAR) & (far[:, 0] > x - NEAR) & (low[:, 1] < y + NEAR) & (far[:, 1] > y - NEAR)
+        return edges[near], edges[near & (tops > max(height + TALL_TARGET, self._tall))]
 
     def arm_goal(self, task: Task | None, held: str, observation: Observation, T_odom_world: Array) -> ArmGoal:
         """Goal of the hand for a task, in the odometry frame."""

@@ -97,7 +97,7 @@ class NextTargetPlacement(Stateful[PlacementState]):
         graph, poses = survey.here.graph, self._next_poses(problem.next_target, survey)
         if poses is not None:
             survey = survey._replace(to_next=self._graphs.table(graph, poses, self.model.rates))
-        judged = self.candidates(target, survey)
+        judged, over = self._judged(target, survey)
         judged = judged._replace(current=_avoiding(judged.current, judged.candidates.pose, problem, p.avoided_cost))
         viable = np.isfinite(judged.current)  # an infinite cost times a weight of 0 would be no number
         cost = judged.current + p.next_weight * np.where(viable, judged.onward, 0.0)
@@ -117,6 +117,7 @@ class NextTargetPlacement(Stateful[PlacementState]):
             rejected=tuple(candidates.rejected),
             chosen=chosen,
             goal=frozen(goal),
+            over_low_walls=over,
             goal_has_heading=candidates.mode in (Mode.RING, Mode.REACH)
             or (candidates.mode == Mode.DRIVE and target.heading is not None),
             why=_why(judged, chosen, target, survey),
@@ -125,6 +126,14 @@ class NextTargetPlacement(Stateful[PlacementState]):
         )
         closest = candidates.mode == Mode.CLOSEST and chosen >= 0
         return placement, PlacementState(target=(target.kind, target.name), goal=np.array(goal), closest=closest)
+
+    def _judged(self, target: Target, survey: Survey) -> tuple[Judged, bool]:
+        """The candidates of the rule; and whether the arm reaches over low walls, as it does where nothing else is."""
+        judged = self.candidates(target, survey)
+        if _serves(judged) or target.tall is None or len(target.tall) == len(target.walls):
+            return judged, False
+        over = self.candidates(target.over_low_walls(), survey)
+        return (over, True) if _serves(over) else (judged, False)
 
     def _next_poses(self, target: Target | None, survey: Survey) -> Array | None:
         """`next_poses`, from the last call when neither the target nor the map has changed since."""
@@ -148,6 +157,12 @@ class NextTargetPlacement(Stateful[PlacementState]):
         cost = costs_to(graph, reverse, served[2])
         order = np.argsort(cost, kind="stable")[: self.model.placement.next_goals]
         return poses[order]
+
+
+def _serves(judged: Judged) -> bool:
+    """The target can be served from a candidate, at once or when somebody has gone."""
+    closest = judged.candidates.mode == Mode.CLOSEST and not judged.waits
+    return not closest and bool(np.isfinite(judged.current).any())
 
 
 def _avoiding(cost: Array, pose: Array, problem: BaseProblem, dearer: float) -> Array:

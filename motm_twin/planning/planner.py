@@ -3,6 +3,8 @@
 from collections.abc import Callable
 from typing import Any, Protocol, runtime_checkable
 
+import msgspec
+
 from motm_twin.model.edits import TaskEdit
 from motm_twin.model.geometry import Array
 from motm_twin.model.profile import RobotProfile
@@ -104,7 +106,10 @@ class BasePlanner:
 
     def drive(self, problem: BaseProblem, placement: Placement, budget: SearchBudget) -> BasePlan:
         """Choose how to accelerate now."""
-        return self.controller.plan(self._viewed(problem), placement, budget)
+        seen = self._viewed(problem)
+        if placement.over_low_walls and seen.target is not None:
+            seen = msgspec.structs.replace(seen, target=seen.target.over_low_walls())
+        return self.controller.plan(seen, placement, budget)
 
     def _viewed(self, problem: BaseProblem) -> BaseProblem:
         """The problem as it is to be solved, the same for placement and controller."""

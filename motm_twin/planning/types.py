@@ -22,7 +22,12 @@ class Target(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     heading: float | None = None  # [rad], drive targets only
     tolerance: float = 0.15  # [m], drive targets only
     walls: Array = frozen(np.zeros((0, 4)))  # [m] edges x, y, x, y of what the arm does not reach over, shape (k, 4)
+    tall: Array | None = None  # those of them over which it does not even reach from where there is no other place
     dwell: float = 0.0  # [s] uninterrupted time in reach that the job still needs from now (0 for drive)
+
+    def over_low_walls(self) -> "Target":
+        """The same for an arm that has to reach over all but the tall walls."""
+        return self if self.tall is None else msgspec.structs.replace(self, walls=self.tall)
 
 
 class Recovery(msgspec.Struct, frozen=True, kw_only=True, eq=False):
@@ -96,6 +101,7 @@ class Placement(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     rejected: tuple[str, ...]  # "" when viable, else the reason, length n
     chosen: int  # index into poses; -1: there is none, and the base brakes
     goal: Array  # pose to drive to, shape (3,)
+    over_low_walls: bool = False  # the arm reaches over low walls from there: it has no other place
     goal_has_heading: bool
     why: Reason  # this goal
     next_goal: Array | None  # pose or point of the next target used for C_iN, shape (3,) or (2,)

@@ -12,6 +12,7 @@ from motm_twin.model.motion import lag_share
 from motm_twin.model.passive_safety import BRAKES_BOTH, NO_ARM, braked, met_in_stop, overhang, stop_of
 from motm_twin.model.plant import Actuation, Observation, Scan
 from motm_twin.model.profile import RobotProfile
+from motm_twin.model.scene import AGENT_REACTION, TEMI_ACCELERATION
 from motm_twin.perception.floor import FRESH, STALE, UNSEEN, Floor
 from motm_twin.perception.world_map import WorldMap
 from motm_twin.sim.actuators import Base, BaseState
@@ -249,6 +250,37 @@ def test_a_base_never_moves_towards_somebody_who_does_not_stop(v, speed, bearing
     velocity = -speed * np.array([math.cos(angle), math.sin(angle)])
     start = np.array([math.copysign(1.5, v), 0.0]) - 1.5 / abs(v) * velocity
     assert meet(*start, *velocity, v=v)[0] != "towards"
+
+
+def enters(bearing, speed, yields_below):
+    """A base at 0.5 m/s that somebody would meet: does it move into the way that he needs to stop?"""
+    robot = RobotProfile()
+    monitor = Monitor(robot, MonitorParameters(passive_safety=True), yields_below=yields_below)
+    base, state = Base(robot.base, DT), BaseState(pose=np.zeros(3), v=0.5)
+    monitor.begin_from(np.array([0.5, 0.0]))
+    velocity = speed * np.array([math.cos(bearing), math.sin(bearing)])
+    disc, lasts = np.array([2.5, 0.0]) - 3.0 * velocity, AGENT_REACTION + 0.5 * speed / TEMI_ACCELERATION
+    for _ in range(round(8.0 / DT)):
+        world = world_with(tracks=[(*disc, *velocity, 0.25)])
+        seen = observation(pose=state.pose, twist=(state.v, state.w))
+        verdict = monitor.check(asking(0.5, 0.0), seen, DT, scan_stamp=1.0, world=world)
+        disc = disc + DT * velocity
+        way = [disc + part * lasts * velocity for part in np.linspace(0.0, 1.0, 50)]
+        before = min(_gap(state.pose, point, robot.footprint) for point in way)
+        base.step(state, verdict.actuation.twist)
+        if min(_gap(state.pose, point, robot.footprint) for point in way) < 0.25 <= before:
+            return True
+    return False
+
+
+@pytest.mark.parametrize("speed", [0.3, 0.5])
+@pytest.mark.parametrize("bearing", range(30, 360, 60))
+def test_a_base_does_not_enter_the_way_that_somebody_slow_needs_to_stop(speed, bearing):
+    assert not enters(math.radians(bearing), speed, 0.6)
+
+
+def test_who_is_not_expected_to_yield_is_not_given_that_way():
+    assert enters(math.radians(90), 0.5, 0.4) and not enters(math.radians(90), 0.5, 0.6)
 
 
 @pytest.mark.parametrize("turn", [-1.2, 1.2])
