@@ -15,7 +15,7 @@ from motm_twin.planning.parameters import ReachParameters
 from motm_twin.planning.types import Target
 
 BESIDE = 0.25  # [m] objects this near may be in the way of a hand that grasps
-OVER_TARGET = 0.1  # [m] above a target: what stands higher before it holds up the hand, which comes in no higher
+OVER_TARGET = 0.13  # [m] above a target: over what stands higher before it the hand does not surely get
 TALL_TARGET = 0.35  # [m] above a target: no higher does the arm ever reach over what stands before it
 TALL_MOUNT = 0.55  # [m] above its mount: the shoulder is at 0.33, and reaches down over what is lower
 NEAR = 1.5  # [m] further from a target no arm has its mount

@@ -158,3 +158,23 @@ def test_the_hand_comes_down_only_where_no_finger_comes_down_on_an_object(place,
 
 def test_an_object_that_nobody_has_seen_does_not_keep_the_hand_up():
     assert height_over(np.array([0.0, 0.0, TOP + 0.1]), 0.0, 0.08, goal((0.0, 0.055, 0.0), seen=0.0)) == -math.inf
+
+
+@pytest.mark.parametrize(
+    ("piece", "top"),
+    [
+        ((-0.3, 0.0, 0.06, 1.0, 0.15), 0.15),  # a ledge across the way
+        ((-0.3, 0.07, 0.06, 0.06, 0.15), 0.15),  # a finger meets it
+        ((-0.3, 0.2, 0.06, 0.06, 0.15), None),  # beside the way
+        ((0.0, 0.09, 0.1, 0.04, 0.15), None),  # beside the target, where the hand comes down
+        ((0.3, 0.0, 0.06, 1.0, 0.15), None),  # beyond it
+        ((-0.3, 0.0, 0.06, 1.0, 0.01), None),  # lower than the target
+        ((-0.3, 0.0, 0.06, 1.0, 0.5), None),  # too high to get over
+    ],
+)
+def test_the_hand_knows_the_top_of_what_is_on_its_way_to_the_target(piece, top):
+    room, here, target = GraspRoom(known(piece), AvoidanceParameters()), np.array([-0.5, 0.0, 0.9]), goal().position
+    assert room.top_between(here, target, NO_TURN) == pytest.approx(-math.inf if top is None else TOP + top)
+    if top is not None:
+        past = np.array([-0.2, 0.0, 0.95])
+        assert room.top_between(past, target, NO_TURN) == -math.inf

@@ -1,11 +1,11 @@
-"""Goals of the hand: an object is let go over the rim of a bin, or over what was seen to lie higher in it."""
+"""Goals of the hand, and what stands in its way to them."""
 
 import numpy as np
 import pytest
 
 from motm_twin.control.targets import Targets, odometry_to_world
 from motm_twin.model.known import known_world
-from motm_twin.model.scene import Place
+from motm_twin.model.scene import Pick, Place
 from motm_twin.model.scene_file import load_scene
 from motm_twin.perception.objects import ObjectTracker
 from motm_twin.planning.parameters import ReachParameters
@@ -34,3 +34,18 @@ def test_an_object_is_let_go_over_the_rim_or_over_what_was_seen_to_lie_higher(he
     goal = targets.arm_goal(Place(bin="order_2"), known.objects[1].name, observation, frame)
     assert goal.position[2] == pytest.approx(place.rim_z + higher)
     assert lies.side == pytest.approx(0.04)
+
+
+@pytest.mark.parametrize(("height", "walls", "tall"), [(0.05, 0, 0), (0.2, 4, 0), (0.6, 4, 4)])
+def test_what_stands_higher_than_the_hand_comes_in_is_a_wall(tmp_path, height, walls, tall):
+    path = tmp_path / "ledge.yaml"
+    path.write_text(
+        "format: motm-scene/1\ntitle: ledge\nstart: {x: 0.0, y: 0.0, heading_deg: 0}\nfurniture:\n"
+        "  table: {shape: box, centre: [2.0, 0.0], size: [0.8, 1.6], z: [0.0, 0.6], style: table}\n"
+        f"  ledge: {{shape: box, centre: [1.8, 0.0], size: [0.1, 1.6], z: [0.6, {0.62 + height}], style: shelf}}\n"
+        "objects:\n  cube: {surface: table, at: [2.1, 0.0], yaw_deg: 0}\ntasks:\n  - pick: cube\n"
+    )
+    known = known_world(load_scene(str(path), None, 0))
+    targets = Targets(known, ObjectTracker(known), ReachParameters())
+    target = targets.base_target(Pick(object="cube"), SimulatedPlant(load_scene(str(path), None, 0)).observe(), None)
+    assert (len(target.walls), len(target.tall)) == (walls, tall)

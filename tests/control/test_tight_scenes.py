@@ -101,3 +101,23 @@ def test_a_hand_that_is_wedged_between_post_and_target_does_not_touch_the_post(r
         assert not result["contacts"]
         assert result["places_done"] == 1 or "post is in the way" in result["reason"]
     assert result["places_done"] == 1
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("behind", [0.10, 0.18])
+def test_the_hand_comes_over_a_ledge_where_there_is_no_other_way(run, behind):
+    """It came in lower than the ledge was, stood before it, and the task was given up."""
+    ledge = f"""
+  desk: {{shape: box, centre: [2.4, 0.0], size: [0.8, 1.6], z: [0.0, 0.72], style: desk}}
+  ledge: {{shape: box, centre: [2.13, 0.0], size: [0.06, 1.6], z: [0.72, 0.87], style: shelf}}
+  back: {{shape: box, centre: [3.0, 0.0], size: [0.4, 3.0], z: [0.0, 1.9], style: wall}}
+  left: {{shape: box, centre: [2.5, 1.1], size: [0.6, 0.4], z: [0.0, 1.9], style: wall}}
+  right: {{shape: box, centre: [2.5, -1.1], size: [0.6, 0.4], z: [0.0, 1.9], style: wall}}
+objects:
+  a: {{surface: desk, at: [{2.16 + behind}, 0.0], yaw_deg: 10}}
+bins:
+  box: {{at: [0.3, 2.6], side: 0.4, rim_z: 0.6, floor_z: 0.5}}
+"""
+    result = run(ROOM.partition("  top:")[0] + ledge + tasks("box", "a"))
+    assert result["success"], result["reason"]
+    assert not result["contacts"]

@@ -1,14 +1,18 @@
 """A base does not stand where a wall is between the arm's mount and its target."""
 
+import msgspec
 import numpy as np
 import pytest
 from idealised import rectangle, world_of
 
 from motm_twin.model.profile import RobotProfile
+from motm_twin.planning.candidates import smallest_ring
+from motm_twin.planning.every_ring import EveryRing
 from motm_twin.planning.parameters import PlanningParameters
 from motm_twin.planning.placement import NextTargetPlacement
+from motm_twin.planning.planner import BasePlanner
 from motm_twin.planning.reach import ReachModel
-from motm_twin.planning.types import BaseProblem, Target
+from motm_twin.planning.types import BaseProblem, SearchBudget, Target
 
 WALL = np.array([[-2.0, 0.3, 2.0, 0.3]])  # along x, beyond the target
 
@@ -55,3 +59,27 @@ def test_where_no_pose_reaches_the_closest_place_is_before_the_wall_and_not_behi
     placement = NextTargetPlacement(RobotProfile(), PlanningParameters()).place(problem)
     assert placement.mode == "closest"
     assert placement.goal[1] < 0.0
+
+
+@pytest.mark.parametrize("candidates", [smallest_ring, EveryRing()])
+@pytest.mark.parametrize("closed", [False, True])
+def test_an_arm_reaches_over_a_low_wall_only_where_there_is_no_other_place(candidates, closed):
+    """From before a shelf it reached over the back panel of it for what stands on the other side."""
+    counter, beyond = rectangle(-2.0, -0.3, 2.0, 0.3), rectangle(-2.5, 0.31, 2.5, 2.5)
+    panel = np.asarray(rectangle(-2.0, 0.0, 2.0, 0.02))
+    target = Target(
+        kind="pick", name="it", position=np.array([0.0, 0.1]), walls=np.hstack([panel, np.roll(panel, -1, axis=0)]),
+        tall=np.zeros((0, 4)),
+    )  # fmt: skip
+    problem = BaseProblem(
+        time=0.0, world=world_of((counter, beyond) if closed else (counter,), (-4, -4, 4, 4)),
+        pose=np.array([0.0, -2.0, 1.5]), twist=np.zeros(2), target=target, next_target=None, engaged=False,
+    )  # fmt: skip
+    rule = NextTargetPlacement(RobotProfile(), PlanningParameters(), candidates=candidates)
+    planner = BasePlanner(RobotProfile(), placement=rule)
+    placement, plan = planner.plan(problem, SearchBudget(expansions=300))
+    assert (placement.mode, placement.over_low_walls) == ("ring", closed)
+    assert (placement.goal[1] > 0.3) == (not closed)
+    there = msgspec.structs.replace(problem, pose=placement.goal)
+    assert planner.drive(there, placement, SearchBudget(expansions=300)).time_to_range == 0.0
+    assert plan.time_to_range > 0.0

@@ -35,6 +35,10 @@ REACH = 0.16  # [m] from the centre of an object: no part of the hand is further
 _WAY = (0.0, 0.05, 0.10)  # [m] above the grasp at which furniture is looked for: hover and lift are no higher
 _HIGHER = 0.01  # [m] by which they may be higher beside the object than the camera has it
 BLOCKED = 100.0  # [rad] more than any turning
+_BEFORE = 0.05  # [m] before the target at which the way over things ends: there the hand comes down
+_ASIDE = 0.05  # [m] beside the middle of the hand in which its fingers are
+_STEP = 0.02  # [m] between looks along that way
+_HIGHEST = 0.25  # [m] above the target: over what is higher the hand does not get
 _BELOW = 0.01  # [m] above the lower face of the object up to which furniture is what it stands on
 _PARTS = (  # of the hand: middle beyond the pad and half width along the closing axis, half depth, bottom over the tool
     (0.0084, 0.0084, 0.0105, -0.0090),
@@ -96,6 +100,39 @@ class GraspRoom:
             return Room(cost + BLOCKED, goal.neighbour_names[j], bool(goal.neighbours[j, 5] > 0.0), False)
         blocked = solid < -p.furniture_yields
         return Room(cost + BLOCKED * blocked, self._mapped.names[k], blocked, True)
+
+    def top_between(self, position: Array, target: Array, T_odom_world: Array) -> float:
+        """Top [m] of the furniture that the hand meets on a straight way from a position to a target (3,); -inf: none.
+
+        What it stands beside over the target does not count: there it comes down. Nor does what is too high for it.
+        """
+        here, there = to_frame(T_odom_world, position), to_frame(T_odom_world, target)
+        return _top_between(here[0], here[1], np.array([there[0], there[1], target[2]]), self._mapped.solids)
+
+
+@njit(cache=True)
+def _top_between(x: float, y: float, target: Array, solids: Solids) -> float:
+    """`GraspRoom.top_between`; ``target``: x, y, z [m], world."""
+    top, bounds = -np.inf, solids.bounds
+    length = hypot(target[0] - x, target[1] - y)
+    if length <= _BEFORE:
+        return top
+    steps = int(math.ceil((length - _BEFORE) / _STEP))
+    for k in range(solids.z.shape[0]):
+        high = solids.z[k, 1]
+        if not max(top, target[2]) < high < target[2] + _HIGHEST:
+            continue
+        if bounds[k, 0] - _ASIDE > max(x, target[0]) or bounds[k, 1] + _ASIDE < min(x, target[0]):
+            continue
+        if bounds[k, 2] - _ASIDE > max(y, target[1]) or bounds[k, 3] + _ASIDE < min(y, target[1]):
+            continue
+        for i in range(steps + 1):
+            part = i / steps * (length - _BEFORE) / length
+            at_x, at_y = x + part * (target[0] - x), y + part * (target[1] - y)
+            if solid_distance(at_x, at_y, 0.5 * (solids.z[k, 0] + high), k, solids)[0] < _ASIDE:
+                top = high
+                break
+    return top
 
 
 @njit(cache=True)

@@ -70,6 +70,7 @@ class _Way(NamedTuple):
     time_to_range: float
     goal: int  # index into `_GOALS`
     clear_z: float
+    top_between: float
     anchor: Array
     yaw: float  # [rad], nan: as the arm has it
     fastest: float  # [m/s]
@@ -85,7 +86,7 @@ def hand_motion(
     way = _Way(
         kind, state.anchor if phase in _ANCHORED else view.target, inputs.plan_times, inputs.plan_poses,
         view.radius, view.azimuth, view.distance, view.time_to_range, _GOALS.index(view.goal.kind), state.clear_z,
-        state.anchor, math.nan if state.yaw is None or phase == Phase.RELEASE else state.yaw,
+        state.top_between, state.anchor, math.nan if state.yaw is None or phase == Phase.RELEASE else state.yaw,
         parameters.hold_speed if phase == Phase.CLOSING else parameters.hand_speed,
     )  # fmt: skip
     error, velocity = _motion(view.arm, way, numbers, reference)
@@ -238,6 +239,7 @@ def _inbound(arm: Arm, way: _Way, lowest: float, parameters: Numbers) -> _Swing:
     z = target[2] + over
     if place and distance >= n.sink_distance:
         z = max(z, lowest)  # what stands beside where the object was taken from is not swept off the table
+    z = max(z, way.top_between + n.transit_clearance)
     hover = reach_radius(z - mount[2], _largest_tilt(place, parameters), n.stretch)
     if radius > hover:
         radius, radius_rate = hover, 0.0
@@ -252,6 +254,8 @@ def _inbound(arm: Arm, way: _Way, lowest: float, parameters: Numbers) -> _Swing:
         radius, radius_rate = n.swing_radius + turned * (radius - n.swing_radius), turned * radius_rate
     if arm.p[2] < z - 0.03 and now < n.foot_radius + 0.02:  # first up, then out
         radius, radius_rate = min(radius, n.foot_radius), 0.0
+    if arm.p[2] < way.top_between + 0.5 * n.transit_clearance:  # and then over
+        radius, radius_rate = min(radius, now), 0.0
     return _Swing(max(radius, n.swing_radius), azimuth, z, radius_rate, azimuth_rate, n.k_transit, gain)
 
 

@@ -201,6 +201,7 @@ def _arrive(state: ManipulatorState, view: View, inputs: ArmInputs, rules: Phase
     if not wanted(state, view) or (out > 0.0 and view.time_to_range > p.patience):
         _rest(state, view.time)
         return NOTHING
+    state.top_between = rules.room.top_between(view.p, view.target, inputs.T_odom_world)
     if view.goal.kind == "pick":
         choose_yaw(state, view, inputs, rules)
     if state.no_room_since is not None:

@@ -34,6 +34,7 @@ class ManipulatorState:
     yaw: float | None = None  # [rad] of the hand over the object, once chosen
     anchor: Array = field(default_factory=lambda: np.zeros(3))  # [m] point that closing, lift and release hold on to
     clear_z: float = 0.0  # [m] height that cleared what the last target stood on
+    top_between: float = field(default=-math.inf, metadata=LATER)  # [m] of what stands between hand and target
     in_range_since: float | None = None  # [s] since when a target in range has not been dealt with
     start_over: bool = False  # go to the stow pose before another try
     reported: bool = False  # "picked" has been said
