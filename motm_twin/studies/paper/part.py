@@ -5,7 +5,7 @@ Colours are those of Okabe and Ito. No colour stands alone: hatches, markers and
 
 import csv
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -111,6 +111,12 @@ def rows_down(axes: Axes, names: Sequence[str], label: str) -> None:
     axes.set_xlabel(label)
 
 
+def legend_below(fig: Figure, panels: Iterable[Axes], columns: int | None = None) -> None:
+    """One legend of all panels below them; ``columns``: None: one row."""
+    handles = {each.get_label(): each for panel in panels for each in panel.get_legend_handles_labels()[0]}
+    fig.legend(handles=list(handles.values()), loc="outside lower center", ncols=columns or len(handles))
+
+
 Row = Mapping[str, Any]
 
 
@@ -118,15 +124,14 @@ Row = Mapping[str, Any]
 class Drawn:
     """A figure, or a table when there is no figure, and the numbers that it shows."""
 
-    name: str  # of its files
-    title: str
     caption: str  # what is seen, in sentences
     n: str  # how many trials, or what else was counted
     rows: Sequence[Row]  # the numbers, as the CSV has them
+    name: str = ""  # of its files; the register of parts gives name and title
+    title: str = ""
     command: str = ""  # of the one trial that is shown; the report puts before it what makes the part
     facts: Mapping[str, Any] = field(default_factory=dict)  # more numbers, for the JSON
     figure: Figure | None = None
-    picture: bytes | None = None  # PNG of what is not drawn here: photographs of the page
     cells: Sequence[Mapping[str, str]] = ()  # a table: its rows as they are printed, by column
     marked: Sequence[int] = ()  # rows of the table that are published, not measured
     notes: Sequence[str] = ()
@@ -136,9 +141,9 @@ class Drawn:
 class Missing:
     """A part that could not be made. Nothing is shown in its place."""
 
-    name: str
-    title: str
     reason: str  # one sentence
+    name: str = ""
+    title: str = ""
     larger: bool = False  # these trials do not have it, more of them may
     command: str = ""  # that would make it; the report says it
 
@@ -154,12 +159,9 @@ def save(part: Drawn, folder: Path) -> None:
         with styled():
             part.figure.savefig(stem.with_suffix(".png"), metadata={"Software": None})
             part.figure.savefig(stem.with_suffix(".svg"), metadata={"Date": None})
-    elif part.picture is not None:
-        stem.with_suffix(".png").write_bytes(part.picture)
     write_csv(stem.with_suffix(".csv"), part.rows)
-    about = {"title": part.title, "caption": part.caption, "command": part.command, "n": part.n}
-    document = {**about, "notes": list(part.notes), "facts": dict(part.facts), "rows": [dict(row) for row in part.rows]}
-    write_json(stem.with_suffix(".json"), document)
+    fields = ("title", "caption", "command", "n", "notes", "facts", "rows")
+    write_json(stem.with_suffix(".json"), {name: getattr(part, name) for name in fields})
 
 
 def write_csv(path: Path, rows: Sequence[Row]) -> None:

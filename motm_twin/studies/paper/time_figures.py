@@ -33,7 +33,6 @@ from motm_twin.studies.paper.tables import GROUPS
 from motm_twin.studies.statistics import Estimate
 from motm_twin.studies.summary import COMPLETED, TOUCHED
 
-BOXES_NAME, BOXES_TITLE = "box_plots", "Task times of Experiments 1 and 1a"
 PANELS: tuple[tuple[str, str, Callable[[list[Result]], list[Result]]], ...] = (
     ("exp1", "Experiment 1, published arrangements", data.ten),
     ("exp1", "Experiment 1, random", data.random),
@@ -54,7 +53,7 @@ def draw_box_plots(store: Store) -> Part:
     panels = [panel for panel in panels if len(panel[2]) > 1]
     if not panels:
         reason = "no trial of Experiments 1 or 1a was completed by two methods"
-        return Missing(name=BOXES_NAME, title=BOXES_TITLE, reason=reason)
+        return Missing(reason=reason)
     methods = list(dict.fromkeys(method for *_, found in panels for method in found))
     with styled():
         fig = figure(TWO_COLUMNS, 22.0 + 5.2 * len(methods) * ((len(panels) + 1) // 2))
@@ -74,8 +73,6 @@ def draw_box_plots(store: Store) -> Part:
         for key, value in values.items()
     ]  # fmt: skip
     return Drawn(
-        name=BOXES_NAME,
-        title=BOXES_TITLE,
         caption=(
             "Boxes: quartiles and median; whiskers: the furthest trial within 1.5 times the box; every completed trial "
             f"is a point, open where the robot caused contacts, and with fewer than {FEW} there is no box. {COMPLETED} "
@@ -138,7 +135,6 @@ def _handles(axes) -> list:
     ]
 
 
-SPLIT_NAME, SPLIT_TITLE = "time_split", "Where the time goes"
 PHASES = {  # of `measures`: its look
     "driving": (BLUE, "", "base driving"),
     "closing": (GREEN, "....", "fingers closing"),
@@ -166,7 +162,7 @@ def draw_time_split(store: Store) -> Part:
     }
     found = {experiment: methods for experiment, methods in found.items() if methods}
     if not found:
-        return Missing(name=SPLIT_NAME, title=SPLIT_TITLE, reason="no trial of Experiment 1 or 1a has its time split")
+        return Missing(reason="no trial of Experiment 1 or 1a has its time split")
     names = list(dict.fromkeys(method for methods in found.values() for method in methods))
     with styled():
         fig = figure(TWO_COLUMNS, 26.0 + 5.0 * len(names))
@@ -191,8 +187,6 @@ def draw_time_split(store: Store) -> Part:
         for method, parts in methods.items()
     ]
     return Drawn(
-        name=SPLIT_NAME,
-        title=SPLIT_TITLE,
         caption=(
             "Mean times of the completed trials. The base may move while the fingers close: 'closing' is taken from "
             "the rest, whatever the base does meanwhile."
@@ -207,7 +201,6 @@ def draw_time_split(store: Store) -> Part:
     )  # fmt: skip
 
 
-NAME, TITLE = "reductions", "Reduction of the task time against every rival"
 OURS = "motm"
 MARKS = dict(zip((name for _, name, _ in GROUPS), "ov*s<^X", strict=True))
 GROUP_WIDTH, BETWEEN = 0.8, 0.16  # of the distance between two rivals: all marks of one, from one to the next at most
@@ -264,7 +257,7 @@ def draw_reductions(store: Store) -> Part:
     """A mark with its interval for each rival and group, open where there were contacts; diamonds: published."""
     found = compared(store)
     if not found:
-        return Missing(name=NAME, title=TITLE, reason="no rival completed a trial that motm completed")
+        return Missing(reason="no rival completed a trial that motm completed")
     rivals = list(dict.fromkeys(each.rival for each in found))
     groups = [name for name in MARKS if any(each.group == name for each in found)]
     step = min(BETWEEN, GROUP_WIDTH / len(groups))
@@ -291,8 +284,6 @@ def draw_reductions(store: Store) -> Part:
         axes.plot([], [], "D", mfc="white", mec=RED, mew=1.4, ms=4.5, ls="", label="published, other rivals' times")
         fig.legend(loc="outside lower center", ncols=1)
     return Drawn(
-        name=NAME,
-        title=TITLE,
         caption=(
             "Mean over trials of 1 - ours/theirs, same arrangement and seed, both completed, with Student's 95 % "
             f"interval. {COMPLETED} Open marks: one of the two caused contacts in these trials. {TOUCHED} The "
