@@ -1,8 +1,8 @@
 """Ticks of made-up motions: what a base, its gripper and agents do is given as functions of time."""
 
-import functools
 import math
 
+import msgspec
 import numpy as np
 
 from motm_twin.control.arm.parameters import AvoidanceParameters
@@ -11,44 +11,38 @@ from motm_twin.control.tick import TaskState, Tick
 from motm_twin.measures import Measures
 from motm_twin.model.kinematics import Frankie
 from motm_twin.model.plant import Actuation, BodyTruth, Observation, Truth
-from motm_twin.model.scene import Agent, Scene
+from motm_twin.model.scene import Agent
 from motm_twin.model.scene_file import load_scene
 from motm_twin.planning.types import BasePlan, empty_path
 
 PERIOD = 0.05  # [s]
 Q = np.array([0.0, -0.3, 0.0, -2.2, 0.0, 2.0, 0.785])
 RADIUS = 0.25  # [m] of agents
+HALF_LENGTH = 0.35  # [m] of the base, from its centre to its front
 TASKS = (
     TaskState(kind="pick", target="F1", status="done", attempts=3),
     TaskState(kind="place", target="drop1", status="done", attempts=1),
 )
 
 
-@functools.cache
-def _frankie():
-    return Frankie(load_scene("exp1").robot)
+FRANKIE = Frankie(load_scene("exp1").robot)
 
 
 def gripper_at(pose):
     """The gripper centre [m] with the arm as it always is here, shape (2,)."""
-    return _frankie().tcp_pose(np.array(pose, dtype=float), Q)[0][:2]
+    return FRANKIE.tcp_pose(np.array(pose, dtype=float), Q)[0][:2]
 
 
 def measured(seconds, pose, *, agents=None, phase=lambda t: "stow", in_reach=lambda t: False, task=lambda t: 0):
     """The report of a run of so many seconds; ``pose(t)`` of the base, ``agents``: name to position(t)."""
     agents = agents or {}
-    scene = _scene(pose(0.0), {name: at(0.0) for name, at in agents.items()})
+    made = tuple(Agent(name=name, start=(*at(0.0), 0.0), radius=RADIUS) for name, at in agents.items())
+    start = tuple(map(float, pose(0.0)))
+    scene = msgspec.structs.replace(load_scene("exp1"), start=start, agents=made)
     measures = Measures(scene, AvoidanceParameters())
     for index in range(round(seconds / PERIOD) + 1):
         measures.add(_tick(index, pose, agents, phase, in_reach, task))
     return measures.report()
-
-
-def _scene(start, agents) -> Scene:
-    import msgspec
-
-    made = tuple(Agent(name=name, start=(*at, 0.0), radius=RADIUS) for name, at in agents.items())
-    return msgspec.structs.replace(load_scene("exp1"), start=tuple(map(float, start)), agents=made)
 
 
 def _tick(index, pose, agents, phase, in_reach, task):
@@ -83,17 +77,14 @@ def _arm(t, phase):
         time=t, phase=phase, actuation=Actuation(twist=np.zeros(2), joint_velocity=np.zeros(7), gripper="open"),
         reference=np.zeros(3), error=0.0, tilt=0.0, slack=np.zeros(6), manipulability=0.1, active=(), limiter="",
         obstacle_distance=math.inf, allowed_approach=math.inf, program=ProgramStatus.SOLVED, holding=False,
-        engaged=False,
-        dwell=0.0, outcome="",
+        engaged=False, dwell=0.0, outcome="",
     )  # fmt: skip
 
 
 def _truth(t, pose, agents):
     gripper = gripper_at(pose(t))
     bodies = tuple(
-        BodyTruth(
-            name=name, kind="temi", position=(*map(float, at(t)), 0.0), yaw=0.0, size=(2 * RADIUS, 2 * RADIUS, 1.0)
-        )
+        BodyTruth(name=name, kind="temi", position=(*map(float, at(t)), 0.0), yaw=0.0, size=(0.5, 0.5, 1.0))
         for name, at in agents.items()
     )
     gaps = [max(0.0, math.dist(gripper, body.position[:2]) - RADIUS) for body in bodies]
