@@ -76,15 +76,11 @@ class _Stretch:
 
     def report(self) -> dict[str, Any]:
         return {
-            "time": round(self.time, 2),
-            "duration_s": round(self.last - self.time, 2),
-            "min_m": round(self.least, 4),
-            "other": self.other,
-            "static": self.static,
-            "gripper_moved_m": round(self.own_moved, 4),
+            "time": round(self.time, 2), "duration_s": round(self.last - self.time, 2), "min_m": round(self.least, 4),
+            "other": self.other, "static": self.static, "gripper_moved_m": round(self.own_moved, 4),
             "other_moved_m": round(self.other_moved, 4),
             "cause": "gripper" if self.own_moved >= self.other_moved else self.other,
-        }
+        }  # fmt: skip
 
 
 @dataclass

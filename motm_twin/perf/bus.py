@@ -39,7 +39,6 @@ class Measured:
 
     server: Worker
     client: TwinClient
-    data: Path
 
     @property
     def endpoint(self) -> str:
@@ -69,7 +68,7 @@ def measured(scene: str, data: Path) -> Iterator[Measured]:
         endpoint = server.hello["endpoint"]
         with TwinClient(endpoint) as client:
             wait_for(client.tick, 30.0, "first period")
-            yield Measured(server, client, data)
+            yield Measured(server, client)
 
 
 def latency(twin: Measured, report: Report, seconds: float) -> None:

@@ -32,7 +32,7 @@ from motm_twin.perception.tracks import IDENTITY, VX, VY
 from motm_twin.perf.period import timed
 from motm_twin.perf.report import grid, load_average, machine, number, spread, write_report
 from motm_twin.studies.people import Case, cases
-from motm_twin.studies.pool import Lost, local_pool, outcomes
+from motm_twin.studies.pool import told_outcomes
 from motm_twin.twin import Twin
 
 NAME = "tracker"
@@ -156,17 +156,13 @@ def bench_tracker(situations: Sequence[str], trials: int | None, workers: int, o
     require_motmetrics()
     runs = cases(situations or SITUATIONS, (FAST.name,), TRIALS if trials is None else trials)
     console.print(f"\n[bold]{NAME}[/bold]: {TITLE}")
-    results: list[Result] = []
-    for done, (index, outcome) in enumerate(outcomes(follow, runs, local_pool(workers)), 1):
-        about = f"  {done}/{len(runs)} {runs[index].situation} seed {runs[index].job.scene.seed}"
-        if isinstance(outcome, Lost):
-            console.print(f"{about}: lost, {outcome.reason}", style="red", markup=False)
-            continue
-        results.append(outcome)
-        console.print(f"{about}: MOTA {outcome['mota']:.3f}", markup=False)
-    order = list(dict.fromkeys(case.situation for case in runs))
-    results.sort(key=lambda one: (order.index(one["situation"]), one["seed"]))
-    rows = [_summary(name, of) for name in order if (of := [one for one in results if one["situation"] == name])]
+    results = told_outcomes(
+        follow, runs, workers, console,
+        lambda case: f"{case.situation} seed {case.job.scene.seed}",
+        lambda one: f"MOTA {one['mota']:.3f}",
+    )  # fmt: skip
+    order = dict.fromkeys(one["situation"] for one in results)
+    rows = [_summary(name, [one for one in results if one["situation"] == name]) for name in order]
     rows += [_summary("all", results)] if results else []
     console.print(table(rows))
     target = write_report(

@@ -87,19 +87,15 @@ class Watcher:
         active = tick.tasks[tick.task_index] if tick.task_index < len(tick.tasks) else None
         self.moments.append(
             Moment(
-                time=round(tick.time, DIGITS),
-                pose=_rounded(tick.truth.pose),
-                task=f"{active.kind} {active.target}" if active else "",
-                phase=tick.arm[-1].phase,
-                distance=distance,
+                time=round(tick.time, DIGITS), pose=_rounded(tick.truth.pose),
+                task=f"{active.kind} {active.target}" if active else "", phase=tick.arm[-1].phase, distance=distance,
                 static=static,
                 agents=tuple((each.name, *_rounded((*each.position[:2], each.yaw))) for each in tick.truth.agents),
                 plan=tuple(_rounded(pose[:3]) for pose in tick.plan.local_poses),
-                path=tuple(_rounded(point) for point in tick.plan.global_path),
-                goal=_rounded(tick.placement.goal[:2]),
+                path=tuple(_rounded(point) for point in tick.plan.global_path), goal=_rounded(tick.placement.goal[:2]),
                 target=self._target(tick.truth, active),
             )
-        )
+        )  # fmt: skip
 
     def _nearest(self, tick: Tick) -> tuple[float | None, bool]:
         """Distance of the gripper to what is seen, and whether that stands: as the arm sees it, horizontally."""

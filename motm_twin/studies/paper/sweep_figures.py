@@ -123,15 +123,10 @@ def _line_of(found: Ablation) -> Line:
         "all_contacts": touches(results), "verdict": verdict(slower, results),
     }  # fmt: skip
     cells = {
-        "Without": found.title,
-        "Paper": METHODS[method].source if method in METHODS else "",
-        "Experiment": group,
-        "Slower by, mean [95 % CI] [s]": slower.text(1),
-        "Pairs": str(slower.n),
-        "Objects placed": f"{placed}/{wanted}",
-        "Contacts, caused": f"{touches(results)}, {data.contacts(results)}",
-        "What it shows": row["verdict"],
-    }
+        "Without": found.title, "Paper": METHODS[method].source if method in METHODS else "", "Experiment": group,
+        "Slower by, mean [95 % CI] [s]": slower.text(1), "Pairs": str(slower.n), "Objects placed": f"{placed}/{wanted}",
+        "Contacts, caused": f"{touches(results)}, {data.contacts(results)}", "What it shows": row["verdict"],
+    }  # fmt: skip
     return row, cells
 
 

@@ -18,15 +18,9 @@ from motm_twin.studies.summary import COMPLETED, TOUCHED, setting
 
 LINE = 0.02  # [m/s] that the gripper may be faster towards what moves than the damper line
 HEADER = (
-    "Experiment",
-    "Method",
-    "Task time, mean [95 % CI] [s]",
-    "Median [s]",
-    "Trials completed",
-    "Trials with success [95 % CI]",
-    "Objects placed",
-    "Contacts, caused",
-)
+    "Experiment", "Method", "Task time, mean [95 % CI] [s]", "Median [s]", "Trials completed",
+    "Trials with success [95 % CI]", "Objects placed", "Contacts, caused",
+)  # fmt: skip
 TRIAL_1, ALL_PUBLISHED = "1, trial 1", "1, published arrangements"
 Choose = Callable[[list[Result]], list[Result]]
 Line = tuple[dict[str, Any], dict[str, str]]  # of a table: its numbers, and its cells as they are printed
