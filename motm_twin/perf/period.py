@@ -44,17 +44,10 @@ EARLY = 0.1  # of it, after which memory counts
 MARGIN_MB = 2.0  # [MB] that the allocator may take in steps
 
 
-def _times(scene: str) -> tuple[Wanted, ...]:
-    limits = (("p50", 6.0, 3.0), ("p99", 15.0, 8.0), ("max", 30.0, 15.0))
-    return tuple(
-        Wanted(key=f"{scene} {part}", name=f"{scene}, period {part}", unit="ms", least=least, best=best)
-        for part, least, best in limits
-    )
-
-
 WANTED = (
-    *_times("exp1"),
-    *_times("exp2"),
+    *(Wanted(key=f"{scene} {part}", name=f"{scene}, period {part}", unit="ms", least=least, best=best)
+      for scene in ("exp1", "exp2")
+      for part, least, best in (("p50", 6.0, 3.0), ("p99", 15.0, 8.0), ("max", 30.0, 15.0))),
     *(Wanted(key=f"{scene} arm", name=f"{scene}, arm step p99", unit="ms", least=0.3, best=0.1, decimals=3)
       for scene in ("exp1", "exp2")),
     *(Wanted(key=f"{scene} factor", name=f"{scene}, simulated / real time", unit="x", least=7.0, best=15.0, more=True,

@@ -172,7 +172,8 @@ def _result(tick: Tick, *, good: bool, told: str) -> dict[str, Any]:
 def bench_surprise(out: Path, workers: int, console: Console) -> bool:
     """Run all cases, print the table, write ``out/surprise.json``; True when every one was good."""
     console.print(f"\n[bold]{NAME}[/bold]: {TITLE}")
-    results: list[Any] = joblib.Parallel(n_jobs=workers)(joblib.delayed(run_case)(case) for case in cases())
+    run: Any = joblib.Parallel(n_jobs=workers)
+    results = run(joblib.delayed(run_case)(case) for case in cases())
     console.print(table(results))
     good = all(result["good"] for result in results)
     write_report(out, NAME, TITLE, reached=good, rows=results)

@@ -1,16 +1,74 @@
-"""Measures of made-up runs, of which everything is known, and of a real one."""
+"""Measures of made-up runs, of which everything is known, also among people, and of a real one."""
 
+import functools
 import math
 from pathlib import Path
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
+from motm_twin.control.arm.parameters import AvoidanceParameters
+from motm_twin.control.tick import TaskState
+from motm_twin.measures import Measures
+from motm_twin.model.kinematics import Frankie
+from motm_twin.model.plant import BodyTruth
+from motm_twin.model.scene import Agent
 from motm_twin.model.scene_file import load_scene
 from motm_twin.perception.movers import MoverParameters
 from motm_twin.trial import run_scene
+from motm_twin.twin import Twin
 
-from .made_ticks import HALF_LENGTH, RADIUS, gripper_at, measured
+PERIOD = 0.05  # [s]
+Q = np.array([0.0, -0.3, 0.0, -2.2, 0.0, 2.0, 0.785])
+RADIUS = 0.25  # [m] of agents
+HALF_LENGTH = 0.35  # [m] of the base, from its centre to its front
+TASKS = (
+    TaskState(kind="pick", target="F1", status="done", attempts=3),
+    TaskState(kind="place", target="drop1", status="done", attempts=1),
+)
+FRANKIE = Frankie(load_scene("exp1").robot)
+
+
+def gripper_at(pose):
+    """The gripper centre [m] with the arm as it always is here, shape (2,)."""
+    return FRANKIE.tcp_pose(np.array(pose, dtype=float), Q)[0][:2]
+
+
+def measured(seconds, pose, *, agents=None, phase=lambda t: "stow", in_reach=lambda t: False, task=lambda t: 0):
+    """The report of a made-up run of so many seconds; ``pose(t)`` of the base, ``agents``: name to position(t)."""
+    agents = agents or {}
+    made = tuple(Agent(name=name, start=(*at(0.0), 0.0), radius=RADIUS) for name, at in agents.items())
+    start = tuple(map(float, pose(0.0)))
+    scene = replace(load_scene("exp1"), start=start, agents=made)
+    measures = Measures(scene, AvoidanceParameters())
+    for index in range(round(seconds / PERIOD) + 1):
+        t = round(index * PERIOD, 9)
+        like, at = first_tick(), np.array(pose(t), dtype=float)
+        measures.add(replace(
+            like, index=index, time=t, tasks=TASKS, task_index=task(t),
+            observation=replace(like.observation, time=t, pose=at, odometry=at, q=Q),
+            plan=replace(like.plan, time_to_range=0.0 if in_reach(t) else math.inf),
+            arm=(replace(like.arm[-1], time=t, phase=phase(t)),) * 5, truth=truth(t + PERIOD, pose, agents),
+        ))  # fmt: skip
+    return measures.report()
+
+
+@functools.cache
+def first_tick():
+    """A real one, whose motions are made up."""
+    return Twin(load_scene("exp1")).advance()
+
+
+def truth(t, pose, agents):
+    bodies = tuple(
+        BodyTruth(name=name, kind="temi", position=(*map(float, at(t)), 0.0), yaw=0.0, size=(0.5, 0.5, 1.0))
+        for name, at in agents.items()
+    )
+    gaps = (max(0.0, math.dist(gripper_at(pose(t)), body.position[:2]) - RADIUS) for body in bodies)
+    at, nearest = np.array(pose(t), dtype=float), min(gaps, default=math.inf)
+    return replace(first_tick().truth, pose=at, agents=bodies, min_ee_obstacle=nearest, ee_obstacle=nearest)
+
 
 TIME = 0.06  # [s] by which a boundary between two motions may be counted on the other side
 

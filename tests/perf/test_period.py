@@ -43,17 +43,14 @@ def test_furniture_is_added_beside_the_task_and_all_of_it_is_in_the_map():
     added = [solid for solid in scene.solids if solid.name.startswith("desk_")]
     assert len(added) == 100
     assert scene.bounds[2] - scene.bounds[0] == pytest.approx(200.0)
-    for solid in added:
-        x, y = solid.shape.centre
-        assert not (-3.0 < x < 8.0 and -4.5 < y < 5.0)
+    assert not any(-3.0 < x < 8.0 and -4.5 < y < 5.0 for x, y in (solid.shape.centre for solid in added))
     with pytest.raises(ValueError, match="do not fit"):
         growth.with_obstacles(growth.base_scene(), 1000, 20.0)
 
 
 def test_every_sweep_begins_small_and_grows():
-    for sweep in sweeps():
-        counts = [point.count for point in sweep.points]
-        assert counts == sorted(counts)
+    counts = [[point.count for point in sweep.points] for sweep in sweeps()]
+    assert counts == list(map(sorted, counts))
     assert len(growth.with_targets(growth.base_scene(), 100).tasks) == 100
     assert len(growth.with_agents(growth.base_scene(), 64).agents) == 64
 

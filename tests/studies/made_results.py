@@ -1,10 +1,14 @@
-"""Made-up results of trials, of which everything is known, and parts of the report."""
+"""Made-up results of trials, of which everything is known, and parts of the report; a scene that takes no time."""
+
+from pathlib import Path
 
 from motm_twin.sessions.session import SOURCE, made_with
 from motm_twin.studies.paper.episode import Episode, Moment
 from motm_twin.studies.paper.part import Drawn
 from motm_twin.studies.paper.plan import TEN
 from motm_twin.studies.spec import TrialSpec
+
+SCENE = str(Path(__file__).parent / "half_a_metre.yaml")
 
 
 def result(method="motm", variant="trial1", time_s=80.0, *, hits=0, excess=None, **changes):

@@ -18,6 +18,8 @@ from motm_twin.studies.pool import counts, trials_per_hour
 from motm_twin.studies.run import Results
 from motm_twin.studies.spec import TrialSpec
 
+from .made_results import SCENE
+
 
 def result(**changes):
     good = failed(Trial(scene="exp1", variant="trial1", seed=0), "") | {
@@ -105,9 +107,6 @@ def test_a_folder_that_cannot_be_is_refused_before_anything_is_measured(words, t
     assert main([*words.split(), "--out", "/proc/results"]) == 2  # where even root makes no folder
     assert "/proc cannot be written to: give another folder" in capsys.readouterr().err
     assert file.read_text() == "mine"
-
-
-SCENE = str(Path(__file__).parent / "half_a_metre.yaml")
 
 
 def test_processes_are_doubled_up_to_all_of_them():

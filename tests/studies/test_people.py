@@ -54,11 +54,10 @@ def test_what_the_robot_imposes_is_the_difference_to_the_ways_without_it():
 def test_situations_are_run_and_make_one_table(tmp_path, short, console):
     bench_people(["turns"], ["fast"], 1, 1, tmp_path, console)
     report = json.loads((tmp_path / "people.json").read_text(encoding="utf-8"))
-    (row,) = report["rows"]
+    (row,), (whole,) = report["rows"], report["whole"]
     assert row["situation"] == "turns"
     assert row["contacts_base_moved_towards"] <= row["contacts"]
     assert row["least_gap_m"] >= 0.0
-    (whole,) = report["whole"]
     assert whole == summaries([row])[0]
     assert whole["success_interval_percent"][0] <= whole["success_percent"] <= whole["success_interval_percent"][1]
     assert "turns" in console.export_text()

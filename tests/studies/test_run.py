@@ -19,8 +19,9 @@ from motm_twin.studies.pool import Lost, make_pool, outcomes
 from motm_twin.studies.run import Store, TimeLeft, left_text, run
 from motm_twin.studies.spec import Experiment, TrialSpec
 
+from .made_results import SCENE
+
 HERE = Path(__file__).parent
-SCENE = str(HERE / "half_a_metre.yaml")
 QUIET = Console(quiet=True)
 
 
@@ -62,8 +63,7 @@ def test_one_worker_and_another_order_give_the_same_bit_for_bit(by_two, tmp_path
 
 
 def test_a_result_says_what_was_run_and_keeps_clocks_apart(by_two):
-    _, results = by_two
-    result = results.of("drives", method="no_bezier", seed=1)[0]
+    (result,) = by_two[1].of("drives", method="no_bezier", seed=1)
     assert result["success"]
     assert result["parameters"] == {}
     assert result["measures"]["phases_s"]["driving"] == pytest.approx(result["time_s"], abs=0.2)
@@ -73,22 +73,15 @@ def test_a_result_says_what_was_run_and_keeps_clocks_apart(by_two):
 
 def test_a_run_goes_on_where_it_ended_also_after_half_a_line(by_two, tmp_path):
     folder, _ = by_two
-    lines = (folder / "trials.jsonl").read_bytes().splitlines(keepends=True)
-    (tmp_path / "drives").mkdir()
-    (tmp_path / "drives" / "trials.jsonl").write_bytes(b"".join(lines[:4]) + lines[4][:100])
-    again = run(drives(), out=tmp_path, workers=2, console=QUIET)
-    assert again.computed == 2
+    whole, file = (folder / "trials.jsonl").read_bytes(), tmp_path / "drives" / "trials.jsonl"
+    lines = whole.splitlines(keepends=True)
+    file.parent.mkdir()
+    file.write_bytes(b"".join(lines[:4]) + lines[4][:100])
+    assert run(drives(), out=tmp_path, workers=2, console=QUIET).computed == 2
     assert same_results(folder, tmp_path / "drives")
-    assert len((tmp_path / "drives" / "trials.jsonl").read_bytes().splitlines()) == 6
-
-
-def test_trials_of_another_source_do_not_count(by_two, tmp_path):
-    folder, _ = by_two
-    (tmp_path / "drives").mkdir()
-    text = (folder / "trials.jsonl").read_text().replace('"key":"', '"key":"x')
-    (tmp_path / "drives" / "trials.jsonl").write_text(text)
-    one = Experiment("drives", "", drives().specs[:1])
-    assert run(one, out=tmp_path, console=QUIET).computed == 1
+    assert len(file.read_bytes().splitlines()) == 6
+    file.write_bytes(whole.replace(b'"key":"', b'"key":"x'))  # trials of another source do not count
+    assert run(Experiment("drives", "", drives().specs[:1]), out=tmp_path, console=QUIET).computed == 1
 
 
 def test_a_trial_that_two_experiments_want_is_run_once(by_two, tmp_path):
@@ -201,9 +194,7 @@ def test_a_store_reads_what_it_wrote_and_nothing_else(by_two):
 
 
 def _square_or_die(number):
-    if number == 3:
-        os._exit(1)
-    return number * number
+    return number * number if number != 3 else os._exit(1)
 
 
 def test_only_the_call_that_kills_its_process_is_given_up():

@@ -3,7 +3,6 @@
 import io
 import json
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,9 +15,7 @@ from motm_twin.studies import statistics
 from motm_twin.studies.statistics import Estimate
 from motm_twin.studies.summary import published_beside, rows, summary_table
 
-from .made_results import result, seeds
-
-SCENE = Path(__file__).parent / "half_a_metre.yaml"
+from .made_results import SCENE, result, seeds
 
 
 def test_the_mean_has_students_interval():
@@ -44,11 +41,9 @@ def test_proportions_have_the_exact_interval(k, n, low, high):
 
 
 def test_small_samples_have_no_interval_and_none_no_value():
-    assert math.isnan(statistics.mean([]).value)
-    assert statistics.mean([3.0]).value == 3.0
-    assert math.isnan(statistics.mean([3.0]).low)
-    assert statistics.mean([3.0]).text() == "3.0"
-    assert statistics.mean([]).text() == "-"
+    one, none = statistics.mean([3.0]), statistics.mean([])
+    assert (one.value, one.text(), none.text()) == (3.0, "3.0", "-")
+    assert math.isnan(none.value) and math.isnan(one.low)
     assert math.isnan(statistics.proportion(0, 0).value)
     with pytest.raises(ValueError, match="3 of 2"):
         statistics.proportion(3, 2)
@@ -137,10 +132,8 @@ def test_the_command_runs_prints_and_writes(tmp_path, capsys, monkeypatch):
     from motm_twin.studies import catalogue
     from motm_twin.studies.spec import TrialSpec
 
-    entry = catalogue.Entry(
-        title="Half a metre",
-        specs=lambda methods, trials: (TrialSpec(str(SCENE), None, s, m) for s in range(trials or 1) for m in methods),
-    )
+    specs = lambda methods, trials: (TrialSpec(SCENE, None, s, m) for s in range(trials or 1) for m in methods)  # noqa: E731
+    entry = catalogue.Entry(title="Half a metre", specs=specs)
     monkeypatch.setitem(catalogue.EXPERIMENTS, "exp1", entry)
     asked = ["exp1", "--methods", "motm", "staa", "--trials", "2", "--out", str(tmp_path)]
     assert main(asked) == 0

@@ -1,7 +1,6 @@
 """One trial of Experiment 2 in detail: gripper distance (Sec. V) and cutting in (Sec. VIII-1), with figures."""
 
 import math
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -69,16 +68,13 @@ class Episode(msgspec.Struct, frozen=True):
     measures: dict[str, Any]  # of `measures`: stretches below d_s, cut-ins, and the rest
 
 
-@dataclass
 class Watcher:
     """Collects moments from Ticks."""
 
-    scene: Scene
-    moments: list[Moment] = field(default_factory=list)
-
-    def __post_init__(self) -> None:
-        self._frankie = Frankie(self.scene.robot)
-        self._bins = {item.name: item.centre for item in self.scene.bins}
+    def __init__(self, scene: Scene) -> None:
+        self.moments: list[Moment] = []
+        self._frankie = Frankie(scene.robot)
+        self._bins = {item.name: item.centre for item in scene.bins}
 
     def __call__(self, tick: Tick) -> None:
         """Take one Tick into account."""

@@ -321,7 +321,8 @@ def success_notes(results: list[Result]) -> list[str]:
         done = sum(bool(each["success"]) for each in these)
         first = next(iter(shares))
         less = statistics.paired_difference(shares[first], shares[method])
-        beside = "" if method == first else f", by seed {data.points(less)} less than {data.title(first)}"
+        points = data.percent(less).replace(" %", " percentage points", 1)
+        beside = "" if method == first else f", by seed {points} less than {data.title(first)}"
         said.append(f"{data.title(method)}: {done} of {len(these)} trials with an error end with success{beside}.")
     return said
 

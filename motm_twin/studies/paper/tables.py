@@ -154,11 +154,10 @@ DEFINITIONS = (
 
 def means_of(results: list[Result]) -> dict[str, Estimate]:
     """Means over all trials in which the measure was taken."""
-    found = {}
-    for column in COLUMNS:
-        values = [column.value(result) for result in results]
-        found[column.key] = statistics.mean([value for value in values if value is not None])
-    return found
+    return {
+        column.key: statistics.mean([value for each in results if (value := column.value(each)) is not None])
+        for column in COLUMNS
+    }
 
 
 def over_line(results: list[Result]) -> tuple[int, int] | None:
