@@ -22,7 +22,7 @@ from rich.table import Table
 from scipy.optimize import linear_sum_assignment
 
 from motm_twin.control.tick import Tick
-from motm_twin.measures.interval import Interval, Sample, Sampler
+from motm_twin.measures.interval import Interval, Sampler
 from motm_twin.methods.registry import FAST, find_method
 from motm_twin.model.geometry import Array, from_frame
 from motm_twin.model.plant import Scan
@@ -102,7 +102,10 @@ class Score:
         start, world = interval.start, interval.tick.map
         names = [name for name in start.agents if can_be_tracked(self._scene, interval, name)]
         tracks = world.tracks
-        kept = self._without_ignored(start, names, tracks)
+        everybody, every = list(start.agents), np.array([body[:2] for body in start.agents.values()]).reshape(-1, 2)
+        pairs = zip(*matched(every, tracks[:, :2]), strict=True)
+        ignored = [column for row, column in pairs if everybody[row] not in names]  # of agents outside the truth
+        kept = np.setdiff1d(np.arange(len(tracks)), ignored)
         places = np.array([start.agents[name][:2] for name in names]).reshape(-1, 2)
         distances = np.hypot(*(places[:, None] - tracks[None, kept, :2]).transpose(2, 0, 1))
         distances[distances > GATE] = np.nan
@@ -110,15 +113,6 @@ class Score:
         for row, column in zip(*matched(places, tracks[kept, :2]), strict=True):
             off = tracks[kept][column, VX : VY + 1] - interval.velocity(names[row])
             self.speed_errors.append(float(np.hypot(*off)))
-
-    @staticmethod
-    def _without_ignored(start: Sample, names: Sequence[str], tracks: Array) -> NDArray[np.int64]:
-        """Tracks that are not those of agents outside the truth, by index."""
-        everybody = list(start.agents)
-        places = np.array([start.agents[name][:2] for name in everybody]).reshape(-1, 2)
-        rows, columns = matched(places, tracks[:, :2])
-        ignored = [column for row, column in zip(rows, columns, strict=True) if everybody[row] not in names]
-        return np.setdiff1d(np.arange(len(tracks)), ignored)
 
     def report(self) -> Result:
         """MOTA, MOTP [m], IDF1 and counts of the scans so far."""

@@ -145,8 +145,7 @@ def test_only_what_is_missing_is_announced(short, tmp_path, capsys):
     assert "2 of 2 trials to run, expected to take" in capsys.readouterr().out
     assert run(tmp_path) == 0
     assert "0 of 2 trials to run, expected to take 0 min" in capsys.readouterr().out
-    wanted = keys(plan.PLANS["quick"]().experiments)
-    assert len(missing(tmp_path, wanted, retry_failed=True)[0]) == 2
+    assert len(missing(tmp_path, keys(plan.PLANS["quick"]().experiments), retry_failed=True)[0]) == 2
 
 
 def test_hours_are_confirmed_once_for_a_plan_and_a_source(short, tmp_path, monkeypatch, capsys):
@@ -212,8 +211,7 @@ def test_a_full_plan_takes_hours_and_a_quick_one_minutes():
 
 
 def counts(names, of=None):
-    whole = (of or default()).experiments
-    return {each.name: len(each.specs) for each in needed(whole, names)}
+    return {each.name: len(each.specs) for each in needed((of or default()).experiments, names)}
 
 
 def test_only_the_trials_that_are_needed_are_run():

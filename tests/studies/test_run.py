@@ -53,8 +53,7 @@ def same_results(one, other):
 
 def test_one_worker_and_another_order_give_the_same_bit_for_bit(by_two, tmp_path):
     folder, results = by_two
-    backwards = Experiment("drives", "", drives().specs[::-1])
-    again = run(backwards, out=tmp_path, workers=1, console=QUIET)
+    again = run(Experiment("drives", "", drives().specs[::-1]), out=tmp_path, workers=1, console=QUIET)
     without_wall = [[result | {"wall": None} for result in each.of("drives")] for each in (again, results)]
     assert without_wall[0] == without_wall[1][::-1]
     forwards = run(drives(), out=tmp_path, console=QUIET)  # from the store, written in another order

@@ -46,8 +46,7 @@ def draw(episode: Episode) -> Part:
         reason = f"in the example trial (seed {episode.spec.seed}) no Temi came near the gripper with an object in it"
         return Missing(reason=reason, larger=True)
     if episode.source != made_with()[SOURCE]:
-        reason = f"the trial is of another source ({episode.source}), which this page cannot serve"
-        return Missing(reason=reason)
+        return Missing(reason=f"the trial is of another source ({episode.source}), which this page cannot serve")
     chosen = moments(episode)
     try:
         pictures = _photographs(episode, chosen)

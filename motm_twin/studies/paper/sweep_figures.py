@@ -65,8 +65,7 @@ def draw_ablations(store: Store) -> Part:
     """A dot with its interval for each modification, and the verdict."""
     found = compared(store)
     if not found:
-        reason = "no modification, or not motm itself, was run"
-        return Missing(reason=reason)
+        return Missing(reason="no modification, or not motm itself, was run")
     lines = [_line_of(each) for each in found]
     with styled():
         fig = figure(ONE_COLUMN, 16.0 + 6.0 * len(found))

@@ -48,12 +48,10 @@ def draw_box_plots(store: Store) -> Part:
     panels = [
         (title, experiment, found)
         for experiment, title, choose in PANELS
-        if (found := _times(store, experiment, choose))
+        if len(found := _times(store, experiment, choose)) > 1
     ]
-    panels = [panel for panel in panels if len(panel[2]) > 1]
     if not panels:
-        reason = "no trial of Experiments 1 or 1a was completed by two methods"
-        return Missing(reason=reason)
+        return Missing(reason="no trial of Experiments 1 or 1a was completed by two methods")
     methods = list(dict.fromkeys(method for *_, found in panels for method in found))
     with styled():
         fig = figure(TWO_COLUMNS, 22.0 + 5.2 * len(methods) * ((len(panels) + 1) // 2))
@@ -242,7 +240,7 @@ def compared(store: Store) -> list[Compared]:
 
 def _compared(experiment: str, group: str, rival: str, ours: list[Result], theirs: list[Result]) -> Compared:
     own, other = data.times(ours), data.times(theirs)
-    share, saved = turned(statistics.paired_ratio(own, other)), turned(statistics.paired_difference(own, other))
+    share, saved = (turned(each(own, other)) for each in (statistics.paired_ratio, statistics.paired_difference))
     ours, theirs = ([each for each in these if data.key(each) in own.keys() & other.keys()] for these in (ours, theirs))
     hits = touches(theirs), touches(ours)
     return Compared(experiment, group, rival, share, saved, data.contacts(theirs), data.contacts(ours), hits)
@@ -336,13 +334,9 @@ def touched(found: list[Compared]) -> list[str]:
 
 def why(store: Store) -> list[str]:
     """Reasons for times shorter than the published ones; only sentences for which there are numbers."""
-    sentences = []
-    for row in TABLE_I:
-        if row.real or row.like == OURS:
-            continue
-        here = data.mean_time(data.ten(store.of("exp1", method=row.like)))
-        if here.n:
-            sentences.append(_rival(row.method, row.like, row.seconds, here))
+    means = {method: data.mean_time(data.ten(store.of("exp1", method=method))) for method in store.methods("exp1")}
+    simulated = [row for row in TABLE_I if not row.real and row.like in means and means[row.like].n]
+    sentences = [_rival(row.method, row.seconds, means[row.like]) for row in simulated if row.like != OURS]
     ours = data.mean_time(data.ten(store.of("exp1", method=OURS)))
     for row in TABLE_I:
         if ours.n and row.like == "sequential" and not row.real:
@@ -374,7 +368,7 @@ def why(store: Store) -> list[str]:
     return sentences
 
 
-def _rival(name: str, method: str, published: float, here: Estimate) -> str:
+def _rival(name: str, published: float, here: Estimate) -> str:
     """One rival's time here and published."""
     text = f"{name}: published {published} s, here {here.text()} s (n = {here.n})."
     if here.value >= published:
