@@ -2,7 +2,6 @@
 
 import tempfile
 import time
-from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,7 +15,7 @@ from motm_twin.bus.publisher import memory_mb
 from motm_twin.perf import bus
 from motm_twin.perf.participants import Sizes
 from motm_twin.perf.processes import Worker, cpu_seconds, restart
-from motm_twin.perf.report import Report, grid, load_average, machine, percentiles, write_report
+from motm_twin.perf.report import Report, Sheet, grid, load_average, machine, percentiles, write_report
 
 NAME = "scale"
 TITLE = "Scale: simulated twins at 1x through a Zenoh router, and who reads them"
@@ -54,7 +53,7 @@ def bench_scale(out: Path, seconds: float, console: Console) -> bool:
         except (RuntimeError, TimeoutError) as error:  # the others are still worth a table
             report.failures.append(f"{load}: {error}")
         console.print(f"  {load.twins} twins, {load.readers}, {load.routers} routers", markup=False)
-    console.print(row_table(rows))
+    console.print(SHEET.table(rows))
     for failure in report.failures:
         console.print(f"  not measured: {failure}", style="red", markup=False)
     one_twin = {
@@ -141,10 +140,10 @@ def rate_table(sizes: Sizes) -> Table:
     return table
 
 
-def row_table(rows: Sequence[dict[str, Any]]) -> Table:
-    """All measurements."""
-    columns = ("twins", "readers", "routers", "put 1/s", "put MB/s", "read 1/s", "read MB/s", "router %", "router MB")
-    table = grid(*columns, "p50 ms", "p99 ms", "max ms", "lost", "late ms", "load %")
-    for row in rows:
-        table.add_row(*(f"{each:,.1f}" if isinstance(each, float) else str(each) for each in row.values()))
-    return table
+SHEET = Sheet(  # of all measurements
+    head=(
+        "twins", "readers", "routers", "put 1/s", "put MB/s", "read 1/s", "read MB/s", "router %", "router MB",
+        "p50 ms", "p99 ms", "max ms", "lost", "late ms", "load %",
+    ),
+    cells=lambda row: [f"{each:,.1f}" if isinstance(each, float) else str(each) for each in row.values()],
+)  # fmt: skip

@@ -73,14 +73,6 @@ def _looks(tick: Tick) -> bool:
     return task.kind == "pick" and any(one.name == task.target for one in tick.observation.detections)
 
 
-def _speeds_up(tick: Tick) -> bool:
-    return bool((np.abs(tick.plan.acceleration) > SPEEDS_UP).any()) and _drives(tick)
-
-
-def _reaches(tick: Tick) -> bool:
-    return abs(float(tick.observation.dq[3])) > 0.2 and _drives(tick)
-
-
 def _sees_furniture(tick: Tick) -> bool:
     """Mapped furniture returns over a good part of what lies ahead."""
     scan = tick.observation.scan
@@ -96,8 +88,8 @@ def _sees_furniture(tick: Tick) -> bool:
 
 
 NOTICEABLE: dict[str, Callable[[Tick], bool]] = {
-    "joint_stuck": _reaches,
-    "base_lag": _speeds_up,
+    "joint_stuck": lambda tick: abs(float(tick.observation.dq[3])) > 0.2 and _drives(tick),
+    "base_lag": lambda tick: bool((np.abs(tick.plan.acceleration) > SPEEDS_UP).any()) and _drives(tick),
     "gripper_stuck": lambda tick: tick.arm[-1].phase == Phase.FINAL,
     "lidar_sector": _sees_furniture,
     **{name: _looks for name, kind in KINDS.items() if kind.group == "camera"},

@@ -11,7 +11,6 @@ from typing import Any
 import msgspec
 import numpy as np
 from rich.console import Console
-from rich.table import Table
 
 from motm_twin.control.method import Method
 from motm_twin.control.tick import Tick
@@ -21,7 +20,7 @@ from motm_twin.model.names import hint
 from motm_twin.model.period import PERIOD
 from motm_twin.model.plant import Truth
 from motm_twin.model.scene import Scene
-from motm_twin.perf.report import grid, load_average, machine, number, write_report
+from motm_twin.perf.report import Sheet, load_average, machine, number, write_report
 from motm_twin.plants import make_plant, require_people
 from motm_twin.studies.oracle import NAME as ORACLE
 from motm_twin.studies.oracle import oracle, require_known_future
@@ -188,7 +187,7 @@ def bench_people(
         lambda one: f"{one['time_s']:.1f} s" if one["success"] else f"NO: {one['reason']}",
     )  # fmt: skip
     rows = summaries(results)
-    console.print(table(rows))
+    console.print(SHEET.table(rows))
     target = write_report(out, NAME, TITLE, rows=results, whole=rows, load_average=load_average(console))
     console.print(f"{machine()}, {workers} processes; written to {target}", markup=False)
     return len(results) == len(runs) and all(result["success"] for result in results)
@@ -226,20 +225,17 @@ def _summary(situation: str, method: str, of: Sequence[Result]) -> Result:
     }
 
 
-def table(rows: Sequence[Result]) -> Table:
-    """The summaries as they are printed."""
-    names = (
+SHEET = Sheet(  # of the summaries
+    head=(
         "situation", "method", "n", "ok %", "time s", "hits", "towards", "caused", "cut-ins", "near", "gap m", "ttc s",
         "uneasy s", "path m", "dv m/s", "off m", "way r/a/b/n", "frozen s", "placed %",
-    )  # fmt: skip
-    made = grid(*names, texts=("situation", "method"))
-    for row in rows:
-        made.add_row(
-            row["situation"], row["method"], str(row["trials"]), f"{row['success_percent']:g}",
-            number(row["time_s"], 1), *(str(row[key]) for key in SUMS),
-            number(row["least_gap_m"], 2), number(row["least_time_to_collision_s"], 2),
-            f"{row['discomfort_s']:.2f}", f"{row['imposed_path_m']:.2f}", f"{row['imposed_velocity_change_mps']:.2f}",
-            f"{row['imposed_deviation_m']:.2f}", "/".join(map(str, row["made_way"].values())),
-            f"{row['freezing_s']:.1f}", number(row["placed_percent"], 1),
-        )  # fmt: skip
-    return made
+    ),
+    texts=("situation", "method"),
+    cells=lambda row: (
+        row["situation"], row["method"], str(row["trials"]), f"{row['success_percent']:g}", number(row["time_s"], 1),
+        *(str(row[key]) for key in SUMS), number(row["least_gap_m"], 2), number(row["least_time_to_collision_s"], 2),
+        f"{row['discomfort_s']:.2f}", f"{row['imposed_path_m']:.2f}", f"{row['imposed_velocity_change_mps']:.2f}",
+        f"{row['imposed_deviation_m']:.2f}", "/".join(map(str, row["made_way"].values())),
+        f"{row['freezing_s']:.1f}", number(row["placed_percent"], 1),
+    ),
+)  # fmt: skip

@@ -53,16 +53,9 @@ WANTED = (
 def experiments(share: float) -> dict[str, Experiment]:
     """The experiments by the folder that they are kept in; ``share`` of the random seeds and generated scenes."""
     random, generated = math.ceil(RANDOM * share), math.ceil(GENERATED * share)
-    wanted = {
-        "exp1": experiment("exp1", METHODS),
-        "exp1a": experiment("exp1a", METHODS),
-        "exp1_random": experiment("exp1", METHODS, random),
-        "exp2": experiment("exp2", METHODS, random),
-        "one_temi": experiment("one_temi", METHODS, random),
-        "quick_robot": experiment("quick_robot", METHODS),
-        "further_scenes": experiment("further_scenes", METHODS),
-        "generated": experiment("generated", METHODS, generated),
-    }
+    trials = dict.fromkeys(("exp1", "exp1a", "exp1_random", "exp2", "one_temi", "quick_robot", "further_scenes"))
+    trials |= dict.fromkeys(("exp1_random", "exp2", "one_temi"), random) | {"generated": generated}
+    wanted = {name: experiment(name.removesuffix("_random"), METHODS, count) for name, count in trials.items()}
     return {name: Experiment(name, each.title, each.specs) for name, each in wanted.items()}
 
 

@@ -18,7 +18,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from rich.console import Console
-from rich.table import Table
 from scipy.optimize import linear_sum_assignment
 
 from motm_twin.control.tick import Tick
@@ -30,7 +29,7 @@ from motm_twin.model.scene import AGENT_MOVES, Scene
 from motm_twin.perception.mapper import MapSettings
 from motm_twin.perception.tracks import IDENTITY, VX, VY
 from motm_twin.perf.period import timed
-from motm_twin.perf.report import grid, load_average, machine, number, spread, write_report
+from motm_twin.perf.report import Sheet, load_average, machine, number, spread, write_report
 from motm_twin.studies.people import Case, cases
 from motm_twin.studies.pool import told_outcomes
 from motm_twin.twin import Twin
@@ -158,7 +157,7 @@ def bench_tracker(situations: Sequence[str], trials: int | None, workers: int, o
     order = dict.fromkeys(one["situation"] for one in results)
     rows = [_summary(name, [one for one in results if one["situation"] == name]) for name in order]
     rows += [_summary("all", results)] if results else []
-    console.print(table(rows))
+    console.print(SHEET.table(rows))
     target = write_report(
         out, NAME, TITLE, rows=[{**one, "scan_ms": spread(one["scan_ms"])} for one in results], whole=rows,
         load_average=load_average(console),
@@ -185,15 +184,14 @@ def _summary(name: str, of: Sequence[Result]) -> Result:
     }
 
 
-def table(rows: Sequence[Result]) -> Table:
-    """The summaries as they are printed."""
-    names = ("situation", "runs", "scans", "seen", "MOTA", "MOTP m", "misses", "false", "switches", "fragments")
-    made = grid(*names, "dv m/s", "p50 ms", "p99", "max")
-    for row in rows:
-        made.add_row(
-            row["situation"], str(row["runs"]), f"{row['num_frames']:.0f}", f"{row['num_objects']:.0f}",
-            number(row["mota"], 3), number(row["motp"], 3), f"{row['num_misses']:.0f}",
-            f"{row['num_false_positives']:.0f}", f"{row['num_switches']:.0f}", f"{row['num_fragmentations']:.0f}",
-            number(row["speed_error_mps"], 3), *(f"{value:.2f}" for value in row["scan_ms"].values()),
-        )  # fmt: skip
-    return made
+SHEET = Sheet(  # of the summaries
+    head=(
+        "situation", "runs", "scans", "seen", "MOTA", "MOTP m", "misses", "false", "switches", "fragments", "dv m/s",
+        "p50 ms", "p99", "max",
+    ),
+    cells=lambda row: (
+        row["situation"], str(row["runs"]), f"{row['num_frames']:.0f}", f"{row['num_objects']:.0f}",
+        number(row["mota"], 3), number(row["motp"], 3), *(f"{row[name]:.0f}" for name in COUNTS[1:]),
+        number(row["speed_error_mps"], 3), *(f"{value:.2f}" for value in row["scan_ms"].values()),
+    ),
+)  # fmt: skip

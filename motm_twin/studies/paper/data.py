@@ -84,11 +84,6 @@ def placed(results: Iterable[Result]) -> tuple[int, int]:
     return sum(each["places_done"] for each in these), sum(each["places_total"] for each in these)
 
 
-def delivered(results: Iterable[Result]) -> Estimate:
-    """Share of objects delivered, with the interval of Clopper and Pearson."""
-    return statistics.proportion(*placed(results))
-
-
 def contacts(results: Iterable[Result]) -> int:
     """Contacts that the robot caused."""
     return sum(int(result["contacts_caused_by_robot"]) for result in results)
@@ -152,15 +147,9 @@ def origin(records: Iterable[Record], command: str) -> Origin:
     notes = [record.made_with for record in records] or [{**current_origin(), PLAN: "no trials", COMMAND: command}]
     names = [*dict.fromkeys(name for note in notes for name in note), PLAN, COMMAND, MACHINE, SOURCE]
     counts = {name: Counter(note.get(name, NOT_RECORDED) for note in notes) for name in names}
-    apart = (PLAN, COMMAND, MACHINE)
-    return Origin(
-        sources=tuple(counts[SOURCE]),
-        plans=tuple(counts[PLAN]),
-        plan=_counted(counts[PLAN]),
-        command=_counted(counts[COMMAND]),
-        machine=_counted(counts[MACHINE]),
-        made_with={name: _counted(values) for name, values in counts.items() if name not in apart},
-    )
+    said = {name: _counted(values) for name, values in counts.items()}
+    apart = {name: said.pop(name) for name in (PLAN, COMMAND, MACHINE)}
+    return Origin(sources=tuple(counts[SOURCE]), plans=tuple(counts[PLAN]), made_with=said, **apart)
 
 
 def current_origin() -> dict[str, str]:

@@ -21,6 +21,7 @@ from motm_twin.studies.paper.parts import PARTS, SECTIONS, Context, make_part
 from motm_twin.studies.paper.tables import GOAL_HEADER, goal_rows, group_of, missed
 
 VERSION = "motm-twin"  # of this package, in what a trial was made with
+FAILED = ("scene", "variant", "seed", "method", "parameters", "changes", "reason")  # of a trial without success
 
 
 def record(store: Store, origin: Origin, command: str, parts: Sequence[Part]) -> dict[str, Any]:
@@ -37,7 +38,11 @@ def record(store: Store, origin: Origin, command: str, parts: Sequence[Part]) ->
         "command": origin.command,
         "drawn": {"written": datetime.now(UTC).isoformat(timespec="seconds"), COMMAND: command, **current_origin()},
         "trials": len(everything),
-        "without_success": [_without_success(name, result) for name, result in everything if not result["success"]],
+        "without_success": [
+            {"experiment": name, **{key: result[key] for key in FAILED}}
+            for name, result in everything
+            if not result["success"]
+        ],
         "experiments": {name: _experiment(results) for name, results in store.trials.items()},
         "parameters": {each.name: each.default for each in PARAMETERS},
         "methods": {name: dict(method.parameters) for name, method in METHODS.items()},
@@ -78,13 +83,6 @@ def _counts(results: list[Result]) -> dict[str, Any]:
 def _time(results: list[Result]) -> dict[str, float]:
     time = data.mean_time(results)
     return {"mean_s": time.value, "low_s": time.low, "high_s": time.high}
-
-
-def _without_success(name: str, result: Result) -> dict[str, Any]:
-    return {
-        "experiment": name,
-        **{key: result[key] for key in ("scene", "variant", "seed", "method", "parameters", "changes", "reason")},
-    }
 
 
 def _part(part: Part) -> dict[str, Any]:
