@@ -8,6 +8,7 @@ and before the workers start: each would compile the same ones.
 """
 
 import importlib.util
+import io
 import os
 import subprocess
 import sys
@@ -16,6 +17,7 @@ from types import SimpleNamespace
 
 import pytest
 from hypothesis import settings
+from rich.console import Console
 
 sys.path.insert(0, str(Path(__file__).parent))
 
@@ -77,3 +79,9 @@ def call(capfd, monkeypatch):
         return SimpleNamespace(returncode=end.value.code, stdout=out, stderr=err)
 
     return called
+
+
+@pytest.fixture
+def console():
+    """A console whose text `export_text` gives, wide enough for any table."""
+    return Console(width=220, record=True, file=io.StringIO())

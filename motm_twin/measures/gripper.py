@@ -76,15 +76,11 @@ class _Stretch:
 
     def report(self) -> dict[str, Any]:
         return {
-            "time": round(self.time, 2),
-            "duration_s": round(self.last - self.time, 2),
-            "min_m": round(self.least, 4),
-            "other": self.other,
-            "static": self.static,
-            "gripper_moved_m": round(self.own_moved, 4),
+            "time": round(self.time, 2), "duration_s": round(self.last - self.time, 2), "min_m": round(self.least, 4),
+            "other": self.other, "static": self.static, "gripper_moved_m": round(self.own_moved, 4),
             "other_moved_m": round(self.other_moved, 4),
             "cause": "gripper" if self.own_moved >= self.other_moved else self.other,
-        }
+        }  # fmt: skip
 
 
 @dataclass
@@ -121,9 +117,12 @@ class GripperObstacles:
         if below:
             neighbours += self._furniture(interval)
         self.least = min(self.least, distance)
+        p = self.avoidance
         for neighbour in neighbours:
-            if not neighbour.static and neighbour.distance < self.avoidance.d_i:
-                self._judge(neighbour)
+            if not neighbour.static and neighbour.distance < p.d_i:
+                line = p.xi * (neighbour.distance - p.d_s) / (p.d_i - p.d_s)
+                self.excess = max(self.excess, neighbour.own - line)
+                self.advance_excess = max(self.advance_excess, neighbour.own - max(0.0, line))
         if below:
             self._open = self._open or _Stretch(interval.end.time, interval.end.time, distance)
             self._open.add(interval, distance, min(neighbours, key=lambda other: other.distance, default=None))
@@ -141,12 +140,6 @@ class GripperObstacles:
             "approach_excess_mps": finite(self.excess, 4),
             "advance_excess_mps": finite(self.advance_excess, 4),
         }
-
-    def _judge(self, neighbour: Neighbour) -> None:
-        p = self.avoidance
-        line = p.xi * (neighbour.distance - p.d_s) / (p.d_i - p.d_s)
-        self.excess = max(self.excess, neighbour.own - line)
-        self.advance_excess = max(self.advance_excess, neighbour.own - max(0.0, line))
 
     def _agents(self, interval: Interval, *, whatever: bool) -> list[Neighbour]:
         """Agents nearer than d_i; ``whatever``: those farther away, too."""

@@ -110,11 +110,7 @@ class Sampler:
             agents = {agent.name: (*agent.position[:2], 0.5 * agent.size[0]) for agent in truth.agents}
             pose, distance = truth.pose, truth.ee_obstacle
         return Sample(
-            time=tick.time,
-            pose=pose,
-            mount=self._robot.mount_transform(pose)[:2, 3],
-            gripper=self._robot.tcp_pose(pose, tick.observation.q)[0][:2],
-            ee_obstacle=distance,
-            agents=agents,
+            time=tick.time, pose=pose, mount=self._robot.mount_transform(pose)[:2, 3],
+            gripper=self._robot.tcp_pose(pose, tick.observation.q)[0][:2], ee_obstacle=distance, agents=agents,
             tick=tick,
-        )
+        )  # fmt: skip

@@ -169,21 +169,14 @@ class Measures:
         names = [(task.kind, task.target) for task in tasks] + [("done", "")]
         legs = [
             {
-                "index": index,
-                "task": names[index][0],
-                "target": names[index][1],
-                "time_s": round(sum(parts.values()), 4),
-                "path_m": round(self._paths[index], 4),
+                "index": index, "task": names[index][0], "target": names[index][1],
+                "time_s": round(sum(parts.values()), 4), "path_m": round(self._paths[index], 4),
                 "parts_s": {part: round(seconds, 4) for part, seconds in parts.items() if seconds},
             }
             for index, parts in sorted(self._legs.items())
-        ]
+        ]  # fmt: skip
         return {
-            **self._split.report(),
-            **self._encounters.report(),
-            "among_people": self._people.report(),
-            **self._gripper.report(),
-            **self._smoothness.report(),
-            "retries": sum(max(0, task.attempts - 1) for task in tasks),
-            "legs": legs,
-        }
+            **self._split.report(), **self._encounters.report(), "among_people": self._people.report(),
+            **self._gripper.report(), **self._smoothness.report(),
+            "retries": sum(max(0, task.attempts - 1) for task in tasks), "legs": legs,
+        }  # fmt: skip

@@ -18,7 +18,7 @@ from motm_twin.bus.client import TwinClient
 from motm_twin.bus.commands import AddObstacle, Command, HandOver, MoveBody, Record, RemoveBody, Speed
 from motm_twin.bus.messages import TickMessage
 from motm_twin.model.period import PERIOD
-from motm_twin.perf import bus_participants
+from motm_twin.perf import participants
 from motm_twin.perf.processes import Worker, act, children, cpu_seconds, open_place, restart, ticks, wait_for
 from motm_twin.perf.report import Limit, Report, Steps, Values, conclude, measure, percentiles
 
@@ -39,7 +39,6 @@ class Measured:
 
     server: Worker
     client: TwinClient
-    data: Path
 
     @property
     def endpoint(self) -> str:
@@ -69,7 +68,7 @@ def measured(scene: str, data: Path) -> Iterator[Measured]:
         endpoint = server.hello["endpoint"]
         with TwinClient(endpoint) as client:
             wait_for(client.tick, 30.0, "first period")
-            yield Measured(server, client, data)
+            yield Measured(server, client)
 
 
 def latency(twin: Measured, report: Report, seconds: float) -> None:
@@ -81,7 +80,7 @@ def latency(twin: Measured, report: Report, seconds: float) -> None:
         time.sleep(3.0)
         payloads = reader.ask("payloads", name="first")
         bare.ask("send", payloads=payloads, period=PERIOD)
-        reader.ask("listen", name="bare", endpoint=bare_endpoint, key=bus_participants.KEY)
+        reader.ask("listen", name="bare", endpoint=bare_endpoint, key=participants.KEY)
         reader.ask("listen", name="tick", endpoint=twin.endpoint, key=twin.client.keys.tick)
         time.sleep(seconds)
         delays = {name: reader.ask("delays", name=name, clock=twin.clock) for name in ("tick", "bare")}

@@ -80,39 +80,23 @@ class Message:
     parameters: str = ""
 
 
-Make = Callable[[], Message]
-
-
 class Fuzzer:
     """Makes malformed messages for one twin; ``now`` is the server's clock [s]."""
 
     def __init__(self, twin: str, seed: int, now: Callable[[], float]) -> None:
-        self._keys, self._draw, self._now = Keys(twin), random.Random(seed), now
-        self._seq = 2**40
-        keys = self._keys
+        self._keys = keys = Keys(twin)
+        self._draw, self._now, self._seq = random.Random(seed), now, 2**40
         self._state = [key for key in keys.own if "*" not in key]
         self._others = [*self._state, keys.schemas, f"{keys.tick}/x", f"motm/{twin}/nothing", f"motm/{twin}/*", "**"]
-        self._makers: list[tuple[int, Make]] = [
-            (20, self._random_bytes),
-            (12, self._truncated),
-            (20, self._mutated),
-            (20, self._wrong_field),
-            (6, self._wrong_number),
-            (6, self._wrong_envelope),
-            (4, self._deep),
-            (6, self._wrong_key),
-            (3, self._oversized),
-            (4, self._other_encoding),
-            (5, self._late),
-            (10, self._query),
-            (8, self._put),
-            (2, self._raw),
-        ]
+        self._makers: dict[Callable[[], Message], int] = {  # and how often each, by weight
+            self._random_bytes: 20, self._truncated: 12, self._mutated: 20, self._wrong_field: 20,
+            self._wrong_number: 6, self._wrong_envelope: 6, self._deep: 4, self._wrong_key: 6, self._oversized: 3,
+            self._other_encoding: 4, self._late: 5, self._query: 10, self._put: 8, self._raw: 2,
+        }  # fmt: skip
 
     def messages(self, count: int) -> Iterator[Message]:
         """So many messages of all kinds, in random order."""
-        weights = [weight for weight, _ in self._makers]
-        makers = [make for _, make in self._makers]
+        makers, weights = list(self._makers), list(self._makers.values())
         for _ in range(count):
             yield self._draw.choices(makers, weights)[0]()
 
@@ -356,10 +340,7 @@ def attack_robot(count: int, seed: int = 3) -> dict[str, float]:
 
 def _same(one: Tick, other: Tick) -> bool:
     """Observation and command of two periods are equal."""
-    pairs = [
-        (one.observation.pose, other.observation.pose),
-        (one.observation.q, other.observation.q),
-        (one.arm[-1].actuation.twist, other.arm[-1].actuation.twist),
-        (one.arm[-1].actuation.joint_velocity, other.arm[-1].actuation.joint_velocity),
-    ]
-    return one.time == other.time and all(np.array_equal(a, b) for a, b in pairs)
+    seen, done = (one.observation, other.observation), (one.arm[-1].actuation, other.arm[-1].actuation)
+    pairs = [[getattr(tick, name) for tick in seen] for name in ("pose", "q")]
+    pairs += [[getattr(tick, name) for tick in done] for name in ("twist", "joint_velocity")]
+    return one.time == other.time and all(np.array_equal(*pair) for pair in pairs)

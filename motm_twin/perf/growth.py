@@ -47,16 +47,13 @@ def with_obstacles(scene: Scene, count: int, side: float) -> Scene:
     x0, y0 = 0.5 * (WORK[0] + WORK[2]), 0.5 * (WORK[1] + WORK[3])
     bounds = (x0 - 0.5 * side, y0 - 0.5 * side, x0 + 0.5 * side, y0 + 0.5 * side)
     spots = _spots(bounds, count, rng)
+    shapes = [
+        Box(centre=spot, size=tuple(rng.uniform(*SIZES, 2).tolist()), yaw=float(rng.uniform(0.0, math.pi)))
+        for spot in spots
+    ]
     solids = tuple(
-        Solid(
-            name=f"desk_{k}",
-            shape=Box(centre=(x, y), size=tuple(rng.uniform(*SIZES, 2).tolist()), yaw=float(rng.uniform(0.0, math.pi))),
-            z_min=0.0,
-            z_max=0.75,
-            mapped=True,
-            group=f"desk_{k}",
-        )
-        for k, (x, y) in enumerate(spots)
+        Solid(name=f"desk_{k}", shape=shape, z_min=0.0, z_max=0.75, mapped=True, group=f"desk_{k}")
+        for k, shape in enumerate(shapes)
     )
     return msgspec.structs.replace(scene, solids=scene.solids + solids, bounds=bounds)
 
@@ -95,14 +92,9 @@ def with_agents(scene: Scene, count: int) -> Scene:
     hall = with_obstacles(scene, 0, 50.0)
     free = _clear(np.arange(-20.0, 24.0, 3.5), np.arange(-20.0, 21.0, 3.5), 1.5, 0.5)
     places = sorted(free, key=lambda at: math.hypot(at[0] - 2.5, at[1]))[:count]
-    agents = tuple(
-        Agent(
-            name=f"temi_{k}",
-            start=(x - 1.0, y - 1.0, 0.0),
-            waypoints=((x - 1.0, y - 1.0), (x + 1.0, y - 1.0), (x + 1.0, y + 1.0), (x - 1.0, y + 1.0)),
-        )
-        for k, (x, y) in enumerate(places)
-    )
+    square = ((-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0))
+    rounds = [tuple((x + dx, y + dy) for dx, dy in square) for x, y in places]
+    agents = tuple(Agent(name=f"temi_{k}", start=(*way[0], 0.0), waypoints=way) for k, way in enumerate(rounds))
     return msgspec.structs.replace(hall, agents=agents)
 
 
@@ -149,9 +141,8 @@ class Sweep:
 
 def _candidates(positions: int) -> PlanningParameters | None:
     """None for as many as are shipped."""
-    if positions == PlacementParameters().positions:
-        return None
-    return PlanningParameters(placement=PlacementParameters(positions=positions))
+    changed = PlanningParameters(placement=PlacementParameters(positions=positions))
+    return None if changed == PlanningParameters() else changed
 
 
 def _points(counts: Iterable[float], make: Callable[[Any], Scene], periods: int | None = None) -> tuple[Point, ...]:
@@ -195,17 +186,13 @@ def measured(point: Point, *, most: int | None = None) -> dict[str, Any]:
     assert tick.truth is not None
     caused = sum(contact.caused_by_robot for contact in tick.truth.contacts)
     return {
-        "count": point.count,
-        "period_ms": spread(stages.pop("period")),
+        "count": point.count, "period_ms": spread(stages.pop("period")),
         "stages_ms": {stage: round(float(np.mean(values)), 3) for stage, values in stages.items()},
-        "build_s": round(built, 2),
-        "factor": round(twin.index * PERIOD / seconds, 2),
-        "periods": twin.index,
-        "time_s": round(tick.time, 2) if tick.done else None,
-        "contacts": len(tick.truth.contacts),
+        "build_s": round(built, 2), "factor": round(twin.index * PERIOD / seconds, 2), "periods": twin.index,
+        "time_s": round(tick.time, 2) if tick.done else None, "contacts": len(tick.truth.contacts),
         "contacts_caused_by_robot": caused,
         "success": bool(tick.success and not caused and not tick.truth.dropped) if tick.done else None,
-    }
+    }  # fmt: skip
 
 
 def bench_growth(out: Path, console: Console, *, quick: bool = False) -> bool:

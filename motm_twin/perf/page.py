@@ -40,9 +40,8 @@ SURE = 2.2  # standard errors: 95 % with 12 degrees of freedom, those of two lin
 def periods(served: Served, seconds: float, readers: int) -> tuple[list[float], float]:
     """Control periods [ms] of the first ``seconds`` of a run with this many readers, and bytes/s that each reads."""
     with ExitStack() as stack:
-        watchers = [
-            stack.enter_context(PageReader(served.port, token=served.token, decode=False)) for _ in range(readers)
-        ]
+        connect = lambda: PageReader(served.port, token=served.token, decode=False)  # noqa: E731
+        watchers = [stack.enter_context(connect()) for _ in range(readers)]
         restart(served.client, playing=True)
         before, began = [watcher.bytes for watcher in watchers], time.monotonic()
         found = [tick.stage_ms["period"] for tick in ticks(served.client, seconds)]
@@ -326,13 +325,9 @@ def _memory(twin: Served, report: Report, minutes: float) -> None:
         early, late = slopes(series["time"], values)
         report.values |= {f"{name}_slope": late.value, f"{name}_rise": rise(early, late)}
         report.details[f"memory_of_{name}_mb"] = {
-            "start": float(values[0]),
-            "end": float(values[-1]),
-            "max": float(values.max()),
-            "slope of the first half": early.value,
-            "error of the first half": early.error,
-            "slope of the second half": late.value,
-            "error of the second half": late.error,
+            **{"start": float(values[0]), "end": float(values[-1]), "max": float(values.max())},
+            **{"slope of the first half": early.value, "error of the first half": early.error},
+            **{"slope of the second half": late.value, "error of the second half": late.error},
         }
     report.series = {name: values[::THINNED].tolist() for name, values in series.items()}
     report.details["memory_minutes"] = minutes

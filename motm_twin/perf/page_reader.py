@@ -27,17 +27,10 @@ from motm_twin.ui.page_server import COOKIE
 MAX_FRAME = 64 * 1024 * 1024  # bytes
 POSES = ("SetPositionMessage", "SetOrientationMessage")
 CAMERA = {  # looks straight down from 12 m
-    "type": "ViewerCameraMessage",
-    "wxyz": [0.0, 1.0, 0.0, 0.0],
-    "position": [0.0, 0.0, 12.0],
-    "fov": 0.8,
-    "near": 0.01,
-    "far": 1000.0,
-    "image_height": 800,
-    "image_width": 1280,
-    "look_at": [0.0, 0.0, 0.0],
+    "type": "ViewerCameraMessage", "wxyz": [0.0, 1.0, 0.0, 0.0], "position": [0.0, 0.0, 12.0], "fov": 0.8, "near": 0.01,
+    "far": 1000.0, "image_height": 800, "image_width": 1280, "look_at": [0.0, 0.0, 0.0],
     "up_direction": [0.0, 1.0, 0.0],
-}
+}  # fmt: skip
 
 COUNT = """async (seconds) => {
   const found = { drawn: 0, changed: 0 }, base = "/robot/link/base_link";
@@ -165,19 +158,12 @@ class PageReader(AbstractContextManager["PageReader"]):
     def _drag(self, phase: str, node: str, grip: np.ndarray, point: np.ndarray) -> None:
         self.send(
             {
-                "type": "SceneNodeDragMessage",
-                "phase": phase,
-                "name": node,
-                "instance_index": None,
-                "start_position": [float(value) for value in grip],
-                "start_screen_pos": [0.5, 0.5],
-                "end_position": [float(value) for value in point],
-                "end_screen_pos": [0.5, 0.5],
-                "button": "left",
-                "modifier": None,
-                "owner": "",
+                "type": "SceneNodeDragMessage", "phase": phase, "name": node, "instance_index": None,
+                "start_position": [float(value) for value in grip], "start_screen_pos": [0.5, 0.5],
+                "end_position": [float(value) for value in point], "end_screen_pos": [0.5, 0.5], "button": "left",
+                "modifier": None, "owner": "",
             }
-        )
+        )  # fmt: skip
 
     def _read(self) -> None:
         try:

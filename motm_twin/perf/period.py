@@ -44,28 +44,18 @@ EARLY = 0.1  # of it, after which memory counts
 MARGIN_MB = 2.0  # [MB] that the allocator may take in steps
 
 
-def _times(scene: str) -> tuple[Wanted, ...]:
-    limits = (("p50", 6.0, 3.0), ("p99", 15.0, 8.0), ("max", 30.0, 15.0))
-    return tuple(
-        Wanted(key=f"{scene} {part}", name=f"{scene}, period {part}", unit="ms", least=least, best=best)
-        for part, least, best in limits
-    )
-
-
 WANTED = (
-    *_times("exp1"),
-    *_times("exp2"),
-    Wanted(key="exp1 arm", name="exp1, arm step p99", unit="ms", least=0.3, best=0.1, decimals=3),
-    Wanted(key="exp2 arm", name="exp2, arm step p99", unit="ms", least=0.3, best=0.1, decimals=3),
-    Wanted(
-        key="exp1 factor", name="exp1, simulated / real time", unit="x", least=7.0, best=15.0, more=True, decimals=1
-    ),
-    Wanted(
-        key="exp2 factor", name="exp2, simulated / real time", unit="x", least=7.0, best=15.0, more=True, decimals=1
-    ),
+    *(Wanted(key=f"{scene} {part}", name=f"{scene}, period {part}", unit="ms", least=least, best=best)
+      for scene in ("exp1", "exp2")
+      for part, least, best in (("p50", 6.0, 3.0), ("p99", 15.0, 8.0), ("max", 30.0, 15.0))),
+    *(Wanted(key=f"{scene} arm", name=f"{scene}, arm step p99", unit="ms", least=0.3, best=0.1, decimals=3)
+      for scene in ("exp1", "exp2")),
+    *(Wanted(key=f"{scene} factor", name=f"{scene}, simulated / real time", unit="x", least=7.0, best=15.0, more=True,
+             decimals=1)
+      for scene in ("exp1", "exp2")),
     Wanted(key="memory", name="memory gained in a long run", unit="MB", least=MARGIN_MB, best=MARGIN_MB, decimals=1),
     Wanted(key="start", name="start of `run` to first period", unit="s", least=2.0, best=1.2),
-)
+)  # fmt: skip
 
 
 @dataclass

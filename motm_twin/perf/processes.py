@@ -1,10 +1,5 @@
-"""Processes of a benchmark: `motm-twin serve` as a user starts it, workers, and a robot in another program.
+"""Processes of a benchmark: `motm-twin serve` as a user starts it, workers, and a robot in another program."""
 
-A worker takes part in a benchmark and does what JSON lines on its standard input say, one by one:
-``python -m motm_twin.perf.processes ROLE [ARGUMENT ...]``. It says hello when it is ready, and ends with its input.
-"""
-
-import importlib
 import json
 import os
 import secrets
@@ -24,7 +19,6 @@ from motm_twin.bus.commands import Command, HandOver, Pause, Play, Reset, Speed
 from motm_twin.bus.connection import LOOPBACK, free_port, open_server
 from motm_twin.bus.health import page_answers
 from motm_twin.bus.messages import TickMessage
-from motm_twin.bus.processes import leave
 from motm_twin.external.emulator import LinkSpec
 from motm_twin.external.plant import ZenohPlant
 from motm_twin.external.robot_link import RobotLink
@@ -218,18 +212,9 @@ def run_external(name: str, variant: str | None, link: LinkSpec, method: str = D
         return run_scene(scene, plant=plant, method=find_method(method))
 
 
-ROLES = {  # name: module and function, which is given the arguments and gives the greeting and the works by name
-    "bare": ("motm_twin.perf.bus_participants", "bare"),
-    "readers": ("motm_twin.perf.bus_participants", "readers"),
-    "twin": ("motm_twin.perf.bus_participants", "timed_twin"),
-    "fleet": ("motm_twin.perf.scale", "fleet"),
-    "attackers": ("motm_twin.perf.soak_worker", "attackers"),
-}
 WORKER_START = 300.0  # [s] until a worker is ready: the first twin compiles its kernels
 ANSWER = 120.0  # [s] until a worker has answered
 WORKER_STOP = 5.0  # [s]
-
-Works = dict[str, Callable[..., Any]]
 
 
 def one_thread(**more: str) -> dict[str, str]:
@@ -238,11 +223,11 @@ def one_thread(**more: str) -> dict[str, str]:
 
 
 class Worker(AbstractContextManager["Worker"]):
-    """A process that plays one of `ROLES`. ``with`` starts it, and ends it for certain."""
+    """A process that plays a role of `perf.participants`. ``with`` starts it, and ends it for certain."""
 
     def __init__(self, role: str, *arguments: object) -> None:
         self._name = role
-        words = [sys.executable, "-m", "motm_twin.perf.processes", role, *map(str, arguments)]
+        words = [sys.executable, "-m", "motm_twin.perf.participants", role, *map(str, arguments)]
         pipes: Any = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
         self.process = subprocess.Popen(words, env=one_thread(), **pipes)  # noqa: S603 - our own module
         assert self.process.stdin is not None
@@ -303,26 +288,3 @@ class Worker(AbstractContextManager["Worker"]):
         if not line:
             raise RuntimeError(f"{self._name} ended, or said nothing for {timeout:.0f} s")
         return json.loads(line)
-
-
-def main() -> None:
-    """Play the role that the command line names, until standard input ends."""
-    role, *arguments = sys.argv[1:]
-    module, function = ROLES[role]
-    hello, works = getattr(importlib.import_module(module), function)(*arguments)
-    _say(hello)
-    for line in sys.stdin:
-        wish = json.loads(line)
-        try:
-            _say({"ok": works[wish.pop("do")](**wish)})
-        except Exception as error:
-            _say({"error": f"{type(error).__name__}: {error}"})
-    leave(0)
-
-
-def _say(answer: Any) -> None:
-    print(json.dumps(answer), flush=True)
-
-
-if __name__ == "__main__":
-    main()

@@ -12,7 +12,6 @@ import tempfile
 import time
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -112,14 +111,12 @@ def _kill_some(twin: Measured) -> int:
     return KILLED_EACH - knew
 
 
-@dataclass
 class Attacked:
     """Outcome of malformed messages."""
 
-    sent: Counter[str] = field(default_factory=Counter)
-    accepted: list[str] = field(default_factory=list)  # some of them
-    unanswered: list[str] = field(default_factory=list)
-    counts: Counter[str] = field(default_factory=Counter)  # of all accepted and unanswered ones
+    def __init__(self) -> None:
+        self.sent, self.counts = Counter[str](), Counter[str]()  # of all accepted and unanswered ones
+        self.accepted, self.unanswered = list[str](), list[str]()  # some of them
 
     def add(self, answer: dict[str, Any]) -> None:
         """One more round."""
@@ -143,11 +140,9 @@ def attack_paused(twin: Measured, count: int) -> Attacked:
     """Malformed messages to a paused twin. Raises RuntimeError when its state changed."""
     restart(twin.client, playing=False)
     before, attacked = state(twin.client), Attacked()
-    timeout = 60.0 + count / 50.0
     with Worker(WORKER) as worker:
-        attacked.add(
-            worker.ask("attack", timeout=timeout, **twin.where, clock=twin.clock, count=count, rate=RATE, seed=1)
-        )
+        how = {"timeout": 60.0 + count / 50.0, "clock": twin.clock, "rate": RATE, "seed": 1}
+        attacked.add(worker.ask("attack", **twin.where, **how, count=count))
     after = state(twin.client)
     if changed := [f"{name}: {before[name]} -> {after[name]}" for name in before if before[name] != after[name]]:
         raise RuntimeError(f"malformed messages have changed {'; '.join(changed)}")
@@ -322,9 +317,8 @@ def _malformed(twin: Measured, report: Report, count: int, data: Path) -> None:
 
 
 def _robot(report: Report, count: int) -> None:
-    found = fuzz.attack_robot(count)
+    report.details["robot"] = found = fuzz.attack_robot(count)
     report.values["robot"] = found["differing"]
-    report.details["robot"] = found
 
 
 def _starts(report: Report, count: int, say: Say) -> None:

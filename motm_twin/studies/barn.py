@@ -78,14 +78,10 @@ def worlds(names: Sequence[str], methods: Sequence[str], profile: str | None) ->
         if profile is not None:
             robot = msgspec.structs.replace(scene.robot, base=limits_of(profile), lidar=LIDAR)
             scene = msgspec.structs.replace(scene, robot=robot)
-        optimal = optimal_time(scene, _comments(name))
+        text = "" if is_made(name) else find_scene(name)[0].read_text(encoding="utf-8")  # its comments say OT
+        optimal = optimal_time(scene, text)
         found += [World(scene=scene, method=method, optimal=optimal) for method in methods]
     return found
-
-
-def _comments(name: str) -> str:
-    """The text of a scene file; "" for a scene that is made from a seed."""
-    return "" if is_made(name) else find_scene(name)[0].read_text(encoding="utf-8")
 
 
 def optimal_time(scene: Scene, text: str = "") -> float:
@@ -137,20 +133,21 @@ def cross(world: World) -> Result:
     success = reached and not contacts
     if contacts:
         why = f"contact with {tick.truth.contacts[0].other}"
+    return _result(
+        world, success=success, contacts=contacts, contacts_caused_by_robot=caused, time_s=round(spent, 3),
+        optimal_s=round(world.optimal, 4), metric=round(metric(success, spent, world.optimal), 4),
+        clearance_m=round(float(tick.truth.min_base_clearance), 3), period_ms=periods[WARM_UP:] or periods,
+        reason="" if success else why or "not there in time", state_hash=twin.state_hash(),
+    )  # fmt: skip
+
+
+def _result(world: World, **measured: Any) -> Result:
+    """The result of a run; without more of one whose process died."""
     return {
-        "world": scene.name,
-        "method": world.method,
-        "success": success,
-        "contacts": contacts,
-        "contacts_caused_by_robot": caused,
-        "time_s": round(spent, 3),
-        "optimal_s": round(world.optimal, 4),
-        "metric": round(metric(success, spent, world.optimal), 4),
-        "clearance_m": round(float(tick.truth.min_base_clearance), 3),
-        "period_ms": periods[WARM_UP:] or periods,
-        "reason": "" if success else why or "not there in time",
-        "state_hash": twin.state_hash(),
-    }
+        "world": world.scene.name, "method": world.method, "success": False, "contacts": 0,
+        "contacts_caused_by_robot": 0, "time_s": 0.0, "optimal_s": world.optimal, "metric": 0.0,
+        "clearance_m": math.nan, "period_ms": [0.0], "reason": "", "state_hash": "", **measured,
+    }  # fmt: skip
 
 
 def bench_barn(
@@ -164,7 +161,7 @@ def bench_barn(
     console.print(f"\n[bold]{NAME}[/bold]: {TITLE}")
     results: list[Result] = [{}] * len(runs)
     for done, (index, outcome) in enumerate(outcomes(cross, runs, local_pool(workers)), 1):
-        results[index] = _lost(runs[index], outcome.reason) if isinstance(outcome, Lost) else outcome
+        results[index] = _result(runs[index], reason=outcome.reason) if isinstance(outcome, Lost) else outcome
         result = results[index]
         verdict = f"{result['time_s']:.1f} s" if result["success"] else f"NO: {result['reason']}"
         console.print(f"  {done}/{len(runs)} {result['world']} {result['method']}: {verdict}", markup=False)
@@ -216,13 +213,3 @@ def table(results: Sequence[Result]) -> Table:
             f"{all_of['metric']:.3f}", "", *(f"{value:.1f}" for value in all_of["period_ms"].values()), style="bold",
         )  # fmt: skip
     return rows
-
-
-def _lost(world: World, reason: str) -> Result:
-    """The result of a run whose process died."""
-    return {
-        "world": world.scene.name, "method": world.method, "success": False, "contacts": 0,
-        "contacts_caused_by_robot": 0, "time_s": 0.0,
-        "optimal_s": world.optimal, "metric": 0.0, "clearance_m": math.nan, "period_ms": [0.0], "reason": reason,
-        "state_hash": "",
-    }  # fmt: skip

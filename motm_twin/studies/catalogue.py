@@ -58,16 +58,11 @@ MISMATCHES: Mapping[str, Mapping[str, float]] = {  # name of the row: fields of 
     "table 1 cm higher": {"mismatch.table_height": 0.01},
     SHAKEN: {"noise.arm_rate_sd": 2.0 * DEG},
     "moderate mixture": {
-        "mismatch.command_delay": 0.05,
-        "mismatch.base_lag": 0.1,
-        "mismatch.base_scale": 0.04,
-        "noise.camera_latency": 0.1,
-        "mismatch.hand_eye": 0.005,
-        "mismatch.map_offset": 0.02,
-        "mismatch.table_height": 0.005,
-        "noise.arm_rate_sd": 0.25 * DEG,
+        "mismatch.command_delay": 0.05, "mismatch.base_lag": 0.1, "mismatch.base_scale": 0.04,
+        "noise.camera_latency": 0.1, "mismatch.hand_eye": 0.005, "mismatch.map_offset": 0.02,
+        "mismatch.table_height": 0.005, "noise.arm_rate_sd": 0.25 * DEG,
     },
-}
+}  # fmt: skip
 MISMATCH_SCENE, MISMATCH_VARIANT, MISMATCH_SEEDS = "exp1", "random", 10
 ROBUSTNESS_SCENE, QUIET, KNOWN_CUBE = "turn", "quiet", "known_cube"
 
@@ -170,7 +165,7 @@ QUICK_ROBOT = {  # twice the speed and acceleration, and a gripper that closes i
     "robot.gripper.closing_time": 0.2,  # [s]
 }
 
-Specs = Iterable[TrialSpec]
+Specs = Callable[[Sequence[str], int | None], Iterable[TrialSpec]]  # methods, number of trials (None: as published)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -178,7 +173,7 @@ class Entry:
     """An experiment that can be asked for by name."""
 
     title: str
-    specs: Callable[[Sequence[str], int | None], Specs]  # methods, number of trials (None: as published)
+    specs: Specs
     methods: tuple[str, ...] = (MOTM.name,)  # when none are named
 
 
@@ -194,7 +189,10 @@ def methods_of(names: Iterable[str]) -> tuple[str, ...]:
         elif name == "ablations":
             found += [MOTM.name, *NAMES_OF_ABLATIONS]
         else:
-            _known(name)
+            try:
+                find_method(name)
+            except MethodError as error:
+                raise MethodError(f"{error}; or 'all', or 'ablations'") from error
             found.append(name)
     return tuple(dict.fromkeys(found))
 
@@ -217,14 +215,7 @@ def arrangements(trials: int | None) -> list[tuple[str, int | None]]:
     return [("random", seed) for seed in range(trials)]
 
 
-def _known(name: str) -> None:
-    try:
-        find_method(name)
-    except MethodError as error:
-        raise MethodError(f"{error}; or 'all', or 'ablations'") from error
-
-
-def _on(scene: str, changes: Mapping[str, float] | None = None) -> Callable[[Sequence[str], int | None], Specs]:
+def _on(scene: str, changes: Mapping[str, float] | None = None) -> Specs:
     """Every method on every arrangement: all of one arrangement, then the next, so that an early end compares."""
     return lambda methods, trials: (
         TrialSpec(scene, variant, seed, method, changes=dict(changes or {}))
@@ -233,7 +224,7 @@ def _on(scene: str, changes: Mapping[str, float] | None = None) -> Callable[[Seq
     )
 
 
-def _with_temis(variant: str) -> Callable[[Sequence[str], int | None], Specs]:
+def _with_temis(variant: str) -> Specs:
     """Experiment 2, and the same arrangements and seeds of Experiment 1 to compare with."""
     alone = {"one_temi": "trial1", "blind": "random"}.get(variant, variant)
     return lambda methods, trials: (
@@ -244,7 +235,7 @@ def _with_temis(variant: str) -> Callable[[Sequence[str], int | None], Specs]:
     )
 
 
-def _sweep(parameter: str) -> Callable[[Sequence[str], int | None], Specs]:
+def _sweep(parameter: str) -> Specs:
     """The shipped value, and the others."""
     settings = [{}, *({parameter: value} for value in SWEEPS[parameter])]
     return lambda methods, trials: (

@@ -17,13 +17,13 @@ from rich.console import Console
 from motm_twin.completion import Completion
 from motm_twin.control.arm.types import Phase
 from motm_twin.control.tick import Tick
-from motm_twin.methods.registry import FAST
+from motm_twin.methods.registry import FAST, find_method
 from motm_twin.model.edits import InjectFault
 from motm_twin.model.faults import KINDS
 from motm_twin.model.geometry import from_frame
-from motm_twin.model.scene import Scene
 from motm_twin.model.scene_file import load_scene
 from motm_twin.perf.report import Sheet, machine, write_report
+from motm_twin.twin import Twin
 
 NAME = "faults"
 TITLE = "Faults of sensors and robot: contacts, the cause, and whether the work goes on"
@@ -73,14 +73,6 @@ def _looks(tick: Tick) -> bool:
     return task.kind == "pick" and any(one.name == task.target for one in tick.observation.detections)
 
 
-def _speeds_up(tick: Tick) -> bool:
-    return bool((np.abs(tick.plan.acceleration) > SPEEDS_UP).any()) and _drives(tick)
-
-
-def _reaches(tick: Tick) -> bool:
-    return abs(float(tick.observation.dq[3])) > 0.2 and _drives(tick)
-
-
 def _sees_furniture(tick: Tick) -> bool:
     """Mapped furniture returns over a good part of what lies ahead."""
     scan = tick.observation.scan
@@ -96,8 +88,8 @@ def _sees_furniture(tick: Tick) -> bool:
 
 
 NOTICEABLE: dict[str, Callable[[Tick], bool]] = {
-    "joint_stuck": _reaches,
-    "base_lag": _speeds_up,
+    "joint_stuck": lambda tick: abs(float(tick.observation.dq[3])) > 0.2 and _drives(tick),
+    "base_lag": lambda tick: bool((np.abs(tick.plan.acceleration) > SPEEDS_UP).any()) and _drives(tick),
     "gripper_stuck": lambda tick: tick.arm[-1].phase == Phase.FINAL,
     "lidar_sector": _sees_furniture,
     **{name: _looks for name, kind in KINDS.items() if kind.group == "camera"},
@@ -153,10 +145,7 @@ class Watch:
 
 def run_trial(scene: str, kind: str, seed: int, method: str = FAST.name) -> dict[str, Any]:
     """One trial with a fault."""
-    from motm_twin.methods.registry import find_method  # a worker loads the methods by itself
-    from motm_twin.twin import Twin
-
-    loaded: Scene = load_scene(scene, SCENES.get(scene), seed)
+    loaded = load_scene(scene, SCENES.get(scene), seed)
     if kind in WITH_NAMES:
         loaded = msgspec.structs.replace(loaded, detections="named")
     twin, watch = Twin(loaded, method=find_method(method)), Watch(kind)
@@ -174,30 +163,22 @@ def run_trial(scene: str, kind: str, seed: int, method: str = FAST.name) -> dict
     return _result(watch, twin, tick, scene, kind, seed, method)
 
 
-def _result(watch: Watch, twin: Any, tick: Tick, scene: str, kind: str, seed: int, method: str) -> dict[str, Any]:
+def _result(watch: Watch, twin: Twin, tick: Tick, scene: str, kind: str, seed: int, method: str) -> dict[str, Any]:
     truth = tick.truth
     assert truth is not None
     caused = [contact for contact in truth.contacts if contact.caused_by_robot]
     places = sum(task.kind == "place" for task in tick.tasks)
-    delays = [one.named for one in watch.seen]
     return {
-        "scene": scene,
-        "kind": kind,
-        "seed": seed,
-        "method": method,
-        "success": bool(tick.success and truth.places == places),
-        "placed": truth.places,
-        "places": places,
-        "time_s": round(tick.time, 2),
-        "contacts": len(truth.contacts),
-        "dropped": list(truth.dropped),
+        "scene": scene, "kind": kind, "seed": seed, "method": method,
+        "success": bool(tick.success and truth.places == places), "placed": truth.places, "places": places,
+        "time_s": round(tick.time, 2), "contacts": len(truth.contacts), "dropped": list(truth.dropped),
         "caused": [f"{one.body} {one.other} {one.time:.2f} s {one.depth:.3f} m" for one in caused],
         "injected": [round(one.at, 2) for one in watch.seen],
-        "named_s": [None if one is None else round(one, 2) for one in delays],
+        "named_s": [None if one is None else round(one, 2) for one in (each.named for each in watch.seen)],
         "shown": [one.shown for one in watch.seen],
         "false": dict(sorted(watch.false.items())),
         "reason": "" if tick.success else (tick.stop_reason or "; ".join(twin.loop.sequence.failures)),
-    }
+    }  # fmt: skip
 
 
 def bench_faults(
@@ -211,25 +192,19 @@ def bench_faults(
     seeds = range(math.ceil(SEEDS * share))
     chosen, places = list(kinds) or [NONE, *KINDS], list(scenes) or list(SCENES)
     cells = [(scene, kind, seed) for seed in seeds for kind in chosen for scene in places]
-    run = joblib.Parallel(n_jobs=workers, return_as="generator_unordered")
+    run: Any = joblib.Parallel(n_jobs=workers, return_as="generator_unordered")
     results: list[dict[str, Any]] = []
     for one in run(joblib.delayed(run_trial)(*cell) for cell in cells):
-        assert one is not None  # joblib's types allow it
         results.append(one)
         if not good(one):
             console.print(f"  {failure_line(one)}", style="yellow", markup=False)
         results.sort(key=lambda one: (chosen.index(one["kind"]), places.index(one["scene"]), one["seed"]))
-        _written(out, results, whole=len(results) == len(cells))
+        whole = len(results) == len(cells)  # a bench that takes hours may be stopped: what is there so far is written
+        write_report(out, NAME, TITLE, whole=whole, reached=whole and all(map(good, results)), trials=results)
+        SHEET.write(out / f"{NAME}.md", rows_of(results))
     console.print(SHEET.table(rows_of(results), title=f"each {LASTS:g} s long, up to {len(TIMES)} times a trial"))
     console.print(f"{machine()}, {workers} processes; written to {out / f'{NAME}.json'} and {NAME}.md")
     return all(map(good, results))
-
-
-def _written(out: Path, results: list[dict[str, Any]], *, whole: bool) -> None:
-    """Write the results so far: a bench that takes hours may be stopped."""
-    reached = whole and all(map(good, results))
-    write_report(out, NAME, TITLE, whole=whole, reached=reached, trials=results)
-    SHEET.write(out / f"{NAME}.md", rows_of(results))
 
 
 def good(one: dict[str, Any]) -> bool:
@@ -260,18 +235,15 @@ def rows_of(results: list[dict[str, Any]]) -> list[tuple[str, ...]]:
         these = [one for one in results if one["kind"] == kind]
         named = [delay for one in these for delay in one["named_s"]]
         times = [one["time_s"] for one in these if one["success"]]
-        rows.append(
-            (
-                kind,
-                str(len(these)),
-                str(sum(one["success"] for one in these)),
-                f"{sum(one['placed'] for one in these)}/{sum(one['places'] for one in these)}",
-                str(sum(one["contacts"] for one in these)),
-                str(sum(len(one["caused"]) for one in these)),
-                f"{sum(map(in_time, named))}/{len(named)}" if named else "",
-                f"{max((delay for delay in named if delay is not None), default=math.nan):.2f} s" if named else "",
-                ", ".join(sorted({key for one in these for key in one["false"]})),
-                f"{sum(times) / len(times):.1f} s" if times else "",
-            )
+        placed, places, done, contacts = (
+            sum(one[key] for one in these) for key in ("placed", "places", "success", "contacts")
         )
+        slowest = max((delay for delay in named if delay is not None), default=math.nan)
+        rows.append((
+            kind, str(len(these)), str(done), f"{placed}/{places}", str(contacts),
+            str(sum(len(one["caused"]) for one in these)),
+            f"{sum(map(in_time, named))}/{len(named)}" if named else "", f"{slowest:.2f} s" if named else "",
+            ", ".join(sorted({key for one in these for key in one["false"]})),
+            f"{sum(times) / len(times):.1f} s" if times else "",
+        ))  # fmt: skip
     return rows

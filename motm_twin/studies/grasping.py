@@ -6,7 +6,7 @@ experiment's (`studies.run`), kept on disk and resumed after Ctrl-C.
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -19,6 +19,7 @@ from motm_twin.perf.report import Sheet, machine, number, plain, write_report
 from motm_twin.plants import MUJOCO, PLANTS
 from motm_twin.studies import statistics
 from motm_twin.studies.catalogue import MISMATCHES, SHAKEN
+from motm_twin.studies.groups import touches
 from motm_twin.studies.run import Result, run_or_stop
 from motm_twin.studies.spec import Experiment, TrialSpec
 from motm_twin.studies.summary import completed
@@ -53,7 +54,7 @@ class Study:
     together: bool = False
     random: bool = False  # random arrangements instead of the published ones
     touches: bool = False  # a contact that the robot caused is no failure
-    minutes: int = field(default=0)  # about, on two cores
+    minutes: int = 0  # about, on two cores
 
 
 ERRORS: Mapping[str, Mapping[str, float]] = {
@@ -171,11 +172,8 @@ def rows_of(study: Study, pairs: Sequence[tuple[TrialSpec, Result]]) -> list[dic
     rows = []
     for one in study.settings:
         for methods in (study.methods,) if study.together else tuple((name,) for name in study.methods):
-            these = [
-                result
-                for spec, result in pairs
-                if (spec.changes, spec.plant) == (dict(one.changes), one.plant) and spec.method in methods
-            ]
+            row = dict(one.changes), one.plant
+            these = [result for spec, result in pairs if (spec.changes, spec.plant) == row and spec.method in methods]
             rows.append({**row_of(one, methods, these), "touches": study.touches})
     return rows
 
@@ -187,25 +185,17 @@ def row_of(one: Setting, methods: Sequence[str], these: Sequence[Result]) -> dic
     closing = [result["mean_closing_base_speed_mps"] for result in these]
     felt = [result["physics"] for result in these if result.get("physics")]
     return {
-        "setting": one.name,
-        "plant": one.plant,
-        "method": " + ".join(methods),
-        "trials": len(these),
-        "placed": placed,
-        "places": places,
-        "share": statistics.proportion(placed, places) if places else None,
-        "least": one.least,
-        "grasps": grasps,
-        "held": statistics.proportion(min(picks, grasps), grasps) if grasps else None,
-        "contacts": sum(len(result["contacts"]) for result in these),
-        "caused": sum(result["contacts_caused_by_robot"] for result in these),
+        "setting": one.name, "plant": one.plant, "method": " + ".join(methods), "trials": len(these), "placed": placed,
+        "places": places, "share": statistics.proportion(placed, places) if places else None, "least": one.least,
+        "grasps": grasps, "held": statistics.proportion(min(picks, grasps), grasps) if grasps else None,
+        "contacts": touches(these), "caused": sum(result["contacts_caused_by_robot"] for result in these),
         "time": statistics.mean(result["time_s"] for result in these if completed(result)),
         "closing": float(np.mean([speed for speed in closing if speed is not None])) if any(closing) else math.nan,
         "shift": [grasp["shift"] for one in felt for grasp in one["grasps"]],
         "phantoms": [sum(one["phantoms"][k] for one in felt) for k in (0, 1)],
         "torque": max((max(one["torque_peaks"]) for one in felt), default=math.nan),
         "wrist": max((one["wrist_peaks"][0] for one in felt), default=math.nan),
-    }
+    }  # fmt: skip
 
 
 def good(row: Mapping[str, Any]) -> bool:

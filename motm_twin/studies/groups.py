@@ -11,7 +11,7 @@ import numpy as np
 from rich.console import Console
 
 from motm_twin.external.emulator import LinkSpec
-from motm_twin.perf.report import Limit, Sheet, goal_table, machine, number, write
+from motm_twin.perf.report import Limit, Sheet, goal_table, machine, number, write_report
 from motm_twin.plants import PLANTS
 from motm_twin.studies.pool import Lost, local_pool, outcomes
 from motm_twin.studies.spec import TrialSpec, broken, job_of, run_job
@@ -21,16 +21,10 @@ Measure = Callable[[list[Result]], float]
 APPROACH = 0.02  # [m/s] approach speed of a contact point that counts as driving into the other
 
 
-@dataclass(frozen=True, kw_only=True)
-class Trial:
-    """One run: a variant of a scene with a seed (None: the seed of the scene file)."""
+class Trial(TrialSpec, frozen=True, kw_only=True):
+    """One run, and how it is made otherwise."""
 
-    scene: str
-    variant: str | None = None
-    seed: int | None = None
     link: LinkSpec | None = None  # the robot in another process, behind this link, on a shared clock
-    method: str = "motm"
-    plant: str = "simulated"  # of `plants.PLANTS`
     beside: bool = False  # run on the kinematic plant, too
 
 
@@ -55,7 +49,10 @@ class Group:
         """The same trials with another plant, beside those that have none of their own."""
         if plant == PLANTS[0]:
             return self
-        return replace(self, trials=tuple(replace(trial, plant=plant) for trial in self.trials))
+        return replace(self, trials=tuple(msgspec.structs.replace(trial, plant=plant) for trial in self.trials))
+
+
+NAN = float("nan")
 
 
 def _sum_of(key: str) -> Measure:
@@ -65,7 +62,7 @@ def _sum_of(key: str) -> Measure:
 def _mean_of(key: str) -> Measure:
     def mean(results: list[Result]) -> float:
         values = [result[key] for result in results]
-        return float(np.mean(values)) if values and None not in values else float("nan")
+        return float(np.mean(values)) if values and None not in values else NAN
 
     return mean
 
@@ -77,7 +74,7 @@ def _worst(part: str) -> Measure:
 
 def _mean_time(results: list[Result]) -> float:
     """Mean time [s] over completed trials only when all are: a trial that gave up early is not fast."""
-    return _mean_of("time_s")(results) if all(result["success"] for result in results) else float("nan")
+    return _mean_of("time_s")(results) if all(result["success"] for result in results) else NAN
 
 
 def _mean_time_by(key: str) -> Measure:
@@ -86,8 +83,7 @@ def _mean_time_by(key: str) -> Measure:
 
 
 def _first_time(results: list[Result]) -> float:
-    first = [result["time_s"] for result in results if result["variant"] == "trial1" and result["success"]]
-    return first[0] if first else float("nan")
+    return next((one["time_s"] for one in results if one["variant"] == "trial1" and one["success"]), NAN)
 
 
 def _disagreements(results: list[Result]) -> int:
@@ -142,7 +138,7 @@ def _at_least(name: str, unit: str, limit: float, measure: Measure, decimals: in
 
 def _slowest(results: list[Result]) -> float:
     """Over all trials but the first, which may have compiled kernels."""
-    return min((result["realtime_factor"] for result in results[1:]), default=float("nan"))
+    return min((result["realtime_factor"] for result in results[1:]), default=NAN)
 
 
 _GROUPS = (
@@ -197,7 +193,7 @@ _GROUPS = (
         name="physics",
         title="Experiment 1 under contact dynamics, beside the kinematic plant: fast and motm",
         trials=tuple(
-            replace(trial, method=method, plant="mujoco", beside=True)
+            msgspec.structs.replace(trial, method=method, plant="mujoco", beside=True)
             for method in ("fast", "motm")
             for trial in _published("exp1")
         ),
@@ -242,22 +238,17 @@ def run_group(group: Group, workers: int, limit_s: float = LIMIT_S) -> Iterator[
 
 def run_one(trial: Trial) -> Result:
     """One trial; one that breaks gives a failed result."""
-    spec = _spec(trial)
-    result = run_job(job_of(spec)).result
+    result = run_job(job_of(trial)).result
     result = {**result, **result["wall"]} if "tick_ms" in result["wall"] else failed(trial, result["reason"])
     if trial.beside:
-        other = run_job(job_of(msgspec.structs.replace(spec, plant=PLANTS[0]))).result
+        other = run_job(job_of(msgspec.structs.replace(trial, plant=PLANTS[0]))).result
         return {**result, "kinematic_s": other["time_s"] if other["success"] else None}
     if trial.link is None:
         return result
     from motm_twin.perf.processes import run_external
 
-    outside = run_external(trial.scene, trial.variant, trial.link, method=spec.method)
+    outside = run_external(trial.scene, trial.variant, trial.link, method=trial.method)
     return {**outside, "in_process_s": result["time_s"], "link": msgspec.to_builtins(trial.link)}
-
-
-def _spec(trial: Trial) -> TrialSpec:
-    return TrialSpec(trial.scene, trial.variant, trial.seed, method=trial.method, plant=trial.plant)
 
 
 def _run_until(call: tuple[Trial, float]) -> Result:
@@ -273,16 +264,10 @@ def _run_until(call: tuple[Trial, float]) -> Result:
 
 def failed(trial: Trial, reason: str) -> Result:
     """The result of a trial that gave none."""
-    nan = float("nan")
     return {
-        **broken(job_of(_spec(trial)), reason),
-        "in_process_s": 0.0,
-        "kinematic_s": None,
-        "reference_tour_s": 0.0,
-        "tick_ms": {"p50": nan, "p99": nan, "max": nan},
-        "realtime_factor": 0.0,
-        "state_hash": f"none: {reason}",
-    }
+        **broken(job_of(trial), reason), "in_process_s": 0.0, "kinematic_s": None, "reference_tour_s": 0.0,
+        "tick_ms": dict.fromkeys(("p50", "p99", "max"), NAN), "realtime_factor": 0.0, "state_hash": f"none: {reason}",
+    }  # fmt: skip
 
 
 def bench_group(group: Group, out: Path, workers: int, console: Console) -> bool:
@@ -292,26 +277,18 @@ def bench_group(group: Group, out: Path, workers: int, console: Console) -> bool
     for result in run_group(group, workers):
         results.append(result)
         console.print(f"  {len(results)}/{len(group.trials)} {progress(result)}", markup=False)
-    report = summary(group, results)
+    goals = judged(group, results)
+    reached = len(results) == len(group.trials) and all(goal["reached"] for goal in goals)
     console.print(SHEET.table(results))
-    console.print(goal_table(report["goals"]))
-    target = out / f"{group.name}.json"
-    write(target, report)
-    console.print(f"{report['machine']}, {workers} processes; written to {target}")
-    return bool(report["reached"])
+    console.print(goal_table(goals))
+    target = write_report(out, group.name, group.title, reached=reached, goals=goals, trials=results)
+    console.print(f"{machine()}, {workers} processes; written to {target}")
+    return reached
 
 
-def summary(group: Group, results: list[Result]) -> dict[str, Any]:
-    """Every goal with its measured value, and the results behind them."""
-    goals = [goal.judged(float(goal.measure(results))) for goal in group.goals]
-    return {
-        "group": group.name,
-        "title": group.title,
-        "machine": machine(),
-        "reached": len(results) == len(group.trials) and all(goal["reached"] for goal in goals),
-        "goals": goals,
-        "trials": results,
-    }
+def judged(group: Group, results: list[Result]) -> list[dict[str, Any]]:
+    """Every goal with its measured value."""
+    return [goal.judged(float(goal.measure(results))) for goal in group.goals]
 
 
 def progress(result: Result) -> str:

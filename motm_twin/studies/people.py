@@ -11,7 +11,6 @@ from typing import Any
 import msgspec
 import numpy as np
 from rich.console import Console
-from rich.table import Table
 
 from motm_twin.control.method import Method
 from motm_twin.control.tick import Tick
@@ -21,11 +20,11 @@ from motm_twin.model.names import hint
 from motm_twin.model.period import PERIOD
 from motm_twin.model.plant import Truth
 from motm_twin.model.scene import Scene
-from motm_twin.perf.report import grid, load_average, machine, number, write_report
+from motm_twin.perf.report import Sheet, load_average, machine, number, write_report
 from motm_twin.plants import make_plant, require_people
 from motm_twin.studies.oracle import NAME as ORACLE
 from motm_twin.studies.oracle import oracle, require_known_future
-from motm_twin.studies.pool import Lost, local_pool, outcomes
+from motm_twin.studies.pool import told_outcomes
 from motm_twin.studies.spec import Job, TrialSpec, jobs_of
 from motm_twin.studies.statistics import proportion
 from motm_twin.trial import run_scene
@@ -53,31 +52,19 @@ class Situation(msgspec.Struct, frozen=True):
         return TrialSpec(scene, self.variant, seed, method, changes=dict(self.changes))
 
 
-def _circle(behaviour: str) -> Situation:
-    return Situation("circle:{}", "visible", {"agents.*.behaviour": behaviour})
-
-
+QUICK = {"agents.*.speed": 0.8}
 SITUATIONS: dict[str, Situation] = {
-    "circle": Situation("circle:{}", "visible"),
-    "circle_invisible": Situation("circle:{}", "invisible"),
-    "square": Situation("square:{}", "visible"),
-    "square_invisible": Situation("square:{}", "invisible"),
-    "circle_social_force": _circle("social_force"),
-    "circle_yield": _circle("yield"),
-    "circle_blind": _circle("blind"),
-    "corridor": Situation("people", "corridor"),
-    "doorway": Situation("people", "doorway"),
-    "turns": Situation("people", "turns"),
-    "group": Situation("people", "group"),
-    "crossing": Situation("people", "crossing"),
-    "dynabarn_easy": Situation("dynabarn:{}", "easy"),
-    "dynabarn_medium": Situation("dynabarn:{}", "medium"),
-    "dynabarn_hard": Situation("dynabarn:{}", "hard"),
+    **{f"{shape}{end}": Situation(f"{shape}:{{}}", variant)
+       for shape in ("circle", "square") for end, variant in (("", "visible"), ("_invisible", "invisible"))},
+    **{f"circle_{behaviour}": Situation("circle:{}", "visible", {"agents.*.behaviour": behaviour})
+       for behaviour in ("social_force", "yield", "blind")},
+    **{name: Situation("people", name) for name in ("corridor", "doorway", "turns", "group", "crossing")},
+    **{f"dynabarn_{level}": Situation("dynabarn:{}", level) for level in ("easy", "medium", "hard")},
     "exp2": Situation("exp2", "random"),
     "exp2_blind": Situation("exp2", "blind"),
-    "exp2_quick": Situation("exp2", "random", {"agents.*.speed": 0.8}),
-    "exp2_blind_quick": Situation("exp2", "blind", {"agents.*.speed": 0.8}),
-}
+    "exp2_quick": Situation("exp2", "random", QUICK),
+    "exp2_blind_quick": Situation("exp2", "blind", QUICK),
+}  # fmt: skip
 
 
 class Case(msgspec.Struct, frozen=True, kw_only=True):
@@ -120,25 +107,18 @@ def meet(case: Case) -> Result:
     measures, contacts = report["measures"], report["contacts"]
     people = measures["among_people"]
     return {
-        "situation": case.situation,
-        "method": case.method,
-        "seed": scene.seed,
-        "success": bool(report["success"] and not contacts),
-        "time_s": report["time_s"],
-        "placed": report["places_done"],
-        "to_place": report["places_total"],
-        "contacts": len(contacts),
+        "situation": case.situation, "method": case.method, "seed": scene.seed,
+        "success": bool(report["success"] and not contacts), "time_s": report["time_s"],
+        "placed": report["places_done"], "to_place": report["places_total"], "contacts": len(contacts),
         "contacts_base_moved_towards": sum(contact["base_moved_towards"] for contact in contacts),
-        "contacts_caused_by_robot": report["contacts_caused_by_robot"],
-        "cut_ins": len(measures["cut_ins"]),
+        "contacts_caused_by_robot": report["contacts_caused_by_robot"], "cut_ins": len(measures["cut_ins"]),
         "near_misses": len(measures["near_misses"]),
         **{key: value for key, value in people.items() if key != "conflicts"},
         "made_way": {who: sum(one["made_way"] == who for one in people["conflicts"]) for who in WHO},
-        **imposed(tracks(rows), alone(scene, len(rows))),
-        "path_length_m": report["path_length_m"],
+        **imposed(tracks(rows), alone(scene, len(rows))), "path_length_m": report["path_length_m"],
         "reason": report["reason"] or (f"contact with {contacts[0]['other']}" if contacts else ""),
         "state_hash": report["state_hash"],
-    }
+    }  # fmt: skip
 
 
 def method_of(case: Case) -> Method:
@@ -201,20 +181,13 @@ def bench_people(
     """
     runs = cases(situations or tuple(SITUATIONS), methods or (FAST.name,), TRIALS if trials is None else trials, first)
     console.print(f"\n[bold]{NAME}[/bold]: {TITLE}")
-    results: list[Result] = []
-    for done, (index, outcome) in enumerate(outcomes(meet, runs, local_pool(workers)), 1):
-        case = runs[index]
-        about = f"  {done}/{len(runs)} {case.situation} seed {case.job.scene.seed} {case.method}"
-        if isinstance(outcome, Lost):
-            console.print(f"{about}: lost, {outcome.reason}", style="red", markup=False)
-            continue
-        results.append(outcome)
-        verdict = f"{outcome['time_s']:.1f} s" if outcome["success"] else f"NO: {outcome['reason']}"
-        console.print(f"{about}: {verdict}", markup=False)
-    order = {(case.situation, case.job.scene.seed, case.method): i for i, case in enumerate(runs)}
-    results.sort(key=lambda one: order[one["situation"], one["seed"], one["method"]])
+    results = told_outcomes(
+        meet, runs, workers, console,
+        lambda case: f"{case.situation} seed {case.job.scene.seed} {case.method}",
+        lambda one: f"{one['time_s']:.1f} s" if one["success"] else f"NO: {one['reason']}",
+    )  # fmt: skip
     rows = summaries(results)
-    console.print(table(rows))
+    console.print(SHEET.table(rows))
     target = write_report(out, NAME, TITLE, rows=results, whole=rows, load_average=load_average(console))
     console.print(f"{machine()}, {workers} processes; written to {target}", markup=False)
     return len(results) == len(runs) and all(result["success"] for result in results)
@@ -252,20 +225,17 @@ def _summary(situation: str, method: str, of: Sequence[Result]) -> Result:
     }
 
 
-def table(rows: Sequence[Result]) -> Table:
-    """The summaries as they are printed."""
-    names = (
+SHEET = Sheet(  # of the summaries
+    head=(
         "situation", "method", "n", "ok %", "time s", "hits", "towards", "caused", "cut-ins", "near", "gap m", "ttc s",
         "uneasy s", "path m", "dv m/s", "off m", "way r/a/b/n", "frozen s", "placed %",
-    )  # fmt: skip
-    made = grid(*names, texts=("situation", "method"))
-    for row in rows:
-        made.add_row(
-            row["situation"], row["method"], str(row["trials"]), f"{row['success_percent']:g}",
-            number(row["time_s"], 1), *(str(row[key]) for key in SUMS),
-            number(row["least_gap_m"], 2), number(row["least_time_to_collision_s"], 2),
-            f"{row['discomfort_s']:.2f}", f"{row['imposed_path_m']:.2f}", f"{row['imposed_velocity_change_mps']:.2f}",
-            f"{row['imposed_deviation_m']:.2f}", "/".join(map(str, row["made_way"].values())),
-            f"{row['freezing_s']:.1f}", number(row["placed_percent"], 1),
-        )  # fmt: skip
-    return made
+    ),
+    texts=("situation", "method"),
+    cells=lambda row: (
+        row["situation"], row["method"], str(row["trials"]), f"{row['success_percent']:g}", number(row["time_s"], 1),
+        *(str(row[key]) for key in SUMS), number(row["least_gap_m"], 2), number(row["least_time_to_collision_s"], 2),
+        f"{row['discomfort_s']:.2f}", f"{row['imposed_path_m']:.2f}", f"{row['imposed_velocity_change_mps']:.2f}",
+        f"{row['imposed_deviation_m']:.2f}", "/".join(map(str, row["made_way"].values())),
+        f"{row['freezing_s']:.1f}", number(row["placed_percent"], 1),
+    ),
+)  # fmt: skip

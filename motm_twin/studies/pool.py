@@ -93,6 +93,22 @@ def outcomes(
         waiting = [index for index in waiting if index not in done]
 
 
+def told_outcomes(
+    call: Callable[..., Any], items: Sequence[Any], workers: int, console: Console,
+    about: Callable[[Any], str], verdict: Callable[[Any], str],
+) -> list[Any]:  # fmt: skip
+    """Outcomes on this machine in the order of the items, without those that are lost; each is told as it is done."""
+    found = {}
+    for done, (index, outcome) in enumerate(outcomes(call, items, local_pool(workers)), 1):
+        said = f"  {done}/{len(items)} {about(items[index])}"
+        if isinstance(outcome, Lost):
+            console.print(f"{said}: lost, {outcome.reason}", style="red", markup=False)
+        else:
+            found[index] = outcome
+            console.print(f"{said}: {verdict(outcome)}", markup=False)
+    return [found[index] for index in sorted(found)]
+
+
 def _round(
     call: Callable[..., Any], items: Sequence[Any], chosen: list[int], begun: list[int], pool: Pool
 ) -> Iterator[tuple[int, Any]]:

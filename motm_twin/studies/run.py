@@ -61,7 +61,9 @@ class Store:
             self._file.close()
             said = f"{self.path}: another run writes to it now; wait for it, or give another --out"
             raise ValueError(said) from error
-        self._cut_half_line()
+        data = self.path.read_bytes()
+        if data and not data.endswith(b"\n"):  # half a line
+            self._file.truncate(data.rfind(b"\n") + 1)
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -89,11 +91,6 @@ class Store:
         temporary = self.folder / f".{RESULTS}"
         temporary.write_bytes(text)
         temporary.replace(self.folder / RESULTS)
-
-    def _cut_half_line(self) -> None:
-        data = self.path.read_bytes()
-        if data and not data.endswith(b"\n"):
-            self._file.truncate(data.rfind(b"\n") + 1)
 
 
 def _decoded(line: bytes) -> Record | None:
@@ -139,22 +136,15 @@ class Bar:
         self.done = 0
         self.console = console
         columns = (TextColumn("  trials"), BarColumn(), MofNCompleteColumn(), TextColumn("{task.fields[left]}"))
-        self._progress = Progress(*columns, console=console, disable=not console.is_terminal)
-        self._task = self._progress.add_task("", total=self.total, left="")
-
-    def __enter__(self) -> Self:
-        self._progress.start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._progress.stop()
+        self.progress = Progress(*columns, console=console, disable=not console.is_terminal)
+        self._task = self.progress.add_task("", total=self.total, left="")
 
     def add(self, method: str, seconds: float | None) -> None:
         """A trial is done."""
         self.time.add(method, seconds)
         self.done += 1
         left = left_text(self.time.left())
-        self._progress.update(self._task, completed=self.done, left=left)
+        self.progress.update(self._task, completed=self.done, left=left)
         tenth = max(1, self.total // 10)
         if not self.console.is_terminal and (self.done % tenth == 0 or self.done == self.total):
             self.console.print(f"  {self.done}/{self.total} trials {left}".rstrip(), markup=False)
@@ -176,6 +166,11 @@ def left_text(seconds: float | None) -> str:
 Result = dict[str, Any]
 
 
+def chosen(results: Iterable[Result], fields: Mapping[str, Any]) -> list[Result]:
+    """Those in which these fields have these values."""
+    return [result for result in results if all(result.get(key) == value for key, value in fields.items())]
+
+
 @dataclass
 class Results:
     """Results by experiment, each list in the order of the experiment's specs, whoever ran them and when.
@@ -191,9 +186,7 @@ class Results:
 
     def of(self, name: str, **fields: Any) -> list[Result]:
         """Results of an experiment in which these fields have these values, as ``of("exp1", method="motm")``."""
-        return [
-            result for result in self.trials[name] if all(result.get(key) == value for key, value in fields.items())
-        ]
+        return chosen(self.trials[name], fields)
 
 
 @dataclass
@@ -222,9 +215,9 @@ def run(
     ``about``: what is kept with every trial that is run now, beside what it was made with.
     Raises ValueError for a spec that cannot be run, before any trial begins.
     """
-    chosen = [experiments] if isinstance(experiments, Experiment) else list(experiments)
-    jobs = {experiment.name: jobs_of(experiment.specs) for experiment in chosen}
-    if len(jobs) < len(chosen):
+    given = [experiments] if isinstance(experiments, Experiment) else list(experiments)
+    jobs = {experiment.name: jobs_of(experiment.specs) for experiment in given}
+    if len(jobs) < len(given):
         raise ValueError("two experiments have the same name: results are kept by name")
     source = made_with()[SOURCE]
     results = Results(out, {name: [{} for _ in these] for name, these in jobs.items()})
@@ -235,7 +228,8 @@ def run(
         if tasks:
             pool = make_pool(workers, backend, address)
             methods = [task.job.spec.method for task in tasks]
-            bar = stack.enter_context(Bar(methods, pool.processes(), console or Console(quiet=True)))
+            bar = Bar(methods, pool.processes(), console or Console(quiet=True))
+            stack.enter_context(bar.progress)
             for number, outcome in outcomes(run_job, [task.job for task in tasks], pool, bar.say):
                 _keep(tasks[number], outcome, stores, results, source, bar, about or {})
         for name, store in stores.items():
@@ -245,11 +239,11 @@ def run(
 
 def run_or_stop(experiments: Iterable[Experiment], *, out: Path, workers: int, console: Console) -> Results | None:
     """`run`; None after Ctrl-C, which the console is told."""
-    chosen = list(experiments)
+    given = list(experiments)
     try:
-        return run(chosen, out=out, workers=workers, console=console)
+        return run(given, out=out, workers=workers, console=console)
     except KeyboardInterrupt:
-        console.print(kept_text(out, (each.name for each in chosen)), markup=False)
+        console.print(kept_text(out, (each.name for each in given)), markup=False)
         return None
 
 

@@ -16,7 +16,7 @@ from motm_twin.methods.registry import FAST
 from motm_twin.model.number import Found, numbers_of, replaced
 from motm_twin.perf.report import Sheet, machine, write_report
 from motm_twin.studies import statistics
-from motm_twin.studies.groups import drove_into
+from motm_twin.studies.groups import drove_into, touches
 from motm_twin.studies.run import Result, Results, run_or_stop
 from motm_twin.studies.spec import Experiment, TrialSpec
 
@@ -107,34 +107,24 @@ def bench_screening(out: Path, share: float, workers: int, console: Console, giv
 
 def rows_of(results: Results, changes: Iterable[Change]) -> list[dict[str, Any]]:
     """A row for each change beside the runs without it. The change of time is that of the trials that both complete."""
-    shipped = {_key(each): each for each in results.of(NAME, numbers={})}
+    shipped = {(each["scene"], each["seed"]): each for each in results.of(NAME, numbers={})}
     rows = [_row(Change(SHIPPED, 1.0), list(shipped.values()), shipped)]
     for change in changes:
         rows.append(_row(change, results.of(NAME, numbers={change.name: change.value}), shipped))
     return rows
 
 
-def _key(result: Result) -> tuple[str, int]:
-    return result["scene"], result["seed"]
-
-
 def _row(change: Change, these: list[Result], shipped: dict[tuple[str, int], Result]) -> dict[str, Any]:
-    both = [(each, shipped[_key(each)]) for each in these]
+    both = [(each, shipped[each["scene"], each["seed"]]) for each in these]
     done = [(one, other) for one, other in both if one["success"] and other["success"]]
     slower = statistics.mean([one["time_s"] - other["time_s"] for one, other in done])
     return {
-        "number": change.name,
-        "value": change.value,
-        "trials": len(these),
+        "number": change.name, "value": change.value, "trials": len(these),
         "same": sum(one["state_hash"] == other["state_hash"] for one, other in both),
-        "slower_s": slower.value,
-        "slower_low_s": slower.low,
-        "slower_high_s": slower.high,
-        "placed": sum(each["places_done"] for each in these),
-        "places": sum(each["places_total"] for each in these),
-        "contacts": sum(len(each["contacts"]) for each in these),
-        "caused": drove_into(these),
-    }
+        "slower_s": slower.value, "slower_low_s": slower.low, "slower_high_s": slower.high,
+        "placed": sum(each["places_done"] for each in these), "places": sum(each["places_total"] for each in these),
+        "contacts": touches(these), "caused": drove_into(these),
+    }  # fmt: skip
 
 
 def cells(row: dict[str, Any]) -> tuple[str, ...]:

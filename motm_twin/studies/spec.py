@@ -157,7 +157,8 @@ def _job(spec: TrialSpec, scene: Scene) -> Job:
         with_numbers(method, spec.numbers)
     parameters = {name: check(name, value) for name, value in spec.parameters.items()}
     spec = msgspec.structs.replace(spec, parameters=parameters)
-    return Job(spec=spec, scene=scene, method_text=_text_of(spec.method))
+    file, colon, _ = spec.method.rpartition(":")
+    return Job(spec=spec, scene=scene, method_text=Path(file).read_text(encoding="utf-8") if colon else "")
 
 
 def with_numbers(method: Method, numbers: Mapping[str, float | bool]) -> Parameters:
@@ -180,11 +181,6 @@ def method_of(job: Job) -> Method:
     given = {entry.name for entry in PARAMETERS if ".".join(entry.path) in changed}
     kept = {name: value for name, value in method.parameters.items() if name not in given}
     return dataclasses.replace(method, parameters=kept)
-
-
-def _text_of(method: str) -> str:
-    file, colon, _ = method.rpartition(":")
-    return Path(file).read_text(encoding="utf-8") if colon else ""
 
 
 WALL = ("tick_ms", "realtime_factor")  # measured by a clock: differ from run to run
@@ -254,44 +250,21 @@ def session_of(job: Job, periods: int, state_hash: str) -> Session:
     method = method_of(job)
     start = {**method.parameters, **job.spec.parameters}
     return Session(
-        title=f"{job.scene.title}, {job.spec.method}",
-        made_with=made_with(physics=job.scene.physics is not None),
-        scene=job.scene,
-        method=method.name,
-        parameters={name: value for name, value in start.items() if value != parameter(name).default},
-        periods=periods,
+        title=f"{job.scene.title}, {job.spec.method}", made_with=made_with(physics=job.scene.physics is not None),
+        scene=job.scene, method=method.name,
+        parameters={name: value for name, value in start.items() if value != parameter(name).default}, periods=periods,
         state_hash=state_hash,
-    )
+    )  # fmt: skip
 
 
 def broken(job: Job, reason: str, *, time_s: float = 0.0) -> dict[str, Any]:
     """The placeholder result of a broken trial."""
     picks = sum(type(task).__name__ == "Pick" for task in job.scene.tasks)
     return {
-        "scene": job.scene.name,
-        "variant": job.scene.variant,
-        "seed": job.scene.seed,
-        "success": False,
-        "time_s": time_s,
-        "reference_tour_s": None,
-        "picks_done": 0,
-        "picks_attempted": 0,
-        "picks_total": picks,
-        "places_done": 0,
-        "places_total": picks,
-        "drops": 0,
-        "dropped": [],
-        "contacts": [],
-        "contacts_caused_by_robot": 0,
-        "cut_ins": [],
-        "min_base_clearance_m": None,
-        "min_arm_clearance_m": None,
-        "min_ee_obstacle_m": None,
-        "path_length_m": 0.0,
-        "mean_closing_base_speed_mps": None,
-        "encounters": 0,
-        "plant_faults": [],
-        "reason": reason,
-        "state_hash": "",
-        "measures": None,
-    }
+        "scene": job.scene.name, "variant": job.scene.variant, "seed": job.scene.seed, "success": False,
+        "time_s": time_s, "reference_tour_s": None, "picks_done": 0, "picks_attempted": 0, "picks_total": picks,
+        "places_done": 0, "places_total": picks, "drops": 0, "dropped": [], "contacts": [],
+        "contacts_caused_by_robot": 0, "cut_ins": [], "min_base_clearance_m": None, "min_arm_clearance_m": None,
+        "min_ee_obstacle_m": None, "path_length_m": 0.0, "mean_closing_base_speed_mps": None, "encounters": 0,
+        "plant_faults": [], "reason": reason, "state_hash": "", "measures": None,
+    }  # fmt: skip

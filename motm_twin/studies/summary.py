@@ -15,7 +15,7 @@ from motm_twin.methods.registry import MOTM
 from motm_twin.perf.report import grid
 from motm_twin.studies import statistics
 from motm_twin.studies.catalogue import reasons, row_of
-from motm_twin.studies.groups import caused, drove_into
+from motm_twin.studies.groups import caused, drove_into, touches
 from motm_twin.studies.statistics import Estimate
 
 Result = dict[str, Any]
@@ -78,7 +78,7 @@ def _row(name: tuple[str, str, str], results: list[Result], groups: dict[tuple[s
         success=statistics.proportion(sum(result["success"] for result in results), len(results)),
         placed=sum(result["places_done"] for result in results),
         places=sum(result["places_total"] for result in results),
-        contacts=sum(len(result["contacts"]) for result in results),
+        contacts=touches(results),
         caused=caused(results),
         driven_into=drove_into(results),
         time=statistics.mean(times.values()),

@@ -35,13 +35,9 @@ SPEEDS = (0.1, 0.25, 0.5, 1.0)  # [m/s] of the base
 OVER = 0.02  # [m] beyond the stopping distance that the base may travel in contact
 REVERSALS = 3  # most of them before a taken goal
 GOALS = (  # name, shape, size [m]
-    ("box 0.3 m", "box", 0.3),
-    ("box 0.5 m", "box", 0.5),
-    ("box 0.8 m", "box", 0.8),
-    ("cylinder 0.4 m", "cylinder", 0.4),
-    ("person", "person", 0.0),
-    ("temi", "temi", 0.0),
-)
+    ("box 0.3 m", "box", 0.3), ("box 0.5 m", "box", 0.5), ("box 0.8 m", "box", 0.8),
+    ("cylinder 0.4 m", "cylinder", 0.4), ("person", "person", 0.0), ("temi", "temi", 0.0),
+)  # fmt: skip
 PHASES = (Phase.TRANSIT, Phase.FINAL, Phase.LIFT, Phase.CARRY, Phase.RELEASE)
 STAYS = 14.0  # [s] that a box stays on the hand
 _PUT_AT = 40  # period in which the base has its speed, but for quick ones
@@ -65,17 +61,12 @@ class Case(NamedTuple):
 
 def cases() -> list[Case]:
     """All runs."""
-    before = [
-        Case("before", method, f"{100 * gap:+.0f} cm at {speed:g} m/s", gap=gap, speed=speed)
-        for method in METHODS
-        for gap in GAPS
-        for speed in SPEEDS
-    ]
-    goals = [
-        Case("goal", method, name, shape=shape, size=size) for method in METHODS[:2] for name, shape, size in GOALS
-    ]
-    hands = [Case("hand", method, phase) for method in METHODS[:2] for phase in PHASES]
-    return [*before, *goals, *hands]
+    return [
+        *(Case("before", method, f"{100 * gap:+.0f} cm at {speed:g} m/s", gap=gap, speed=speed)
+          for method in METHODS for gap in GAPS for speed in SPEEDS),
+        *(Case("goal", method, name, shape=shape, size=size) for method in METHODS[:2] for name, shape, size in GOALS),
+        *(Case("hand", method, phase) for method in METHODS[:2] for phase in PHASES),
+    ]  # fmt: skip
 
 
 def run_case(case: Case) -> dict[str, Any]:
@@ -181,11 +172,8 @@ def _result(tick: Tick, *, good: bool, told: str) -> dict[str, Any]:
 def bench_surprise(out: Path, workers: int, console: Console) -> bool:
     """Run all cases, print the table, write ``out/surprise.json``; True when every one was good."""
     console.print(f"\n[bold]{NAME}[/bold]: {TITLE}")
-    run = joblib.Parallel(n_jobs=workers, return_as="generator")
-    results = []
-    for result in run(joblib.delayed(run_case)(case) for case in cases()):
-        assert result is not None  # joblib's types allow it
-        results.append(result)
+    run: Any = joblib.Parallel(n_jobs=workers)
+    results = run(joblib.delayed(run_case)(case) for case in cases())
     console.print(table(results))
     good = all(result["good"] for result in results)
     write_report(out, NAME, TITLE, reached=good, rows=results)

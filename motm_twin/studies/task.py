@@ -53,16 +53,9 @@ WANTED = (
 def experiments(share: float) -> dict[str, Experiment]:
     """The experiments by the folder that they are kept in; ``share`` of the random seeds and generated scenes."""
     random, generated = math.ceil(RANDOM * share), math.ceil(GENERATED * share)
-    wanted = {
-        "exp1": experiment("exp1", METHODS),
-        "exp1a": experiment("exp1a", METHODS),
-        "exp1_random": experiment("exp1", METHODS, random),
-        "exp2": experiment("exp2", METHODS, random),
-        "one_temi": experiment("one_temi", METHODS, random),
-        "quick_robot": experiment("quick_robot", METHODS),
-        "further_scenes": experiment("further_scenes", METHODS),
-        "generated": experiment("generated", METHODS, generated),
-    }
+    trials = dict.fromkeys(("exp1", "exp1a", "exp1_random", "exp2", "one_temi", "quick_robot", "further_scenes"))
+    trials |= dict.fromkeys(("exp1_random", "exp2", "one_temi"), random) | {"generated": generated}
+    wanted = {name: experiment(name.removesuffix("_random"), METHODS, count) for name, count in trials.items()}
     return {name: Experiment(name, each.title, each.specs) for name, each in wanted.items()}
 
 
@@ -100,18 +93,13 @@ def values(results: Results, method: str) -> dict[str, float]:
     paper = [result for name in ("exp1", "exp1a", "exp1_random", "exp2", "one_temi") for result in of[name]]
     every = [result for these in of.values() for result in these]
     return {
-        "exp1": _mean_time(ten),
-        "exp1a": _mean_time(of["exp1a"]),
-        "random": _mean_time(of["exp1_random"]),
-        "four": _over_exp1(of["exp2"]),
-        "one": _over_exp1(of["one_temi"]),
+        "exp1": _mean_time(ten), "exp1a": _mean_time(of["exp1a"]), "random": _mean_time(of["exp1_random"]),
+        "four": _over_exp1(of["exp2"]), "one": _over_exp1(of["one_temi"]),
         "closing": float(np.mean([result["mean_closing_base_speed_mps"] or 0.0 for result in ten])),
         "quick": _mean_time(quick, lambda result: result["time_s"] / result["reference_tour_s"]),
-        "further": _completed(of["further_scenes"]),
-        "generated": _completed(of["generated"]),
-        "paper": _completed(paper),
-        "contacts": float(sum(map(_hits, every))),
-    }
+        "further": _completed(of["further_scenes"]), "generated": _completed(of["generated"]),
+        "paper": _completed(paper), "contacts": float(sum(map(_hits, every))),
+    }  # fmt: skip
 
 
 def parts(results: Results, method: str) -> dict[str, dict[str, float]]:

@@ -18,11 +18,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from rich.console import Console
-from rich.table import Table
 from scipy.optimize import linear_sum_assignment
 
 from motm_twin.control.tick import Tick
-from motm_twin.measures.interval import Interval, Sample, Sampler
+from motm_twin.measures.interval import Interval, Sampler
 from motm_twin.methods.registry import FAST, find_method
 from motm_twin.model.geometry import Array, from_frame
 from motm_twin.model.plant import Scan
@@ -30,9 +29,9 @@ from motm_twin.model.scene import AGENT_MOVES, Scene
 from motm_twin.perception.mapper import MapSettings
 from motm_twin.perception.tracks import IDENTITY, VX, VY
 from motm_twin.perf.period import timed
-from motm_twin.perf.report import grid, load_average, machine, number, spread, write_report
+from motm_twin.perf.report import Sheet, load_average, machine, number, spread, write_report
 from motm_twin.studies.people import Case, cases
-from motm_twin.studies.pool import Lost, local_pool, outcomes
+from motm_twin.studies.pool import told_outcomes
 from motm_twin.twin import Twin
 
 NAME = "tracker"
@@ -102,7 +101,10 @@ class Score:
         start, world = interval.start, interval.tick.map
         names = [name for name in start.agents if can_be_tracked(self._scene, interval, name)]
         tracks = world.tracks
-        kept = self._without_ignored(start, names, tracks)
+        everybody, every = list(start.agents), np.array([body[:2] for body in start.agents.values()]).reshape(-1, 2)
+        pairs = zip(*matched(every, tracks[:, :2]), strict=True)
+        ignored = [column for row, column in pairs if everybody[row] not in names]  # of agents outside the truth
+        kept = np.setdiff1d(np.arange(len(tracks)), ignored)
         places = np.array([start.agents[name][:2] for name in names]).reshape(-1, 2)
         distances = np.hypot(*(places[:, None] - tracks[None, kept, :2]).transpose(2, 0, 1))
         distances[distances > GATE] = np.nan
@@ -110,15 +112,6 @@ class Score:
         for row, column in zip(*matched(places, tracks[kept, :2]), strict=True):
             off = tracks[kept][column, VX : VY + 1] - interval.velocity(names[row])
             self.speed_errors.append(float(np.hypot(*off)))
-
-    @staticmethod
-    def _without_ignored(start: Sample, names: Sequence[str], tracks: Array) -> NDArray[np.int64]:
-        """Tracks that are not those of agents outside the truth, by index."""
-        everybody = list(start.agents)
-        places = np.array([start.agents[name][:2] for name in everybody]).reshape(-1, 2)
-        rows, columns = matched(places, tracks[:, :2])
-        ignored = [column for row, column in zip(rows, columns, strict=True) if everybody[row] not in names]
-        return np.setdiff1d(np.arange(len(tracks)), ignored)
 
     def report(self) -> Result:
         """MOTA, MOTP [m], IDF1 and counts of the scans so far."""
@@ -156,19 +149,15 @@ def bench_tracker(situations: Sequence[str], trials: int | None, workers: int, o
     require_motmetrics()
     runs = cases(situations or SITUATIONS, (FAST.name,), TRIALS if trials is None else trials)
     console.print(f"\n[bold]{NAME}[/bold]: {TITLE}")
-    results: list[Result] = []
-    for done, (index, outcome) in enumerate(outcomes(follow, runs, local_pool(workers)), 1):
-        about = f"  {done}/{len(runs)} {runs[index].situation} seed {runs[index].job.scene.seed}"
-        if isinstance(outcome, Lost):
-            console.print(f"{about}: lost, {outcome.reason}", style="red", markup=False)
-            continue
-        results.append(outcome)
-        console.print(f"{about}: MOTA {outcome['mota']:.3f}", markup=False)
-    order = list(dict.fromkeys(case.situation for case in runs))
-    results.sort(key=lambda one: (order.index(one["situation"]), one["seed"]))
-    rows = [_summary(name, of) for name in order if (of := [one for one in results if one["situation"] == name])]
+    results = told_outcomes(
+        follow, runs, workers, console,
+        lambda case: f"{case.situation} seed {case.job.scene.seed}",
+        lambda one: f"MOTA {one['mota']:.3f}",
+    )  # fmt: skip
+    order = dict.fromkeys(one["situation"] for one in results)
+    rows = [_summary(name, [one for one in results if one["situation"] == name]) for name in order]
     rows += [_summary("all", results)] if results else []
-    console.print(table(rows))
+    console.print(SHEET.table(rows))
     target = write_report(
         out, NAME, TITLE, rows=[{**one, "scan_ms": spread(one["scan_ms"])} for one in results], whole=rows,
         load_average=load_average(console),
@@ -195,15 +184,14 @@ def _summary(name: str, of: Sequence[Result]) -> Result:
     }
 
 
-def table(rows: Sequence[Result]) -> Table:
-    """The summaries as they are printed."""
-    names = ("situation", "runs", "scans", "seen", "MOTA", "MOTP m", "misses", "false", "switches", "fragments")
-    made = grid(*names, "dv m/s", "p50 ms", "p99", "max")
-    for row in rows:
-        made.add_row(
-            row["situation"], str(row["runs"]), f"{row['num_frames']:.0f}", f"{row['num_objects']:.0f}",
-            number(row["mota"], 3), number(row["motp"], 3), f"{row['num_misses']:.0f}",
-            f"{row['num_false_positives']:.0f}", f"{row['num_switches']:.0f}", f"{row['num_fragmentations']:.0f}",
-            number(row["speed_error_mps"], 3), *(f"{value:.2f}" for value in row["scan_ms"].values()),
-        )  # fmt: skip
-    return made
+SHEET = Sheet(  # of the summaries
+    head=(
+        "situation", "runs", "scans", "seen", "MOTA", "MOTP m", "misses", "false", "switches", "fragments", "dv m/s",
+        "p50 ms", "p99", "max",
+    ),
+    cells=lambda row: (
+        row["situation"], str(row["runs"]), f"{row['num_frames']:.0f}", f"{row['num_objects']:.0f}",
+        number(row["mota"], 3), number(row["motp"], 3), *(f"{row[name]:.0f}" for name in COUNTS[1:]),
+        number(row["speed_error_mps"], 3), *(f"{value:.2f}" for value in row["scan_ms"].values()),
+    ),
+)  # fmt: skip

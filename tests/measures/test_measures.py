@@ -1,18 +1,75 @@
-"""Measures of made-up runs, of which everything is known, and of a real one."""
+"""Measures of made-up runs, of which everything is known, also among people, and of a real one."""
 
+import functools
 import math
 from pathlib import Path
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
+from motm_twin.control.arm.parameters import AvoidanceParameters
+from motm_twin.control.tick import TaskState
+from motm_twin.measures import Measures
+from motm_twin.model.kinematics import Frankie
+from motm_twin.model.plant import BodyTruth
+from motm_twin.model.scene import Agent
 from motm_twin.model.scene_file import load_scene
 from motm_twin.perception.movers import MoverParameters
 from motm_twin.trial import run_scene
+from motm_twin.twin import Twin
 
-from .made_ticks import RADIUS, gripper_at, measured
+PERIOD = 0.05  # [s]
+Q = np.array([0.0, -0.3, 0.0, -2.2, 0.0, 2.0, 0.785])
+RADIUS = 0.25  # [m] of agents
+HALF_LENGTH = 0.35  # [m] of the base, from its centre to its front
+TASKS = (
+    TaskState(kind="pick", target="F1", status="done", attempts=3),
+    TaskState(kind="place", target="drop1", status="done", attempts=1),
+)
+FRANKIE = Frankie(load_scene("exp1").robot)
 
-HALF_LENGTH = 0.35  # [m] of the base
+
+def gripper_at(pose):
+    """The gripper centre [m] with the arm as it always is here, shape (2,)."""
+    return FRANKIE.tcp_pose(np.array(pose, dtype=float), Q)[0][:2]
+
+
+def measured(seconds, pose, *, agents=None, phase=lambda t: "stow", in_reach=lambda t: False, task=lambda t: 0):
+    """The report of a made-up run of so many seconds; ``pose(t)`` of the base, ``agents``: name to position(t)."""
+    agents = agents or {}
+    made = tuple(Agent(name=name, start=(*at(0.0), 0.0), radius=RADIUS) for name, at in agents.items())
+    start = tuple(map(float, pose(0.0)))
+    scene = replace(load_scene("exp1"), start=start, agents=made)
+    measures = Measures(scene, AvoidanceParameters())
+    for index in range(round(seconds / PERIOD) + 1):
+        t = round(index * PERIOD, 9)
+        like, at = first_tick(), np.array(pose(t), dtype=float)
+        measures.add(replace(
+            like, index=index, time=t, tasks=TASKS, task_index=task(t),
+            observation=replace(like.observation, time=t, pose=at, odometry=at, q=Q),
+            plan=replace(like.plan, time_to_range=0.0 if in_reach(t) else math.inf),
+            arm=(replace(like.arm[-1], time=t, phase=phase(t)),) * 5, truth=truth(t + PERIOD, pose, agents),
+        ))  # fmt: skip
+    return measures.report()
+
+
+@functools.cache
+def first_tick():
+    """A real one, whose motions are made up."""
+    return Twin(load_scene("exp1")).advance()
+
+
+def truth(t, pose, agents):
+    bodies = tuple(
+        BodyTruth(name=name, kind="temi", position=(*map(float, at(t)), 0.0), yaw=0.0, size=(0.5, 0.5, 1.0))
+        for name, at in agents.items()
+    )
+    gaps = (max(0.0, math.dist(gripper_at(pose(t)), body.position[:2]) - RADIUS) for body in bodies)
+    at, nearest = np.array(pose(t), dtype=float), min(gaps, default=math.inf)
+    return replace(first_tick().truth, pose=at, agents=bodies, min_ee_obstacle=nearest, ee_obstacle=nearest)
+
+
 TIME = 0.06  # [s] by which a boundary between two motions may be counted on the other side
 
 
@@ -40,15 +97,9 @@ def pieces(*parts):
 
 
 def test_both_splits_put_every_second_where_it_belongs():
-    motion = pieces(
-        (2.0, 0.5, 0.0), (1.0, 0.3, 0.0), (0.5, 0.0, 1.0), (1.0, -0.2, 0.0), (1.5, 0.0, 0.0), (1.0, 0.0, 0.0)
-    )
-    found = measured(
-        7.0,
-        motion,
-        phase=lambda t: "closing" if 0.4 <= t < 1.2 else "final" if 4.5 <= t < 6.0 else "stow",
-        task=lambda t: int(t >= 3.0),
-    )
+    motion = pieces((2.0, 0.5, 0.0), (1.0, 0.3, 0.0), (0.5, 0.0, 1.0), (1.0, -0.2, 0.0), (2.5, 0.0, 0.0))
+    phase = lambda t: "closing" if 0.4 <= t < 1.2 else "final" if 4.5 <= t < 6.0 else "stow"  # noqa: E731
+    found = measured(7.0, motion, phase=phase, task=lambda t: int(t >= 3.0))
     assert found["phases_s"] == pytest.approx(
         {"driving": 3.7, "closing": 0.8, "waiting_for_arm": 1.5, "stationary": 1.0}, abs=TIME
     )
@@ -86,27 +137,6 @@ def temi(t):
     return (0.4 * t, 0.0)
 
 
-@pytest.mark.parametrize(("ahead", "count"), [(0.45, 1), (1.3, 0)])
-def test_crossing_close_in_front_of_a_moving_agent_is_a_cut_in(ahead, count):
-    found = measured(4.0, crossing(ahead), agents={"temi": temi})
-    assert len(found["cut_ins"]) == count
-    for cut in found["cut_ins"]:
-        assert cut["agent"] == "temi"
-        assert cut["gap_m"] <= 0.6
-        assert cut["gap_s"] == pytest.approx(cut["gap_m"] / 0.4, abs=0.01)
-
-
-def test_an_agent_that_drives_up_to_a_base_that_stands_or_drives_ahead_is_not_cut_in_on():
-    ahead = RADIUS + HALF_LENGTH + 1.0
-    agents = {"temi": temi}
-    assert measured(2.0, lambda t: (ahead, 0.0, 0.0), agents=agents)["cut_ins"] == []
-    assert measured(2.0, lambda t: (ahead + 0.2 * t, 0.0, 0.0), agents=agents)["cut_ins"] == []
-
-
-def test_crossing_in_front_of_an_agent_that_stands_is_no_cut_in():
-    assert measured(4.0, crossing(0.45), agents={"temi": lambda t: (1.2, 0.0)})["cut_ins"] == []
-
-
 def bent(start, speed, turns):
     """The way of an agent with this speed: its course [rad] is 0 before and after ``turns``: (from s, to s, rad)."""
     times = np.arange(0.0, 20.0, 0.01)
@@ -120,65 +150,55 @@ def slides_in(along, at=0.8):
     return lambda t: (RADIUS + HALF_LENGTH + at + along * t, -0.9 + 0.2 * t, 0.0)
 
 
-@pytest.mark.parametrize(("along", "at", "count"), [(0.3, 0.6, 1), (0.5, 0.1, 0)])
-def test_a_base_that_leaves_faster_than_the_agent_follows_cuts_nobody_off(along, at, count):
-    assert len(measured(4.0, slides_in(along, at), agents={"temi": temi})["cut_ins"]) == count
+PASSED = pieces((5.0, 0.3, 0.0), (6.0, 0.15, 0.0))
+STOOD = pieces((3.0, 0.5, 0.0), (1.0, 0.0, 0.0), (3.0, 0.1, 0.0))
+LATELY = bent((0.0, 0.0), 0.4, [(0.0, 0.01, -math.pi / 3), (0.6, 1.6, math.pi / 3)])
+FRONT = RADIUS + HALF_LENGTH  # [m] between the centres when the base is ahead of an agent that touches it
+CUT_INS = {  # seconds, base, agent, cut-ins
+    "the base crosses close in front of it": (4.0, crossing(0.45), temi, 1),
+    "far in front of it": (4.0, crossing(1.3), temi, 0),
+    "close in front of one that stands": (4.0, crossing(0.45), lambda t: (1.2, 0.0), 0),
+    "close in front of one that turned a moment ago": (
+        4.0, lambda t: (LATELY(3.0)[0] + RADIUS + 0.7, LATELY(3.0)[1] - 1.5 + 0.5 * t, math.pi / 2), LATELY, 1),
+    # Experiment 2, seed 2, `motm`, at 15.70 s: the Temi stood while the base passed in front of it
+    "behind the base it drives off": (
+        4.0, lambda t: (0.9, -1.5 + 0.5 * t, math.pi / 2), lambda t: (0.4 * max(0.0, t - 3.0), 0.0), 0),
+    "it drives up to a base that stands": (2.0, lambda t: (FRONT + 1.0, 0.0, 0.0), temi, 0),
+    "to one that drives ahead": (2.0, lambda t: (FRONT + 1.0 + 0.2 * t, 0.0, 0.0), temi, 0),
+    # it had five seconds; that the base then leaves again across its way is no cut-in either
+    "to one that came to stand in its way": (5.5, lambda t: (2.3, STOOD(t)[0] - 1.5, math.pi / 2), temi, 0),
+    "from the side, slower than it follows": (4.0, slides_in(0.3, 0.6), temi, 1),
+    "from the side, faster than it follows": (4.0, slides_in(0.5, 0.1), temi, 0),
+    # Experiment 2, seed 0, `motm`, at 55.80 s: the base was 0.12 m/s faster along the course of the Temi
+    "it turns in behind a base that leaves": (
+        5.0, lambda t: (0.2 + 0.41 * t, 0.0, 0.0),
+        bent((-0.9, 0.9), 0.3, [(0.0, 0.01, -math.pi / 2), (1.0, 2.5, math.pi / 2)]), 0),
+    # it was two within 1.55 s: half a second outside was enough to count anew
+    "a base that hovers at the border of its way": (
+        9.0, lambda t: (FRONT + 0.55 + 0.35 * t, 0.55 + 0.15 * math.cos(math.pi * t), 0.0), temi, 1),
+}  # fmt: skip
 
 
-def test_an_agent_that_turns_in_behind_a_base_that_leaves_is_not_cut_in_on():
-    """Experiment 2, seed 0, `motm`, at 55.80 s: the base was 0.12 m/s faster along the course of the Temi."""
-    behind = bent((-0.9, 0.9), 0.3, [(0.0, 0.01, -math.pi / 2), (1.0, 2.5, math.pi / 2)])
-    found = measured(5.0, lambda t: (0.2 + 0.41 * t, 0.0, 0.0), agents={"temi": behind})
+@pytest.mark.parametrize(("seconds", "base", "agent", "count"), CUT_INS.values(), ids=CUT_INS)
+def test_crossing_close_in_front_of_a_moving_agent_is_a_cut_in(seconds, base, agent, count):
+    found = measured(seconds, base, agents={"temi": agent})["cut_ins"]
+    assert [cut["agent"] for cut in found] == ["temi"] * count
+
+
+@pytest.mark.parametrize(
+    ("seconds", "base", "agent"),
+    [
+        # the base drives across its way, but the way came to the base
+        (4.0, straight(0.3), bent((0.6, 1.0), 0.4, [(1.0, 2.1, math.radians(-100.0))])),
+        # without its turn after the base, which passed far ahead, it would have gone on behind it
+        (10.5, lambda t: (PASSED(t)[0] - 1.2, 0.0, 0.0),
+         bent((0.0, -4.2), 0.4, [(0.0, 0.01, math.pi / 2), (4.5, 6.5, -math.pi / 6)])),
+    ],
+)  # fmt: skip
+def test_an_agent_that_turns_onto_a_base_is_not_cut_in_on_but_comes_close(seconds, base, agent):
+    found = measured(seconds, base, agents={"temi": agent})
     assert found["cut_ins"] == []
-
-
-def test_an_agent_that_turns_onto_a_base_that_drives_straight_on_is_not_cut_in_on():
-    """The base drives across its way, but the way came to the base."""
-    towards = bent((0.6, 1.0), 0.4, [(1.0, 2.1, math.radians(-100.0))])
-    found = measured(4.0, straight(0.3), agents={"temi": towards})
-    assert found["cut_ins"] == []
-    assert found["near_misses"]  # it did come close
-
-
-def test_an_agent_that_follows_a_base_that_passed_far_ahead_is_not_cut_in_on():
-    """Without its turn after the base it would have gone on behind it."""
-    follows = bent((0.0, -4.2), 0.4, [(0.0, 0.01, math.pi / 2), (4.5, 6.5, -math.pi / 6)])
-    base = pieces((5.0, 0.3, 0.0), (6.0, 0.15, 0.0))
-    found = measured(10.5, lambda t: (base(t)[0] - 1.2, 0.0, 0.0), agents={"temi": follows})
-    assert found["cut_ins"] == []
-    assert found["near_misses"]  # but it did come close
-
-
-def test_an_agent_that_turned_a_moment_ago_is_cut_in_on_by_a_base_that_crosses():
-    turned = bent((0.0, 0.0), 0.4, [(0.0, 0.01, -math.pi / 3), (0.6, 1.6, math.pi / 3)])
-    x, y = turned(3.0)
-    base = lambda t: (x + RADIUS + 0.25 + 0.45, y - 1.5 + 0.5 * t, math.pi / 2)  # noqa: E731
-    assert len(measured(4.0, base, agents={"temi": turned})["cut_ins"]) == 1
-
-
-def test_an_agent_that_drives_up_to_a_base_that_came_to_stand_in_its_way_is_not_cut_in_on():
-    """It had five seconds; that the base then leaves again across its way is no cut-in either."""
-    base = pieces((3.0, 0.5, 0.0), (1.0, 0.0, 0.0), (3.0, 0.1, 0.0))
-
-    def turned(t):
-        return (2.3, base(t)[0] - 1.5, math.pi / 2)
-
-    assert measured(5.5, turned, agents={"temi": temi})["cut_ins"] == []
-
-
-def test_an_agent_that_drives_off_behind_a_base_that_crosses_is_not_cut_in_on():
-    """Experiment 2, seed 2, `motm`, at 15.70 s: the Temi stood while the base passed in front of it."""
-    starts = {"temi": lambda t: (0.4 * max(0.0, t - 3.0), 0.0)}
-    assert measured(4.0, lambda t: (0.9, -1.5 + 0.5 * t, math.pi / 2), agents=starts)["cut_ins"] == []
-
-
-def test_a_base_that_hovers_at_the_border_of_the_way_cuts_in_once():
-    """It was two within 1.55 s: half a second outside was enough to count anew."""
-
-    def hovers(t):
-        return (RADIUS + HALF_LENGTH + 0.55 + 0.35 * t, 0.55 + 0.15 * math.cos(math.pi * t), 0.0)
-
-    assert len(measured(9.0, hovers, agents={"temi": temi})["cut_ins"]) == 1
+    assert found["near_misses"]
 
 
 def test_after_they_have_parted_a_second_crossing_counts_anew():
@@ -193,6 +213,8 @@ def test_after_they_have_parted_a_second_crossing_counts_anew():
 
 def test_a_cut_in_is_told_as_it_was_when_it_began_and_how_near_it_came():
     (cut,) = measured(4.0, crossing(0.3), agents={"temi": temi})["cut_ins"]
+    assert cut["gap_m"] <= 0.6
+    assert cut["gap_s"] == pytest.approx(cut["gap_m"] / 0.4, abs=0.01)
     assert cut["gap_s"] == pytest.approx(1.5, abs=0.13)  # a period of 50 ms at 0.4 m/s
     assert cut["least_gap_m"] < cut["gap_m"] - 0.1
 
@@ -211,12 +233,9 @@ def test_braking_for_an_agent_is_an_evasive_manoeuvre_until_it_has_gone():
     def brakes(t):
         return (0.5 * min(t, 1.5) + 0.5 * max(0.0, t - 5.0), 0.0, 0.0)
 
-    def passes(t):
-        return (2.0, -1.5 + 0.5 * t)  # through the way of the base
-
-    found = measured(8.0, brakes, agents={"temi": passes})
-    assert [each["agent"] for each in found["evasive_manoeuvres"]] == ["temi"]
-    manoeuvre = found["evasive_manoeuvres"][0]
+    found = measured(8.0, brakes, agents={"temi": lambda t: (2.0, -1.5 + 0.5 * t)})  # through the way of the base
+    (manoeuvre,) = found["evasive_manoeuvres"]
+    assert manoeuvre["agent"] == "temi"
     assert manoeuvre["time"] == pytest.approx(1.5, abs=0.1)
     assert 1.0 < manoeuvre["duration_s"] < 4.5
     assert found["parts_s"]["evading"] == pytest.approx(manoeuvre["duration_s"], abs=0.1)
@@ -241,28 +260,25 @@ def test_who_came_nearer_is_the_cause_of_a_stretch_below_d_s():
     assert not stretch["static"]
     assert found["min_gripper_obstacle_m"] == pytest.approx(0.2, abs=1e-3)
 
-    def goes_first_then_stands(t):
-        return (x + RADIUS + start + 0.3 - 0.3 * min(t, 1.0), y)
-
-    found = measured(3.0, lambda t: (0.3 * min(t, 2.0), 0.0, 0.0), agents={"temi": goes_first_then_stands})
+    first = {"temi": lambda t: (x + RADIUS + start + 0.3 - 0.3 * min(t, 1.0), y)}  # then it stands
+    found = measured(3.0, lambda t: (0.3 * min(t, 2.0), 0.0, 0.0), agents=first)
     assert [stretch["cause"] for stretch in found["below_d_s"]] == ["gripper"]
 
 
 def test_the_excess_is_the_grippers_own_speed_over_the_damper_line():
     x, y = gripper_at((0.0, 0.0, 0.0))
 
-    def agent(t):
-        return (x + RADIUS + 0.95 - 0.4 * min(t, 1.0), y)  # moved lately, then stands 0.55 m away
+    agents = {"temi": lambda t: (x + RADIUS + 0.95 - 0.4 * min(t, 1.0), y)}  # moved lately, then stands 0.55 m away
 
-    def approach(t):
-        return (0.5 * max(0.0, t - 1.0), 0.0, 0.0)
+    def approach(t, sign=1.0):
+        return (sign * 0.5 * max(0.0, t - 1.0), 0.0, 0.0)
 
-    found = measured(1.5, approach, agents={"temi": agent})
+    found = measured(1.5, approach, agents=agents)
     least = 0.55 - 0.5 * 0.5  # [m] at the end; the last mean distance is half a period before
     line = 0.6 * (least + 0.5 * 0.5 * 0.05 - 0.25) / (0.6 - 0.25)
     assert found["approach_excess_mps"] == pytest.approx(0.5 - line, abs=2e-3)
     assert found["advance_excess_mps"] == found["approach_excess_mps"]
-    away = measured(1.5, lambda t: (-approach(t)[0], 0.0, 0.0), agents={"temi": agent})
+    away = measured(1.5, lambda t: approach(t, -1.0), agents=agents)
     assert away["approach_excess_mps"] < 0.0
 
 
@@ -302,10 +318,7 @@ def test_what_the_arm_feels_is_the_acceleration_of_its_foot():
 
 
 def test_zigzag_is_counted_per_metre_and_a_curve_is_none():
-    def zigzag(t):
-        return (0.5 * t, 0.0, 0.1 * math.sin(math.pi * t))
-
-    found = measured(4.0, zigzag)
+    found = measured(4.0, lambda t: (0.5 * t, 0.0, 0.1 * math.sin(math.pi * t)))
     assert found["yaw_sign_changes"] == 4
     assert found["yaw_sign_changes_per_m"] == pytest.approx(2.0, abs=0.1)
     assert measured(2.0, lambda t: (np.sin(t), 1 - np.cos(t), t))["yaw_sign_changes"] == 0
@@ -319,3 +332,53 @@ def test_a_real_trial_has_measures_that_add_up():
         assert sum(split.values()) == pytest.approx(result["time_s"], abs=1e-6)
     assert sum(leg["path_m"] for leg in found["legs"]) == pytest.approx(result["path_length_m"], abs=0.03)
     assert found["min_gripper_obstacle_m"] is None
+
+
+def among(seconds, pose, agents, **more):
+    return measured(seconds, pose, agents=agents, **more)["among_people"]
+
+
+def test_distance_and_time_to_collision_are_those_of_two_who_meet_head_on():
+    found = among(2.0, lambda t: (0.4 * t, 0.0, 0.0), {"a": lambda t: (4.0 - 0.6 * t, 0.0)})
+    gap = 4.0 - 2.0 * 1.0 - HALF_LENGTH - RADIUS
+    assert found["least_gap_m"] == pytest.approx(gap, abs=0.06)
+    assert found["least_time_to_collision_s"] == pytest.approx(gap / 1.0, abs=0.11)
+    assert found["discomfort_s"] == 0.0
+
+
+def test_discomfort_is_the_time_within_20_cm():
+    found = among(4.0, lambda t: (0.0, 0.0, 0.0), {"a": lambda t: (0.5 * t - 1.0, 0.25 + RADIUS + 0.1)})
+    sideways = math.sqrt((RADIUS + 0.2) ** 2 - (RADIUS + 0.1) ** 2)
+    assert found["discomfort_s"] == pytest.approx(2.0 * (HALF_LENGTH + sideways) / 0.5, abs=0.15)
+    assert found["least_gap_m"] == pytest.approx(0.1, abs=0.01)
+
+
+@pytest.mark.parametrize(
+    ("robot", "agent", "who"), [(1, 0, "robot"), (0, 1, "agent"), (1, 1, "both"), (0, 0, "nobody")]
+)
+def test_who_turns_aside_made_way(robot, agent, who):
+    def base(t):  # turns left on a circle, or goes straight on
+        return (math.sin(0.5 * t), 1.0 - math.cos(0.5 * t), 0.5 * t) if robot and t > 0.3 else (0.5 * t, 0.0, 0.0)
+
+    def other(t):
+        return 2.6 - 0.5 * t, -0.5 * agent * max(0.0, t - 0.3)
+
+    found = among(2.5, base, {"a": other})
+    first = found["conflicts"][0]
+    assert first["made_way"] == who
+    assert first["predicted_gap_m"] < 0.3
+    assert (first["gained_by_robot_m"] > 0.05) == bool(robot)
+    assert (first["gained_by_agent_m"] > 0.05) == bool(agent)
+
+
+def test_two_who_pass_far_apart_have_no_conflict_and_no_time_to_collision():
+    found = among(3.0, lambda t: (0.4 * t, 0.0, 0.0), {"a": lambda t: (3.0 - 0.4 * t, 2.0)})
+    assert found["conflicts"] == []
+    assert found["least_time_to_collision_s"] is None
+
+
+def test_a_base_that_stands_freezes_but_not_while_it_waits_for_its_arm():
+    still = (0.0, 0.0, 0.0)
+    assert among(2.0, lambda t: still, {})["freezing_s"] == pytest.approx(2.0)
+    assert among(2.0, lambda t: still, {}, in_reach=lambda t: True)["freezing_s"] == 0.0
+    assert among(2.0, lambda t: (0.4 * t, 0.0, 0.0), {})["freezing_s"] == 0.0

@@ -1,11 +1,9 @@
 """The period and the solvers of the arm's program."""
 
-import io
 import json
 
 import msgspec
 import pytest
-from rich.console import Console
 
 from motm_twin.model.period import ARM_STEPS
 from motm_twin.model.scene_file import load_scene
@@ -27,9 +25,8 @@ def test_timing_every_arm_step_changes_nothing():
     assert found.table()["period"]["p50"] > 0.0
 
 
-def test_every_number_of_the_table_is_judged_twice():
+def test_every_number_of_the_table_is_judged_twice(console):
     values = {row.key: row.least for row in period.WANTED}
-    console = Console(width=160, record=True, file=io.StringIO())
     console.print(wanted_table(period.WANTED, {"measured": values, "processor time": {}}))
     text = console.export_text()
     assert text.count("reached") == 2 * len(period.WANTED)
@@ -46,25 +43,21 @@ def test_furniture_is_added_beside_the_task_and_all_of_it_is_in_the_map():
     added = [solid for solid in scene.solids if solid.name.startswith("desk_")]
     assert len(added) == 100
     assert scene.bounds[2] - scene.bounds[0] == pytest.approx(200.0)
-    for solid in added:
-        x, y = solid.shape.centre
-        assert not (-3.0 < x < 8.0 and -4.5 < y < 5.0)
+    assert not any(-3.0 < x < 8.0 and -4.5 < y < 5.0 for x, y in (solid.shape.centre for solid in added))
     with pytest.raises(ValueError, match="do not fit"):
         growth.with_obstacles(growth.base_scene(), 1000, 20.0)
 
 
 def test_every_sweep_begins_small_and_grows():
-    for sweep in sweeps():
-        counts = [point.count for point in sweep.points]
-        assert counts == sorted(counts)
+    counts = [[point.count for point in sweep.points] for sweep in sweeps()]
+    assert counts == list(map(sorted, counts))
     assert len(growth.with_targets(growth.base_scene(), 100).tasks) == 100
     assert len(growth.with_agents(growth.base_scene(), 64).agents) == 64
 
 
-def test_the_quick_bench_of_growth_runs_and_prints_every_respect(tmp_path, monkeypatch):
+def test_the_quick_bench_of_growth_runs_and_prints_every_respect(tmp_path, monkeypatch, console):
     monkeypatch.setattr(growth, "OFFICE", 60.0)  # [m] a tenth of the floor
     monkeypatch.setattr(growth, "QUICK_PERIODS", 4)
-    console = Console(width=160, record=True, file=io.StringIO())
     assert growth.bench_growth(tmp_path, console, quick=True)
     text = console.export_text()
     assert all(sweep.name in text for sweep in sweeps())
@@ -82,10 +75,10 @@ def test_a_large_floor_gives_the_same_plan_as_the_room_alone():
     assert one.plan.acceleration == pytest.approx(other.plan.acceleration)
 
 
-def test_a_quick_look_cuts_the_runs_off_and_says_so(tmp_path):
-    said = io.StringIO()
-    assert bench_solvers(tmp_path, Console(file=said, width=200), quick=True)
+def test_a_quick_look_cuts_the_runs_off_and_says_so(tmp_path, console):
+    assert bench_solvers(tmp_path, console, quick=True)
     rows = json.loads((tmp_path / "solvers.json").read_text(encoding="utf-8"))["rows"]
     assert all(row["cut_off"] and not row["success"] and row["task_s"] <= 1.0 for row in rows.values())
-    assert said.getvalue().count("cut off") == len(rows)
-    assert "NO" not in said.getvalue()
+    said = console.export_text()
+    assert said.count("cut off") == len(rows)
+    assert "NO" not in said

@@ -1,9 +1,14 @@
-"""Made-up results of trials, of which everything is known, and parts of the report."""
+"""Made-up results of trials, of which everything is known, and parts of the report; a scene that takes no time."""
 
+from pathlib import Path
+
+from motm_twin.sessions.session import SOURCE, made_with
 from motm_twin.studies.paper.episode import Episode, Moment
 from motm_twin.studies.paper.part import Drawn
 from motm_twin.studies.paper.plan import TEN
 from motm_twin.studies.spec import TrialSpec
+
+SCENE = str(Path(__file__).parent / "half_a_metre.yaml")
 
 
 def result(method="motm", variant="trial1", time_s=80.0, *, hits=0, excess=None, **changes):
@@ -21,9 +26,14 @@ def result(method="motm", variant="trial1", time_s=80.0, *, hits=0, excess=None,
     return made | changes
 
 
-def trials(method, seconds):
+def trials(method="motm", seconds=(80.0,) * 10, **changes):
     """The published arrangements in turn."""
-    return [result(method, variant, value) for variant, value in zip(TEN, seconds, strict=False)]
+    return [result(method, variant, value, **changes) for variant, value in zip(TEN, seconds, strict=False)]
+
+
+def seeds(seconds, method="motm", variant="random", first=0, **changes):
+    """Random arrangements, or one variant, with one seed after the other."""
+    return [result(method, variant, value, seed=seed, **changes) for seed, value in enumerate(seconds, first)]
 
 
 def drawn(part):
@@ -41,8 +51,9 @@ def moment(index, temi, **changes):
     return Moment(**made | changes)
 
 
-def episode(moments, source="abc", **measures):
-    """A watched trial with these measures."""
+def episode(distances=(1.0,) * 100, moments=(), **measures):
+    """A watched trial with these measures, in which a Temi drives past."""
     found = {"below_d_s": [], "cut_ins": [], "approach_excess_mps": None, "advance_excess_mps": None}
-    return Episode(spec=TrialSpec("exp2", "random", 3, "motm"), source=source, moments=tuple(moments), result={},
-                   measures=found | measures)  # fmt: skip
+    passing = [moment(k, (1.0, 0.02 * k, 0.0), distance=each) for k, each in enumerate(distances)]
+    return Episode(spec=TrialSpec("exp2", "random", 3, "motm"), source=made_with()[SOURCE],
+                   moments=tuple(moments or passing), result={}, measures=found | measures)  # fmt: skip

@@ -1,163 +1,142 @@
 """What `motm-twin paper` makes of results: right numbers, published ones marked, and nothing where nothing was run."""
 
 import re
-from pathlib import Path
 
 import msgspec
 import pytest
 from rich.console import Console
 
-from motm_twin.methods.registry import METHODS
+from motm_twin.perception.movers import MoverParameters
 from motm_twin.sessions.session import SOURCE, made_with
-from motm_twin.studies import catalogue
-from motm_twin.studies.paper import (
-    data,
-    goals,
-    modifications,
-    report,
-    robustness,
-    snapshots,
-    tables,
-    time_figures,
-)
+from motm_twin.studies import summary
+from motm_twin.studies.paper import data, report, snapshots, sweep_figures, tables, time_figures
 from motm_twin.studies.paper.data import Store, origin
-from motm_twin.studies.paper.episode import watch_trial
-from motm_twin.studies.paper.part import Drawn, Missing, save
+from motm_twin.studies.paper.episode import draw_cutting_in, watch_trial
+from motm_twin.studies.paper.part import Drawn, Missing
 from motm_twin.studies.paper.parts import NAMES, PARTS, Context, make_part
 from motm_twin.studies.paper.plan import TEN
 from motm_twin.studies.paper.report import write
+from motm_twin.studies.paper.tables import LINE, goal_rows, missed
 from motm_twin.studies.spec import TrialSpec, job_of
+from motm_twin.studies.statistics import proportion
 
-from .made_results import drawn, episode, moment, result, trials
+from .made_results import drawn, episode, moment, result, seeds, trials
 
 OURS = trials("motm", [80.0, 82.0, 84.0, 86.0, 88.0, 90.0])
 THEIRS = trials("sequential", [160.0, 164.0, 168.0, 172.0, 176.0, 180.0])
+MIXED = {  # as `--full` has them: what there is to meet differs between the groups of an experiment
+    "exp1": [*trials(), *seeds([100.0] * 5), *seeds([70.0] * 3, variant="trial1", first=1),
+             *trials("irm", [120.0] * 10)],
+    "exp2": [*seeds([110.0] * 4, scene="exp2", excess=0.03),
+             *seeds([82.0] * 3, variant="one_temi", scene="exp2", excess=-0.1)],
+}  # fmt: skip
+PUBLISHED = "1, published arrangements"
+
+
+def by_group(part):
+    return {(row["experiment"], row["method"]): row for row in part.rows if not row.get("published")}
 
 
 def test_the_results_table_has_our_means_and_marks_the_published_rows():
-    part = drawn(tables.draw_results(Store({"exp1": [*OURS, *THEIRS]})))
-    ours = next(
-        row for row in part.rows if row["experiment"] == "1, published arrangements" and row["method"] == "motm"
-    )
-    assert ours["mean_s"] == pytest.approx(85.0)
+    broken = result("motm", "trial7", 12.0, places_done=2, success=False, reason="lost")
+    part = drawn(tables.draw_results(Store({"exp1": [*OURS, broken, *THEIRS]})))
+    ours = by_group(part)[PUBLISHED, "motm"]
+    assert ours["mean_s"] == pytest.approx(85.0)  # what was not completed has no time, but is counted
     assert ours["mean_low_s"] < 85.0 < ours["mean_high_s"]
-    assert ours["placed"] == "36/36"
+    assert (ours["trials"], ours["completed"], ours["placed"]) == (7, 6, "38/42")
     assert all(part.rows[index]["published"] for index in part.marked)
     assert sum(row["published"] for row in part.rows) == len(part.marked) == 8
     assert {172.3, 192.9, 95.9, 85.6} <= {row["mean_s"] for row in part.rows if row["published"]}
 
 
-def test_a_trial_that_was_not_completed_has_no_time_but_is_counted():
-    broken = result("motm", "trial7", 12.0, places_done=2, success=False, reason="lost")
-    part = drawn(tables.draw_results(Store({"exp1": [*OURS, broken]})))
-    ours = next(row for row in part.rows if row["experiment"] == "1, published arrangements")
-    assert ours["mean_s"] == pytest.approx(85.0)
-    assert (ours["trials"], ours["completed"], ours["placed"]) == (7, 6, "38/42")
+def test_measures_and_results_are_of_the_same_groups_and_every_trial_is_in_one():
+    store = Store(MIXED)
+    measures, whole = by_group(drawn(tables.draw_measures(store))), drawn(tables.draw_results(store))
+    counts = {
+        (PUBLISHED, "motm"): 10, ("1, random", "motm"): 5, ("1, trial 1, other seeds", "motm"): 3,
+        (PUBLISHED, "irm"): 10, ("2, four Temis", "motm"): 4, ("2, one Temi", "motm"): 3,
+    }  # fmt: skip
+    assert {key: row["trials"] for key, row in measures.items()} == counts
+    assert {key: row["trials"] for key, row in by_group(whole).items() if key[0] != "1, trial 1"} == counts
+    counted = [id(each) for *_, results in tables.grouped(store) for each in results]
+    assert sorted(counted) == sorted(id(each) for _, each in store.all())
+    assert whole.n.startswith(f"{len(counted)} trials")
 
 
-def test_box_plots_show_published_numbers_only_where_there_are_any():
-    boxes = [each | {"scene": "exp1a"} for each in (*OURS, *THEIRS)]
-    store = Store({"exp1": [*OURS, *THEIRS], "exp1a": boxes})
-    part = drawn(time_figures.draw_box_plots(store))
-    assert part.figure is not None
-    diamonds = [
-        [tuple(line.get_xdata()) for line in axes.lines if line.get_marker() == "D" and len(line.get_xdata())]
-        for axes in part.figure.axes
-    ]
-    assert diamonds[0] == [(95.9,), (172.3,)]
-    assert diamonds[1] == []
-    assert len(part.rows) == 24
+def test_trials_over_the_damper_line_are_counted_and_a_line_that_nobody_was_near_is_no_zero():
+    near = [result(scene="exp2", variant="random", seed=seed, excess=excess)
+            for seed, excess in enumerate([2.0 * LINE, -0.1, None, 0.5 * LINE])]  # fmt: skip
+    part = drawn(tables.draw_measures(Store({"exp1": trials(), "exp2": near})))
+    over_line = f"Trials over the damper line by {LINE} m/s"
+    said = {cells["Experiment"]: cells[over_line] for cells in part.cells}
+    assert said == {PUBLISHED: "-", "2, four Temis": "1/4"}
+    assert by_group(part)["2, four Temis", "motm"]["over_line"] == 1
 
 
-def test_reductions_are_paired_and_the_published_one_stands_beside_them():
-    part = drawn(time_figures.draw_reductions(Store({"exp1": [*OURS, *THEIRS]})))
-    (row,) = part.rows
-    assert row["reduction"] == pytest.approx(0.5, abs=1e-9)
-    assert row["saved_s"] == pytest.approx(85.0)
-    assert row["published_reduction"] == pytest.approx(0.43)
-    assert row["pairs"] == 6
-    assert any("172.3" in note for note in part.notes)
+def test_the_numbers_to_cite_have_no_mean_over_different_settings():
+    sweep = [each for weight, value in ((0.0, 90.0), (2.0, 96.0))
+             for each in trials(seconds=[value] * 2, parameters={"next_weight": weight})]  # fmt: skip
+    errors = [result(scene="turn", variant="quiet", time_s=value, changes={"faults.grasp_delay": level})
+              for level, value in ((0.0, 10.0), (5.0, 16.0))]  # fmt: skip
+    store = Store({**MIXED, "sweep_next_weight": sweep, "grasp_delay": errors})
+    record = report.record(store, origin([], "draw"), "draw", [])
+    assert record["version"]
+    assert record["source"] == record["made_with"]["source"]
+    assert record["machine"]
+    assert record["parameters"]["next_weight"] == 1.05
+    found = {name: each["methods"] for name, each in record["experiments"].items()}
+    assert record["experiments"]["exp1"]["seeds"] == [0, 1, 2, 3, 4]
+    assert found["exp1"]["irm"]["mean_s"] == 120.0
+    assert not any("mean_s" in each["motm"] for each in found.values())
+    means = {name: {group: each["mean_s"] for group, each in methods["motm"]["groups"].items()}
+             for name, methods in found.items()}  # fmt: skip
+    assert means == {
+        "exp1": {PUBLISHED: 80.0, "1, random": 100.0, "1, trial 1, other seeds": 70.0},
+        "exp2": {"2, four Temis": 110.0, "2, one Temi": 82.0},
+        "sweep_next_weight": {f"{PUBLISHED}, next_weight=0": 90.0, f"{PUBLISHED}, next_weight=2": 96.0},
+        "grasp_delay": {"turn, quiet, faults.grasp_delay=0": 10.0, "turn, quiet, faults.grasp_delay=5": 16.0},
+    }  # fmt: skip
+    assert found["exp1"]["motm"]["trials"] == 18
 
 
-def test_a_modification_without_a_shown_effect_is_said_to_have_none():
-    slower = trials("no_bezier", [90.0, 91.0, 95.0, 96.0, 97.0, 101.0])
-    same = trials("no_arm_avoidance", [81.0, 81.0, 85.0, 85.0, 89.0, 89.0])
-    part = drawn(modifications.draw_ablations(Store({"exp1": OURS, "ablations": [*slower, *same]})))
-    verdicts = {row["method"]: row["verdict"] for row in part.rows}
-    assert verdicts == {"no_bezier": "saves time", "no_arm_avoidance": "no effect on time shown"}
-    assert any(METHODS["no_arm_avoidance"].title in note for note in part.notes)
+def test_success_is_counted_over_trials_not_over_their_objects():
+    ours = trials()
+    ours[3] |= {"places_done": 5, "success": False}
+    ours[4] = result(variant=TEN[4], hits=2)
+    part = drawn(tables.draw_results(Store({"exp1": ours})))
+    index = next(k for k, row in enumerate(part.rows) if row["experiment"] == PUBLISHED)
+    cells, share = part.cells[index], proportion(8, 10)
+    assert cells["Trials with success [95 % CI]"] == f"8/10 [{100 * share.low:.0f}, {100 * share.high:.0f}] %"
+    assert (cells["Objects placed"], cells["Trials completed"]) == ("59/60", "9 of 10")
+    assert (part.rows[index]["success_low"], part.rows[index]["success_high"]) == (share.low, share.high)
 
 
-def test_modifications_are_compared_within_published_and_within_random_arrangements():
-    slower = trials("no_bezier", [90.0, 91.0, 95.0, 96.0, 97.0, 101.0])
-    ours = [result(variant="random", seed=seed, time_s=80.0 + seed) for seed in range(3)]
-    quicker = [result(method="no_bezier", variant="random", seed=seed, time_s=70.0 + seed) for seed in range(3)]
-    part = drawn(modifications.draw_ablations(Store({"exp1": [*OURS, *ours], "ablations": [*slower, *quicker]})))
-    said = [(row["experiment"], row["pairs"], row["verdict"]) for row in part.rows]
-    assert said == [("1, published arrangements", 6, "saves time"), ("1, random", 3, "costs time here")]
-    assert part.rows[1]["slower_s"] == pytest.approx(-10.0)
-
-
-def swept(value, variant, time_s, parameter="next_weight", **changes):
-    return result(time_s=time_s, variant=variant, parameters={parameter: value}, **changes)
-
-
-def test_a_sweep_is_compared_with_the_shipped_value():
-    found = [swept(0.0, variant, value) for variant, value in zip(TEN, (90.0, 93.0), strict=False)]
-    part = drawn(modifications.draw_sweeps(Store({"exp1": OURS, "sweep_next_weight": found})))
-    (row,) = part.rows
-    assert (row["value"], row["slower_s"], row["pairs"]) == (0.0, pytest.approx(10.5), 2)
-
-
-def test_a_sweep_among_boxes_is_compared_with_experiment_1a():
-    boxes = [each | {"scene": "exp1a", "time_s": 100.0} for each in OURS]
-    found = [swept(0.7, variant, 110.0, "radius_max", scene="exp1a") for variant in TEN[:3]]
-    part = drawn(modifications.draw_sweeps(Store({"exp1": OURS, "exp1a": boxes, "sweep_radius_max": found})))
-    (row,) = part.rows
-    assert (row["scene"], row["value"], row["slower_s"], row["pairs"]) == ("exp1a", 0.7, pytest.approx(10.0), 3)
-
-
-def test_a_sweep_of_bench_has_its_own_shipped_value_and_no_other_method():
-    shipped = [result(variant=variant, time_s=80.0) for variant in TEN[:2]]
-    found = [swept(2.0, variant, 84.0) for variant in TEN[:2]]
-    fast = [swept(2.0, variant, 60.0, method="fast") for variant in TEN[:2]]
-    (row,) = modifications.points(Store({"sweep_next_weight": [*shipped, *found, *fast]}), "sweep_next_weight")
-    assert (row["slower_s"], row["pairs"]) == (pytest.approx(4.0), 2)
-
-
-def test_the_time_split_adds_up_to_the_mean_time():
-    assert sum(time_figures.split(Store({"exp1": OURS}), "exp1", "motm").values()) == pytest.approx(85.0)
-
-
-def test_goals_are_not_judged_on_few_trials():
-    random = [result(variant="random", seed=seed) for seed in range(50)]
-    rows = judged(random[:10])
-    assert {row[-1] for row in rows.values()} == {"so far reached", ""}
-    rows = judged(random)
-    assert rows["Experiment 1, random: mean time", "motm"][-1] == "reached"
-    assert rows["Experiment 1, random: mean time", "fast"][-3:] == ("not measured", "0", "")
-    assert rows["Experiment 2, four Temis: objects placed", "motm"][3] == "not measured"
-
-
-def test_each_method_is_judged_by_its_own_trials():
-    random = [result(variant="random", seed=seed) for seed in range(50)]
-    slow = [each | {"time_s": 97.0} for each in random]
-    rows = judged([*slow, *(each | {"method": "fast"} for each in random)])
-    assert rows["Experiment 1, random: mean time", "motm"][-1] == "missed"
-    assert rows["Experiment 1, random: mean time", "fast"][-1] == "reached"
+def test_completed_is_the_same_in_bench_and_in_the_report_and_all_captions_say_what_it_is():
+    """What was given up has no time, whatever it says of success; what touched has one, and no success."""
+    touched = result(time_s=77.0, hits=3)
+    (row,) = summary.rows([touched, result(places_done=5, time_s=9.0)])
+    assert row.time.value == data.mean_time([touched]).value == 77.0
+    assert (row.time.n, row.success.value, row.contacts) == (1, 0.5, 0)
+    store = Store({"exp1": [touched, result("irm")]})
+    draws = (tables.draw_results, time_figures.draw_reductions, time_figures.draw_box_plots)
+    for caption in (summary.CAPTION, *(drawn(draw(store)).caption for draw in draws)):
+        assert summary.COMPLETED in caption
+        assert summary.TOUCHED in caption
 
 
 def judged(exp1, exp2=()):
-    return {(row[0], row[2]): row for row in goals.table(Store({"exp1": exp1, "exp2": exp2}))}
+    return {(row[0], row[2]): row for row in goal_rows(Store({"exp1": exp1, "exp2": exp2}))}
 
 
-def temis(times, **changes):
-    return [result(scene="exp2", variant="random", seed=seed, time_s=value, **changes)
-            for seed, value in enumerate(times)]  # fmt: skip
-
-
-LONGER = "Experiment 2, four Temis: longer than Experiment 1, by seed"
-LINE = "Experiment 2, four Temis: gripper's own approach speed over the damper line"
+def test_goals_are_judged_for_each_method_by_its_own_trials_and_not_on_few():
+    time = "Experiment 1, random: mean time"
+    assert {row[-1] for row in judged(seeds([80.0] * 10)).values()} == {"so far reached", ""}
+    rows = judged(seeds([80.0] * 50))
+    assert rows[time, "motm"][-1] == "reached"
+    assert rows[time, "fast"][-3:] == ("not measured", "0", "")
+    assert rows["Experiment 2, four Temis: objects placed", "motm"][3] == "not measured"
+    rows = judged([*seeds([97.0] * 50), *seeds([80.0] * 50, "fast")])
+    assert (rows[time, "motm"][-1], rows[time, "fast"][-1]) == ("missed", "reached")
 
 
 @pytest.mark.parametrize(
@@ -165,36 +144,36 @@ LINE = "Experiment 2, four Temis: gripper's own approach speed over the damper l
     [(100.24, "25.3 % [25.3, 25.3]", "missed"), (100.0, "25.0 %", "reached"), (100.02, "25.02 %", "missed")],
 )
 def test_what_is_missed_by_little_does_not_read_as_the_limit(seconds, said, verdict):
-    alone = [result(variant="random", seed=seed) for seed in range(50)]
     around = [seconds + 0.01 * (-1) ** seed for seed in range(50)]
-    row = judged(alone, temis(around))[LONGER, "motm"]
+    rows = judged(seeds([80.0] * 50), seeds(around, scene="exp2"))
+    row = rows["Experiment 2, four Temis: longer than Experiment 1, by seed", "motm"]
     assert row[3].startswith(said)
     assert row[-1] == verdict
 
 
 def test_the_gripper_is_judged_by_the_trials_in_which_it_is_over_its_line():
-    def over(value):
-        return {"approach_excess_mps": value}
+    def row(last):
+        near = [*seeds([90.0] * 49, scene="exp2", excess=-0.05), *seeds([90.0], first=49, scene="exp2", excess=last)]
+        name = "Experiment 2, four Temis: gripper's own approach speed over the damper line"
+        return judged([], near)[name, "motm"]
 
-    good = [*temis([90.0] * 49, measures=over(-0.05)), temis([90.0] * 50, measures=over(None))[-1]]
-    row = judged([], good)[LINE, "motm"]
     said = "over it in 0 of 50 trials, 0.0 % [0.0, 7.1]; largest excess -0.050 m/s"
-    assert row[1:] == ("at most 0.02 m/s", "motm", said, "50", "reached")
-    row = judged([], [*good[:49], good[49] | {"measures": over(0.113)}])[LINE, "motm"]
-    assert row[3:] == ("over it in 1 of 50 trials, 2.0 % [0.1, 10.6]; largest excess 0.113 m/s", "50", "missed")
+    assert row(None)[1:] == ("at most 0.02 m/s", "motm", said, "50", "reached")
+    said = "over it in 1 of 50 trials, 2.0 % [0.1, 10.6]; largest excess 0.113 m/s"
+    assert row(0.113)[3:] == (said, "50", "missed")
 
 
 def test_whatever_is_missed_is_said_with_number_and_interval():
     hit = {"caused_by_robot": True, "closing_speed": 0.2}
-    random = [result(variant="random", seed=seed, time_s=97.0 + seed % 2) for seed in range(50)]
+    random = seeds([97.0, 98.0] * 25)
     random[3] |= {"contacts": [hit, hit], "places_done": 5}
-    assert goals.missed(goals.table(Store({"exp1": random}))) == [
+    assert missed(goal_rows(Store({"exp1": random}))) == [
         "Missed by motm: Experiment 1, random: objects placed: 299/300, 99.7 % [98.2, 100.0], wanted all (n = 50).",
         "Missed by motm: Experiment 1, random: contacts: 2, in 1 of 50 trials, 2.0 % [0.1, 10.6], wanted 0 (n = 50).",
         "Missed by motm: Experiment 1, random: mean time: 97.5 [97.3, 97.6] s over 49 of 50 trials, "
         "wanted at most 96 s (n = 50).",
     ]
-    few = goals.missed(goals.table(Store({"exp1": random[:5]})))
+    few = missed(goal_rows(Store({"exp1": random[:5]})))
     assert [each.partition(":")[0] for each in few] == ["Missed by motm", "Missed by motm", "So far missed by motm"]
 
 
@@ -208,11 +187,9 @@ def test_what_was_not_run_is_missing_with_its_reason(tmp_path):
             assert part.command == f"motm-twin paper --out {tmp_path} --only {source.name}"
 
 
-def test_the_report_is_one_file_that_loads_nothing(tmp_path):
-    store = Store(
-        {"exp1": [*OURS, *THEIRS, result("irm", "trial9", 9.0, success=False, places_done=0, reason="stuck")]}
-    )
-    context = Context(store, tmp_path, Console(quiet=True), pages=False)
+def test_the_report_is_one_file_that_loads_nothing_and_every_figure_has_files(tmp_path):
+    stuck = result("irm", "trial9", 9.0, success=False, places_done=0, reason="stuck")
+    context = Context(Store({"exp1": [*OURS, *THEIRS, stuck]}), tmp_path, Console(quiet=True), pages=False)
     names = [name for name in NAMES if name not in ("layout", "global_path", "base_placement")]
     document = write(context, origin([], "draw"), "draw", names, ("Quick.",)).read_text()
     assert not re.search(r"""(src|href)\s*=\s*["'](?!data:|#)""", document)
@@ -220,22 +197,24 @@ def test_the_report_is_one_file_that_loads_nothing(tmp_path):
     assert document.count("<img") == document.count("data:image/png;base64,") >= 4
     for text in ("stuck", "the experiment robustness was not run", "What differs from the paper", "172.3", "Quick."):
         assert text in document
-    assert (tmp_path / "figures" / "reductions.svg").is_file()
+    files = sorted((tmp_path / "figures").glob("reductions.*"))
+    assert [path.suffix for path in files] == [".csv", ".json", ".png", ".svg"]
+    assert files[0].read_text().splitlines()[0].startswith("experiment,rival,reduction")
     assert (tmp_path / "part_of_results.json").is_file()
 
 
-def watched_trial(cut_ins):
-    """A made-up episode of 60 periods in which a Temi is near."""
+def near_a_temi(cut_ins):
+    """A made-up episode of 60 periods in which a Temi is near a robot with an object."""
     shown = {"task": "place drop1", "phase": "reach", "plan": ((1.0, 0.0, 0.0),) * 4, "path": ((1.0, 0.0), (3.0, 0.0)),
              "goal": (3.0, 0.0), "target": (4.25, -1.29)}  # fmt: skip
     moments = [moment(k, (2.0, 0.6 - 0.02 * k, -1.57), pose=(1.0 + 0.02 * k, 0.0, 0.0), **shown) for k in range(60)]
-    return episode(moments, made_with()[SOURCE], cut_ins=cut_ins)
+    return episode(moments=moments, cut_ins=cut_ins)
 
 
 def report_among_temis(out, monkeypatch, cut_ins, names=NAMES):
     monkeypatch.setattr(snapshots, "_photographs", lambda _, chosen: [[[[0, 0, 0]]]] * len(chosen))
     context = Context(Store({"exp1": OURS}), out, Console(quiet=True), plan="quick")
-    context.episode = watched_trial(cut_ins)
+    context.episode = near_a_temi(cut_ins)
     other = msgspec.structs.replace(context.episode, spec=TrialSpec("exp2", "random", 3, "foresight"))
     monkeypatch.setattr(Context, "with_foresight", lambda *_: other)
     return write(context, origin([], "draw"), "draw", names).read_text()
@@ -259,13 +238,14 @@ def test_every_command_in_a_report_is_that_of_its_data(tmp_path, monkeypatch):
     quick = {f"motm-twin paper --quick --out '{out}' --only {name}" for name in NAMES}
     assert papers == {*quick, f"motm-twin paper --full --yes --out '{out}'"}
     assert all("--method" in each for each in commands if "SCENE" in each)
-    for name in NAMES:
-        about = Path(out / "figures" / f"{name}.json")
-        if about.is_file():
-            assert f"--quick --out '{out}' --only {name}" in about.read_text()
+    for about in (out / "figures").glob("*.json"):
+        assert f"--quick --out '{out}' --only {about.stem}" in about.read_text()
 
 
 def test_what_these_trials_do_not_have_is_looked_for_with_the_next_larger_plan(tmp_path, monkeypatch):
+    part = draw_cutting_in(near_a_temi([]), near_a_temi([]))
+    assert isinstance(part, Missing)
+    assert "in none of the completed trials" in part.reason
     document = report_among_temis(tmp_path, monkeypatch, [], ["cutting_in"])
     assert 'class="missing" id="cutting_in"' in document
     assert f"motm-twin paper --out {tmp_path} --only cutting_in" in document
@@ -273,7 +253,7 @@ def test_what_these_trials_do_not_have_is_looked_for_with_the_next_larger_plan(t
 
 def test_a_watched_trial_of_another_source_says_so(tmp_path):
     context = Context(Store({}), tmp_path, Console(quiet=True), sources=("0123456789ab",))
-    context.episode = watched_trial([])
+    context.episode = near_a_temi([])
     (source,) = (each for each in PARTS if each.name == "gripper_distance")
     part = source.make(context)
     assert isinstance(part, Drawn)
@@ -281,30 +261,13 @@ def test_a_watched_trial_of_another_source_says_so(tmp_path):
 
 
 def test_an_episode_of_the_source_of_the_trials_is_taken_from_the_folder(tmp_path):
-    kept = msgspec.structs.replace(watched_trial([]), source="0123456789ab")
+    kept = msgspec.structs.replace(near_a_temi([]), source="0123456789ab")
     name = f"{job_of(kept.spec).key(kept.source)}.json"
     (tmp_path / name).write_bytes(msgspec.json.encode(kept))
     assert watch_trial(kept.spec, tmp_path, "0123456789ab") == kept
     part = snapshots.draw(kept)
     assert isinstance(part, Missing)
     assert "another source (0123456789ab)" in part.reason
-
-
-def test_results_to_cite_name_version_source_seeds_parameters_and_machine():
-    record = report.record(Store({"exp1": OURS}), origin([], "draw"), "draw", [])
-    assert record["version"]
-    assert record["source"] == record["made_with"]["source"]
-    assert record["machine"]
-    assert record["parameters"]["next_weight"] == 1.05
-    assert record["experiments"]["exp1"]["seeds"] == [0]
-    assert record["experiments"]["exp1"]["methods"]["motm"]["mean_s"] == pytest.approx(85.0)
-
-
-def test_every_figure_comes_with_png_svg_csv_and_json(tmp_path):
-    part = drawn(time_figures.draw_reductions(Store({"exp1": [*OURS, *THEIRS]})))
-    save(part, tmp_path)
-    assert sorted(path.suffix for path in tmp_path.iterdir()) == [".csv", ".json", ".png", ".svg"]
-    assert (tmp_path / "reductions.csv").read_text().splitlines()[0].startswith("experiment,rival,reduction")
 
 
 def test_measures_are_read_by_name_and_lists_are_counted():
@@ -315,37 +278,29 @@ def test_measures_are_read_by_name_and_lists_are_counted():
     assert data.measure(result(measures=None), "cut_ins") is None
 
 
-def pick(method, time_s, picked=1, seed=0, **changes):
-    small = {"scene": "turn", "seed": seed, "picks_done": picked, "picks_total": 1, "places_done": 0,
-             "places_total": 0}  # fmt: skip
-    return result(method, "quiet", time_s, success=bool(picked), changes=changes, **small)
+def test_what_is_static_is_said_as_the_loop_has_it():
+    text = report.body()
+    assert f"has rested for {MoverParameters().waits:g} s" in text
+    assert "been in the same place for 3 s" in text
+    assert "stood for 3 s" not in text
 
 
-def test_a_world_without_errors_stands_at_zero_in_every_sweep():
-    trials = [pick("motm", 10.0, a=0.0), pick("motm", 11.0, a=1.0), pick("motm", 12.0, b=2.0)]
-    rows = robustness.points(trials, success=False)
-    assert [(row["sweep"], row["value"], row["estimate"]) for row in rows] == [
-        ("turn: a", 0.0, 10.0), ("turn: a", 1.0, 11.0), ("turn: b", 0.0, 10.0), ("turn: b", 2.0, 12.0),
-    ]  # fmt: skip
-
-
-def test_a_missed_grasp_has_no_time_and_counts_against_success():
-    trials = [pick("open_loop", 9.0, **{"faults.grasp_delay": 0.0}),
-              pick("open_loop", 9.0, picked=0, **{"faults.grasp_delay": 5.0})]  # fmt: skip
-    part = drawn(robustness.draw_grasp_delay(Store({"grasp_delay": trials})))
-    assert [row["value"] for row in part.rows] == [0.0]
-    assert [row["estimate"] for row in robustness.points(trials, success=True)] == [1.0, 0.0]
-
-
-def test_every_error_that_is_swept_has_a_label_for_people():
-    assert {*catalogue.ERRORS, *catalogue.GRASP_FAULTS} <= set(robustness.LABELS)
-
-
-def test_success_with_errors_is_compared_by_seed():
-    trials = [pick(method, 10.0, picked=int(method == "motm" or value < 2.0 + seed), seed=seed, a=value)
-              for method in ("motm", "open_loop") for seed in range(2) for value in (0.0, 1.0, 2.0)]  # fmt: skip
-    part = drawn(robustness.draw_robustness(Store({"robustness": trials})))
-    ours, theirs = part.notes
-    assert "4 of 4 trials with an error" in ours
-    assert "3 of 4 trials with an error" in theirs
-    assert "by seed 25 percentage points [" in theirs
+@pytest.mark.parametrize(
+    ("experiment", "parameter", "value", "found"),
+    [
+        ("sweep_next_weight", "next_weight", 0.0, {"exp1": OURS, "seconds": (90.0, 93.0), "slower": 10.5}),
+        ("sweep_radius_max", "radius_max", 0.7, {"scene": "exp1a", "seconds": (90.0, 92.0, 94.0), "slower": 10.0}),
+        ("sweep_next_weight", "next_weight", 2.0, {"exp1": (), "seconds": (84.0, 84.0), "slower": 4.0}),
+    ],
+    ids=["with the shipped value", "among boxes with Experiment 1a", "of bench with its own shipped value"],
+)
+def test_a_sweep_is_compared_by_arrangement_and_with_no_other_method(experiment, parameter, value, found):
+    scene = found.get("scene", "exp1")
+    changed = {"parameters": {parameter: value}, "scene": scene}
+    others = [*trials(seconds=found["seconds"], **changed), *trials("fast", [60.0] * 2, **changed)]
+    own = trials(seconds=[80.0] * 2) if found.get("exp1") == () else []
+    boxes = [each | {"scene": "exp1a"} for each in OURS]
+    store = Store({"exp1": found.get("exp1", OURS), "exp1a": boxes, experiment: [*own, *others]})
+    (row,) = drawn(sweep_figures.draw_sweeps(store)).rows
+    assert (row["scene"], row["value"], row["pairs"]) == (scene, value, len(found["seconds"]))
+    assert row["slower_s"] == pytest.approx(found["slower"])

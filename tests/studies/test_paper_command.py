@@ -1,18 +1,23 @@
-"""`motm-twin paper` as it is called: trials that are run, kept and drawn in one go, and what it refuses."""
+"""`motm-twin paper` as it is called: its plans; trials that are run, kept and drawn in one go; what it refuses."""
 
 import json
 import re
 import shutil
+from collections import Counter
 from pathlib import Path
+from unittest.mock import Mock
 
 import pytest
 
 from motm_twin.cli import paper as cli_paper
 from motm_twin.cli.paper import paper
+from motm_twin.methods.registry import METHODS
 from motm_twin.sessions.session import SOURCE, made_with
+from motm_twin.studies import catalogue
 from motm_twin.studies.paper import plan
 from motm_twin.studies.paper.data import keys, missing, stored
 from motm_twin.studies.paper.parts import NAMES, PARTS, needed
+from motm_twin.studies.paper.plan import ABLATIONS, ALL, LITERAL, OVERLAP, SWEEPS, default, full, quick
 from motm_twin.studies.settings import PaperSettings
 from motm_twin.studies.spec import Experiment, TrialSpec
 
@@ -23,10 +28,9 @@ HERE = made_with()[SOURCE]
 def shorten(patch):
     """Plans of two trials of half a second, on the same way as the others."""
     specs = tuple(TrialSpec("exp1", "trial1", method=method, changes=SHORT) for method in ("motm", "staa"))
+    half = (Experiment("ablations", "Half a second", specs),)
     for name in ("quick", "full"):
-        tiny = plan.Plan(
-            name=name, experiments=(Experiment("ablations", "Half a second", specs),), notes=(f"A {name} one.",)
-        )
+        tiny = plan.Plan(name=name, experiments=half, notes=(f"A {name} one.",))
         patch.setitem(plan.PLANS, name, lambda tiny=tiny: tiny)
 
 
@@ -52,11 +56,8 @@ def ran(once, short, tmp_path):
 
 def run(out, **options):
     """The exit code of a run of the short plan without photographs."""
-    return paper(
-        PaperSettings(
-            out=out, **{"quick": True, "workers": 1, "no_page": True, "only": ("ablations", "bezier"), **options}
-        )
-    )
+    given = {"quick": True, "workers": 1, "no_page": True, "only": ("ablations", "bezier"), **options}
+    return paper(PaperSettings(out=out, **given))
 
 
 def draw(out, **options):
@@ -72,13 +73,8 @@ def rewrite(out, change):
     file.write_text("".join(json.dumps(line) + "\n" for line in change(lines)))
 
 
-def never(*_, **__):
-    raise AssertionError("nothing is run")
-
-
 def test_a_run_keeps_every_trial_and_reports_those_without_success(ran, monkeypatch):
-    trials = stored(ran)
-    assert len(trials["ablations"]) == 2
+    assert len(stored(ran)["ablations"]) == 2
     record = json.loads((ran / "part_of_results.json").read_text())
     assert [each["method"] for each in record["without_success"]] == ["motm", "staa"]
     assert "time limit" in record["without_success"][0]["reason"]
@@ -87,7 +83,7 @@ def test_a_run_keeps_every_trial_and_reports_those_without_success(ran, monkeypa
     assert "A quick one." in report
     assert record["parts"]["ablations"]["missing"]
     assert (ran / "figures" / "bezier.png").is_file()
-    monkeypatch.setattr("motm_twin.studies.run.run_job", never)
+    monkeypatch.setattr("motm_twin.studies.run.run_job", None)  # nothing is run
     draw(ran)
 
 
@@ -149,8 +145,7 @@ def test_only_what_is_missing_is_announced(short, tmp_path, capsys):
     assert "2 of 2 trials to run, expected to take" in capsys.readouterr().out
     assert run(tmp_path) == 0
     assert "0 of 2 trials to run, expected to take 0 min" in capsys.readouterr().out
-    wanted = keys(plan.PLANS["quick"]().experiments)
-    assert len(missing(tmp_path, wanted, retry_failed=True)[0]) == 2
+    assert len(missing(tmp_path, keys(plan.PLANS["quick"]().experiments), retry_failed=True)[0]) == 2
 
 
 def test_hours_are_confirmed_once_for_a_plan_and_a_source(short, tmp_path, monkeypatch, capsys):
@@ -184,25 +179,23 @@ def test_what_cannot_be_done_is_refused_with_a_sentence(options, why, tmp_path, 
     assert not list(tmp_path.iterdir())
 
 
-def test_a_folder_that_cannot_be_is_refused(tmp_path, capsys):
+@pytest.mark.parametrize(
+    ("out", "options", "why"),
+    [
+        ("file", {}, "is a file: give a folder"),
+        ("/proc/paper", {"quick": True}, "/proc cannot be written to: give another folder"),  # not even by root
+        ("typo", {"draw": True}, "there is no trial in it to draw: give the folder of a run"),
+    ],
+)
+def test_a_folder_that_cannot_be_or_has_no_trials_is_refused_and_not_made(out, options, why, tmp_path, capsys):
     (tmp_path / "file").touch()
-    assert paper(PaperSettings(out=tmp_path / "file")) == 2
-    assert "is a file: give a folder" in capsys.readouterr().err
-    assert paper(PaperSettings(out=Path("/proc/paper"), quick=True)) == 2  # where even root makes no folder
-    assert "/proc cannot be written to: give another folder" in capsys.readouterr().err
-
-
-def test_a_folder_without_trials_is_not_drawn_and_not_made(tmp_path, capsys):
-    assert paper(PaperSettings(out=tmp_path / "typo", draw=True)) == 2
-    assert "there is no trial in it to draw: give the folder of a run" in capsys.readouterr().err
-    assert not list(tmp_path.iterdir())
+    assert paper(PaperSettings(out=tmp_path / out, **options)) == 2
+    assert why in capsys.readouterr().err
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]
 
 
 def test_the_default_plan_is_announced_to_take_less_than_an_hour_on_two_cores(tmp_path, monkeypatch, capsys):
-    def stopped(*_, **__):
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr("motm_twin.studies.run.run", stopped)
+    monkeypatch.setattr("motm_twin.studies.run.run", Mock(side_effect=KeyboardInterrupt))
     assert paper(PaperSettings(out=tmp_path, workers=2)) == 130
     announced = re.search(r"expected to take (\d+) min with 2 processes", capsys.readouterr().out)
     assert announced is not None
@@ -210,16 +203,15 @@ def test_the_default_plan_is_announced_to_take_less_than_an_hour_on_two_cores(tm
 
 
 def test_a_full_plan_takes_hours_and_a_quick_one_minutes():
-    least = [len({repr(spec): None for spec in plan.PLANS[name]().specs()}) for name in ("quick", "default", "full")]
+    assert list(plan.PLANS) == ["quick", "default", "full"]
+    least = [len({repr(spec) for spec in made().specs()}) for made in plan.PLANS.values()]
     assert least == sorted(least)
-    quick = plan.quick().specs()
-    assert plan.hours(quick, 2) * 60.0 < 4.0
-    assert plan.hours(plan.full().specs(), 2) > cli_paper.WARN_HOURS
+    assert plan.hours(quick().specs(), 2) * 60.0 < 4.0
+    assert plan.hours(full().specs(), 2) > cli_paper.WARN_HOURS
 
 
 def counts(names, of=None):
-    whole = (of or plan.default()).experiments
-    return {each.name: len(each.specs) for each in needed(whole, names)}
+    return {each.name: len(each.specs) for each in needed((of or default()).experiments, names)}
 
 
 def test_only_the_trials_that_are_needed_are_run():
@@ -230,19 +222,83 @@ def test_only_the_trials_that_are_needed_are_run():
     swept = {"sweep_next_weight": 15, "sweep_bezier_offset": 10, "sweep_radius_min": 10, "sweep_radius_max": 20}
     assert counts(("sweeps",)) == {"exp1": 5, "exp1a": 5, **swept}
     assert counts(("time_split",)) == {"exp1": 110, "exp1a": 90}
-    methods = {spec.method for each in needed(plan.default().experiments, ("ablations",)) for spec in each.specs}
-    assert methods == {"motm", plan.LITERAL, *plan.ABLATIONS}
-    assert counts(("cutting_in",), plan.full()) == {"exp2": 50}
-    assert counts(NAMES) == {each.name: len(each.specs) for each in plan.default().experiments}
+    methods = {spec.method for each in needed(default().experiments, ("ablations",)) for spec in each.specs}
+    assert methods == {"motm", LITERAL, *ABLATIONS}
+    assert counts(("cutting_in",), full()) == {"exp2": 50}
+    assert counts(NAMES) == {each.name: len(each.specs) for each in default().experiments}
 
 
 def test_every_part_that_needs_trials_finds_them_in_every_plan():
     for make in plan.PLANS.values():
-        experiments = {each.name for each in make().experiments}
         for source in PARTS:
-            assert {need.experiment for need in source.needs} <= experiments
             assert {need.experiment for need in source.needs} == set(counts((source.name,), make()))
 
 
-def test_an_empty_folder_has_no_trials(tmp_path):
-    assert stored(tmp_path) == {}
+def specs_of(plan):
+    return {each.name: each.specs for each in plan.experiments}
+
+
+def test_the_plans_hold_what_the_issue_asks_for():
+    for whole, exp1, exp1a, exp2 in ((default(), 10, 10, 5), (full(), 60, 60, 50)):
+        specs = specs_of(whole)
+        for method in ALL:
+            counts = [sum(each.method == method and each.variant != "one_temi" for each in specs[name])
+                      for name in ("exp1", "exp1a", "exp2")]  # fmt: skip
+            assert counts[0] >= exp1
+            assert counts[1:] == [exp1a, exp2]
+        for method in (LITERAL, OVERLAP):
+            assert sum(each.method == method for each in specs["exp1"]) == exp1
+        for method in ABLATIONS:
+            assert sum(each.method == method for each in specs["ablations"]) == exp1
+    assert {*ALL, LITERAL, OVERLAP, *ABLATIONS, *catalogue.COMPARED_METHODS} <= set(METHODS)
+
+
+@pytest.mark.parametrize(("plan", "alone", "late"), [(default, 10, 5), (full, 50, 50)])
+def test_every_level_of_every_error_and_grasp_fault_has_as_many_seeds_as_the_plan_says(plan, alone, late):
+    for name, faults_of, scenes, seeds in (
+        ("robustness", catalogue.ERRORS, 1, alone),
+        ("grasp_delay", catalogue.GRASP_FAULTS, len(catalogue.TASKS), late),
+    ):
+        counts = Counter((each.method, *each.changes.items()) for each in specs_of(plan())[name])
+        assert {key[1] for key in counts} == {(field, value) for field, levels in faults_of.items() for value in levels}
+        assert set(counts.values()) == {scenes * seeds}
+        assert {key[0] for key in counts} >= {"motm", "open_loop"}
+
+
+def test_a_quick_plan_has_one_trial_of_each_kind_as_it_says():
+    specs = specs_of(quick())
+    assert Counter(each.method for each in specs["exp1"]) == Counter([*ALL, LITERAL, OVERLAP])
+    assert [each.method for each in specs["exp1a"]] == ["motm", "fast", "irm", "sequential"]
+    assert [each.method for each in specs["exp2"]] == ["motm", "fast"]
+    assert [each.method for each in specs["ablations"]] == list(ABLATIONS)
+    changes = {method: [each.changes for each in specs["robustness"] if each.method == method]
+               for method in ("motm", "open_loop")}  # fmt: skip
+    for these in changes.values():
+        assert sorted(name for each in these for name, value in each.items() if value) == sorted(catalogue.ERRORS)
+    late = Counter((each.scene, each.method, *each.changes.items()) for each in specs["grasp_delay"])
+    assert len(late) == 3 * 3 * 2
+    assert {change for *_, change in late} == {(catalogue.DELAY, 0.0), (catalogue.DELAY, 10.0)}
+    for name, (parameter, values) in SWEEPS.items():
+        assert {tuple(each.parameters.items()) for each in specs[name]} == {((parameter, values[-1]),)}
+    note = " ".join(quick().notes)
+    for said in ("on Experiment 1", "motm, fast, irm and sequential on 1a", "one level of every error", "10 s late"):
+        assert said in note
+
+
+def test_the_largest_ring_is_swept_among_boxes_too():
+    for whole in (quick(), default(), full()):
+        specs = specs_of(whole)
+        assert {each.scene for each in specs["sweep_radius_max"]} == {"exp1", "exp1a"}
+        shipped = {(each.scene, each.variant, each.seed) for each in (*specs["exp1"], *specs["exp1a"])
+                   if each.method == "motm"}  # fmt: skip
+        swept = [(each.scene, each.variant, each.seed) for name in SWEEPS for each in specs[name]]
+        assert set(swept) <= shipped
+
+
+def test_the_docs_count_the_trials_of_each_plan():
+    def different(plan):
+        return len({(each.scene, each.variant, each.seed, each.method, *each.parameters.items(),
+                     *(item for item in each.changes.items() if item[1])) for each in plan.specs()})  # fmt: skip
+
+    text = (Path(__file__).parents[2] / "docs" / "results.md").read_text(encoding="utf-8")
+    assert f"| trials | {different(default())} | {different(full())} | {different(quick())} |" in text

@@ -2,17 +2,18 @@
 
 import threading
 import time
-from pathlib import Path
 
 import pytest
 from rich.console import Console
 
+from motm_twin.perf.processes import wait_for
 from motm_twin.studies.run import run
 from motm_twin.studies.spec import Experiment, TrialSpec
 
+from .made_results import SCENE
+
 ray = pytest.importorskip("ray", reason="Ray is not installed: pip install 'motm-twin[cluster]'")
 
-SCENE = str(Path(__file__).parent / "half_a_metre.yaml")
 DRIVES = Experiment("drives", "Half a metre", tuple(TrialSpec(SCENE, None, seed) for seed in range(6)))
 NODE = {"num_cpus": 1, "object_store_memory": 80 * 2**20}
 SOON = {  # a machine that is lost is noticed within a second
@@ -53,19 +54,15 @@ def test_a_sweep_that_loses_a_machine_gives_the_same_as_one_process_bit_for_bit(
             lost.set()
 
     threading.Thread(target=lose_a_machine, daemon=True).start()
+    options = {"workers": 2, "backend": "ray", "address": made.address}
     try:
-        results = run(
-            DRIVES, out=tmp_path / "ray", workers=2, backend="ray", address=made.address, console=Console(quiet=True)
-        )
+        results = run(DRIVES, out=tmp_path / "ray", console=Console(quiet=True), **options)
     finally:
         ended.set()
     assert lost.is_set(), "the machine was not lost before the end of the sweep"
     assert results.computed == 6
     assert all(result["success"] for result in results.of("drives"))
-    deadline = time.monotonic() + 60.0  # Ray notices after some missed signs of life
-    while sum(node["Alive"] for node in ray.nodes()) != 1 and time.monotonic() < deadline:
-        time.sleep(0.2)
-    assert sum(node["Alive"] for node in ray.nodes()) == 1
+    wait_for(lambda: sum(node["Alive"] for node in ray.nodes()) == 1, 60.0, "sign that Ray has noticed it")
     run(DRIVES, out=tmp_path / "here", console=Console(quiet=True))
     there, here = (tmp_path / name / "drives" / "results.jsonl" for name in ("ray", "here"))
     assert there.read_bytes() == here.read_bytes()

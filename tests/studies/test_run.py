@@ -19,8 +19,9 @@ from motm_twin.studies.pool import Lost, make_pool, outcomes
 from motm_twin.studies.run import Store, TimeLeft, left_text, run
 from motm_twin.studies.spec import Experiment, TrialSpec
 
+from .made_results import SCENE
+
 HERE = Path(__file__).parent
-SCENE = str(HERE / "half_a_metre.yaml")
 QUIET = Console(quiet=True)
 
 
@@ -50,23 +51,18 @@ def same_results(one, other):
     return (one / "results.jsonl").read_bytes() == (other / "results.jsonl").read_bytes()
 
 
-def without_wall(results):
-    return [{key: value for key, value in result.items() if key != "wall"} for result in results]
-
-
 def test_one_worker_and_another_order_give_the_same_bit_for_bit(by_two, tmp_path):
     folder, results = by_two
-    backwards = Experiment("drives", "", drives().specs[::-1])
-    again = run(backwards, out=tmp_path, workers=1, console=QUIET)
-    assert without_wall(again.of("drives")) == without_wall(results.of("drives"))[::-1]
+    again = run(Experiment("drives", "", drives().specs[::-1]), out=tmp_path, workers=1, console=QUIET)
+    without_wall = [[result | {"wall": None} for result in each.of("drives")] for each in (again, results)]
+    assert without_wall[0] == without_wall[1][::-1]
     forwards = run(drives(), out=tmp_path, console=QUIET)  # from the store, written in another order
     assert forwards.computed == 0
     assert same_results(folder, tmp_path / "drives")
 
 
 def test_a_result_says_what_was_run_and_keeps_clocks_apart(by_two):
-    _, results = by_two
-    result = results.of("drives", method="no_bezier", seed=1)[0]
+    (result,) = by_two[1].of("drives", method="no_bezier", seed=1)
     assert result["success"]
     assert result["parameters"] == {}
     assert result["measures"]["phases_s"]["driving"] == pytest.approx(result["time_s"], abs=0.2)
@@ -76,22 +72,15 @@ def test_a_result_says_what_was_run_and_keeps_clocks_apart(by_two):
 
 def test_a_run_goes_on_where_it_ended_also_after_half_a_line(by_two, tmp_path):
     folder, _ = by_two
-    lines = (folder / "trials.jsonl").read_bytes().splitlines(keepends=True)
-    (tmp_path / "drives").mkdir()
-    (tmp_path / "drives" / "trials.jsonl").write_bytes(b"".join(lines[:4]) + lines[4][:100])
-    again = run(drives(), out=tmp_path, workers=2, console=QUIET)
-    assert again.computed == 2
+    whole, file = (folder / "trials.jsonl").read_bytes(), tmp_path / "drives" / "trials.jsonl"
+    lines = whole.splitlines(keepends=True)
+    file.parent.mkdir()
+    file.write_bytes(b"".join(lines[:4]) + lines[4][:100])
+    assert run(drives(), out=tmp_path, workers=2, console=QUIET).computed == 2
     assert same_results(folder, tmp_path / "drives")
-    assert len((tmp_path / "drives" / "trials.jsonl").read_bytes().splitlines()) == 6
-
-
-def test_trials_of_another_source_do_not_count(by_two, tmp_path):
-    folder, _ = by_two
-    (tmp_path / "drives").mkdir()
-    text = (folder / "trials.jsonl").read_text().replace('"key":"', '"key":"x')
-    (tmp_path / "drives" / "trials.jsonl").write_text(text)
-    one = Experiment("drives", "", drives().specs[:1])
-    assert run(one, out=tmp_path, console=QUIET).computed == 1
+    assert len(file.read_bytes().splitlines()) == 6
+    file.write_bytes(whole.replace(b'"key":"', b'"key":"x'))  # trials of another source do not count
+    assert run(Experiment("drives", "", drives().specs[:1]), out=tmp_path, console=QUIET).computed == 1
 
 
 def test_a_trial_that_two_experiments_want_is_run_once(by_two, tmp_path):
@@ -132,14 +121,8 @@ def test_what_breaks_is_kept_with_its_reason_and_session_and_run_again_only_when
     assert again.computed == 1
 
 
-@pytest.mark.parametrize(
-    "end",
-    [
-        pytest.param(lambda pid: os.killpg(pid, signal.SIGINT), id="ctrl-c"),  # as a terminal does
-        pytest.param(lambda pid: os.kill(pid, signal.SIGTERM), id="sigterm"),
-    ],
-)
-def test_ctrl_c_ends_at_once_and_says_how_to_go_on(end, tmp_path):
+@pytest.mark.parametrize(("send", "number"), [(os.killpg, signal.SIGINT), (os.kill, signal.SIGTERM)])
+def test_ctrl_c_ends_at_once_and_says_how_to_go_on(send, number, tmp_path):  # to the group, as a terminal does
     entry = f"Entry(title='t', specs=lambda methods, trials: (TrialSpec({SCENE!r}, None, s) for s in range(100)))"
     program = (
         "import signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler);"  # ignored in a background job
@@ -155,25 +138,17 @@ def test_ctrl_c_ends_at_once_and_says_how_to_go_on(end, tmp_path):
     store = tmp_path / "exp1" / "trials.jsonl"
     while not (store.is_file() and store.stat().st_size) and process.poll() is None:
         time.sleep(0.05)
-    end(process.pid)
+    send(process.pid, number)
     said = process.communicate(timeout=60)[0]
     assert process.returncode == 130, said
     assert "resumes there" in said
     assert "Traceback" not in said
     assert 1 <= len(Store(tmp_path / "exp1").read()) < 100
     deadline = time.monotonic() + 60.0
-    while _any_left(process.pid):
-        assert time.monotonic() < deadline, "a worker goes on"
-        time.sleep(0.05)
-
-
-def _any_left(group):
-    """Whether a process of the group lives."""
-    try:
-        os.killpg(group, 0)
-    except ProcessLookupError:
-        return False
-    return True
+    with pytest.raises(ProcessLookupError):  # no process of the group lives
+        while time.monotonic() < deadline:
+            os.killpg(process.pid, 0)
+            time.sleep(0.05)
 
 
 def test_a_second_run_on_the_same_folder_is_refused(tmp_path):
@@ -182,25 +157,21 @@ def test_a_second_run_on_the_same_folder_is_refused(tmp_path):
 
 
 def test_bad_input_is_refused_before_anything_runs(tmp_path):
-    with pytest.raises(ValueError, match="backend 'dask'"):
-        make_pool(1, "dask")
-    with pytest.raises(ValueError, match="at least 1"):
-        make_pool(0)
-    with pytest.raises(ValueError, match="--backend ray"):
-        make_pool(1, address="auto")
+    wrong = Experiment("x", "", (TrialSpec(SCENE), TrialSpec(SCENE, parameters={"next_weigth": 1.0})))
     with pytest.raises(ValueError, match="next_weigth"):
-        run(
-            Experiment("x", "", (TrialSpec(SCENE), TrialSpec(SCENE, parameters={"next_weigth": 1.0}))),
-            out=tmp_path,
-            console=QUIET,
-        )
+        run(wrong, out=tmp_path, console=QUIET)
     assert not (tmp_path / "x").exists()
 
 
-def test_without_ray_it_is_said_what_to_install(monkeypatch):
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [((1, "dask"), "backend 'dask'"), ((0,), "at least 1"), ((1, "loky", "auto"), "--backend ray"),
+     ((2, "ray"), r"motm-twin\[cluster\]")],
+)  # fmt: skip
+def test_a_pool_that_cannot_be_is_refused_and_without_ray_it_is_said_what_to_install(given, said, monkeypatch):
     monkeypatch.setitem(sys.modules, "ray", None)
-    with pytest.raises(ValueError, match=r"motm-twin\[cluster\]"):
-        make_pool(2, "ray")
+    with pytest.raises(ValueError, match=said):
+        make_pool(*given)
 
 
 def test_time_left_is_that_of_each_method():
@@ -214,18 +185,15 @@ def test_time_left_is_that_of_each_method():
 
 def test_a_store_reads_what_it_wrote_and_nothing_else(by_two):
     folder, results = by_two
-    records = Store(folder).read()
+    records = Store(folder).read().values()
+    wrote, read = results.of("drives"), [record.result for record in records]
+    assert sorted(map(msgspec.json.encode, read)) == sorted(map(msgspec.json.encode, wrote))
     assert len(records) == 6
-    assert {msgspec.json.encode(record.result) for record in records.values()} == {
-        msgspec.json.encode(result) for result in results.of("drives")
-    }
-    assert all(record.made_with["numpy"] for record in records.values())
+    assert all(record.made_with["numpy"] for record in records)
 
 
 def _square_or_die(number):
-    if number == 3:
-        os._exit(1)
-    return number * number
+    return number * number if number != 3 else os._exit(1)
 
 
 def test_only_the_call_that_kills_its_process_is_given_up():

@@ -14,7 +14,7 @@ from motm_twin.perf.report import machine
 from motm_twin.sessions.session import SOURCE, made_with
 from motm_twin.studies import statistics
 from motm_twin.studies.paper.plan import TEN
-from motm_twin.studies.run import TRIALS, Record
+from motm_twin.studies.run import TRIALS, Record, chosen
 from motm_twin.studies.run import Store as Trials
 from motm_twin.studies.spec import MACHINE, Experiment, TrialSpec, jobs_of
 from motm_twin.studies.statistics import Estimate
@@ -33,8 +33,7 @@ class Store:
 
     def of(self, experiment: str, **fields: Any) -> list[Result]:
         """Results of an experiment in which these fields have these values."""
-        found = self.trials.get(experiment, ())
-        return [result for result in found if all(result.get(key) == value for key, value in fields.items())]
+        return chosen(self.trials.get(experiment, ()), fields)
 
     def methods(self, experiment: str) -> list[str]:
         """Methods of an experiment in the order in which they are shown: the paper's first."""
@@ -85,11 +84,6 @@ def placed(results: Iterable[Result]) -> tuple[int, int]:
     return sum(each["places_done"] for each in these), sum(each["places_total"] for each in these)
 
 
-def delivered(results: Iterable[Result]) -> Estimate:
-    """Share of objects delivered, with the interval of Clopper and Pearson."""
-    return statistics.proportion(*placed(results))
-
-
 def contacts(results: Iterable[Result]) -> int:
     """Contacts that the robot caused."""
     return sum(int(result["contacts_caused_by_robot"]) for result in results)
@@ -127,11 +121,6 @@ def percent(estimate: Estimate, decimals: int = 0) -> str:
     return f"{value:.{decimals}f} %{interval}"
 
 
-def points(estimate: Estimate, decimals: int = 0) -> str:
-    """A difference of two shares with its interval, as "43 percentage points [41, 45]"."""
-    return percent(estimate, decimals).replace(" %", " percentage points", 1)
-
-
 PLAN, COMMAND = "plan", "command"  # kept with every trial, beside what it was made with
 NOT_RECORDED = "not recorded"
 
@@ -158,15 +147,9 @@ def origin(records: Iterable[Record], command: str) -> Origin:
     notes = [record.made_with for record in records] or [{**current_origin(), PLAN: "no trials", COMMAND: command}]
     names = [*dict.fromkeys(name for note in notes for name in note), PLAN, COMMAND, MACHINE, SOURCE]
     counts = {name: Counter(note.get(name, NOT_RECORDED) for note in notes) for name in names}
-    apart = (PLAN, COMMAND, MACHINE)
-    return Origin(
-        sources=tuple(counts[SOURCE]),
-        plans=tuple(counts[PLAN]),
-        plan=_counted(counts[PLAN]),
-        command=_counted(counts[COMMAND]),
-        machine=_counted(counts[MACHINE]),
-        made_with={name: _counted(values) for name, values in counts.items() if name not in apart},
-    )
+    said = {name: _counted(values) for name, values in counts.items()}
+    apart = {name: said.pop(name) for name in (PLAN, COMMAND, MACHINE)}
+    return Origin(sources=tuple(counts[SOURCE]), plans=tuple(counts[PLAN]), made_with=said, **apart)
 
 
 def current_origin() -> dict[str, str]:
@@ -187,10 +170,9 @@ Keys = dict[str, dict[str, TrialSpec]]  # by experiment: trials by their names i
 def stored(out: Path, without: Collection[str] = ()) -> Records:
     """The newest record of every spec, of any source, except from the experiments ``without``."""
     found: Records = {}
-    for file in sorted(out.glob(f"*/{TRIALS}")):
-        if file.parent.name in without:
-            continue
-        found[file.parent.name] = list(_newest(Trials(file.parent).read().values()).values())
+    for folder in sorted(file.parent for file in out.glob(f"*/{TRIALS}")):
+        if folder.name not in without:
+            found[folder.name] = list(_newest(Trials(folder).read().values()).values())
     return found
 
 

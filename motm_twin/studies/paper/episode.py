@@ -1,7 +1,6 @@
 """One trial of Experiment 2 in detail: gripper distance (Sec. V) and cutting in (Sec. VIII-1), with figures."""
 
 import math
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -14,12 +13,13 @@ from matplotlib.patheffects import Normal, Stroke
 
 from motm_twin.control.arm.parameters import AvoidanceParameters
 from motm_twin.control.targets import odometry_to_world
-from motm_twin.control.tick import Tick
+from motm_twin.control.tick import TaskState, Tick
 from motm_twin.measures import Measures
 from motm_twin.measures.agents import CUT_DISTANCE, CUT_TIME
 from motm_twin.model.geometry import Array, from_frame, to_frame
 from motm_twin.model.kinematics import Frankie
 from motm_twin.model.period import PERIOD
+from motm_twin.model.plant import Truth
 from motm_twin.model.scene import Scene
 from motm_twin.model.scene_file import load_scene
 from motm_twin.sessions.session import SOURCE, made_with
@@ -68,16 +68,13 @@ class Episode(msgspec.Struct, frozen=True):
     measures: dict[str, Any]  # of `measures`: stretches below d_s, cut-ins, and the rest
 
 
-@dataclass
 class Watcher:
     """Collects moments from Ticks."""
 
-    scene: Scene
-    moments: list[Moment] = field(default_factory=list)
-
-    def __post_init__(self) -> None:
-        self._frankie = Frankie(self.scene.robot)
-        self._bins = {item.name: item.centre for item in self.scene.bins}
+    def __init__(self, scene: Scene) -> None:
+        self.moments: list[Moment] = []
+        self._frankie = Frankie(scene.robot)
+        self._bins = {item.name: item.centre for item in scene.bins}
 
     def __call__(self, tick: Tick) -> None:
         """Take one Tick into account."""
@@ -86,19 +83,15 @@ class Watcher:
         active = tick.tasks[tick.task_index] if tick.task_index < len(tick.tasks) else None
         self.moments.append(
             Moment(
-                time=round(tick.time, DIGITS),
-                pose=_rounded(tick.truth.pose),
-                task=f"{active.kind} {active.target}" if active else "",
-                phase=tick.arm[-1].phase,
-                distance=distance,
+                time=round(tick.time, DIGITS), pose=_rounded(tick.truth.pose),
+                task=f"{active.kind} {active.target}" if active else "", phase=tick.arm[-1].phase, distance=distance,
                 static=static,
                 agents=tuple((each.name, *_rounded((*each.position[:2], each.yaw))) for each in tick.truth.agents),
                 plan=tuple(_rounded(pose[:3]) for pose in tick.plan.local_poses),
-                path=tuple(_rounded(point) for point in tick.plan.global_path),
-                goal=_rounded(tick.placement.goal[:2]),
-                target=self._target(tick),
+                path=tuple(_rounded(point) for point in tick.plan.global_path), goal=_rounded(tick.placement.goal[:2]),
+                target=self._target(tick.truth, active),
             )
-        )
+        )  # fmt: skip
 
     def _nearest(self, tick: Tick) -> tuple[float | None, bool]:
         """Distance of the gripper to what is seen, and whether that stands: as the arm sees it, horizontally."""
@@ -110,14 +103,10 @@ class Watcher:
         nearest = int(np.argmin(distance))
         return round(float(distance[nearest]), DIGITS), bool(tick.map.seen_static[nearest])
 
-    def _target(self, tick: Tick) -> tuple[float, float] | None:
-        if tick.task_index >= len(tick.tasks):
-            return None
-        task = tick.tasks[tick.task_index]
-        if task.kind == "place":
+    def _target(self, truth: Truth, task: TaskState | None) -> tuple[float, float] | None:
+        if task is not None and task.kind == "place":
             return self._bins.get(task.target)
-        assert tick.truth is not None
-        found = [each.position[:2] for each in tick.truth.objects if each.name == task.target]
+        found = [each.position[:2] for each in truth.objects if task is not None and each.name == task.target]
         return _rounded(found[0]) if found else None
 
 
@@ -154,7 +143,6 @@ def _rounded(values: Any) -> Any:
     return tuple(round(float(value), DIGITS) for value in values)
 
 
-DISTANCE_NAME, DISTANCE_TITLE = "gripper_distance", "Distance from gripper to the nearest seen obstacle"
 SHOWN = 2.0  # [m] of the axis
 DEEP_RED = "#C1121F"  # the region of the paper is red; that of `style` is nearer to orange, and beside it looks like it
 JUMP = 0.10  # [m] by which the distance falls in a period when something comes into view
@@ -168,8 +156,6 @@ def draw_distance(episode: Episode) -> Drawn:
     seen = int(np.isfinite(distance).sum())
     excess = ("approach_excess_mps", "advance_excess_mps")
     return Drawn(
-        name=DISTANCE_NAME,
-        title=DISTANCE_TITLE,
         caption=(
             f"Experiment 2 with four Temis, seed {episode.spec.seed}. As the robot itself sees it: horizontally, from "
             "the gripper's centre to the cells that the lidar found outside the map. "
@@ -255,7 +241,6 @@ def _line(episode: Episode) -> str:
     )
 
 
-CUTTING_IN_NAME, CUTTING_IN_TITLE = "cutting_in", "Cutting in front of a moving obstacle"
 BEFORE_S = 1.0  # [s] the moment shown is before the cut-in
 HISTORY_S, HISTORY_STEP_S = 3.0, 0.75  # [s] of the Temi's way
 PLAN_STEP = 3  # every third node of the plan
@@ -267,8 +252,6 @@ def draw_cutting_in(before: Episode, after: Episode) -> Part:
     found = before.measures["cut_ins"]
     if not found:
         return Missing(
-            name=CUTTING_IN_NAME,
-            title=CUTTING_IN_TITLE,
             larger=True,
             reason="in none of the completed trials of motm in Experiment 2 the robot cut in front of anybody; the one "
             f"that was recorded has seed {before.spec.seed}",
@@ -279,8 +262,6 @@ def draw_cutting_in(before: Episode, after: Episode) -> Part:
     here, there = (before.moments[_earlier(crossing)], after.moments[_earlier(meeting)])
     cuts, later = len(found), len(after.measures["cut_ins"])
     return Drawn(
-        name=CUTTING_IN_NAME,
-        title=CUTTING_IN_TITLE,
         caption=(
             f"Experiment 2, seed {before.spec.seed}. Left: {before.spec.method} at {here.time:.2f} s. Nothing is "
             f"predicted: the plan leads in front of the Temi, which at {cut['time']:.2f} s would touch the robot in "

@@ -5,7 +5,7 @@ Colours are those of Okabe and Ito. No colour stands alone: hatches, markers and
 
 import csv
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -30,25 +30,17 @@ SMALLEST = 7.0  # [pt] no letter is smaller
 STYLE: Any = {
     "font.family": "sans-serif",
     "font.sans-serif": ["DejaVu Sans"],
-    "font.size": 8.0,
-    "axes.titlesize": 8.0,
-    "axes.labelsize": 8.0,
-    "xtick.labelsize": SMALLEST,
-    "ytick.labelsize": SMALLEST,
-    "legend.fontsize": SMALLEST,
-    "legend.frameon": False,
+    **dict.fromkeys(("font.size", "axes.titlesize", "axes.labelsize"), 8.0),
+    **dict.fromkeys(("xtick.labelsize", "ytick.labelsize", "legend.fontsize"), SMALLEST),
+    **dict.fromkeys(("legend.frameon", "axes.spines.top", "axes.spines.right", "axes.grid"), False),
+    **dict.fromkeys(("axes.linewidth", "patch.linewidth"), 0.7),
     "legend.handlelength": 2.2,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.linewidth": 0.7,
     "axes.axisbelow": True,
-    "axes.grid": False,
     "grid.color": PALE,
     "grid.linewidth": 0.5,
+    "hatch.linewidth": 0.6,
     "lines.linewidth": 1.2,
     "lines.markersize": 4.0,
-    "hatch.linewidth": 0.6,
-    "patch.linewidth": 0.7,
     "figure.dpi": 100,
     "savefig.dpi": DPI,
     "svg.fonttype": "none",  # letters stay letters, to be searched and edited
@@ -111,6 +103,12 @@ def rows_down(axes: Axes, names: Sequence[str], label: str) -> None:
     axes.set_xlabel(label)
 
 
+def legend_below(fig: Figure, panels: Iterable[Axes], columns: int | None = None) -> None:
+    """One legend of all panels below them; ``columns``: None: one row."""
+    handles = {each.get_label(): each for panel in panels for each in panel.get_legend_handles_labels()[0]}
+    fig.legend(handles=list(handles.values()), loc="outside lower center", ncols=columns or len(handles))
+
+
 Row = Mapping[str, Any]
 
 
@@ -118,15 +116,14 @@ Row = Mapping[str, Any]
 class Drawn:
     """A figure, or a table when there is no figure, and the numbers that it shows."""
 
-    name: str  # of its files
-    title: str
     caption: str  # what is seen, in sentences
     n: str  # how many trials, or what else was counted
     rows: Sequence[Row]  # the numbers, as the CSV has them
+    name: str = ""  # of its files; the register of parts gives name and title
+    title: str = ""
     command: str = ""  # of the one trial that is shown; the report puts before it what makes the part
     facts: Mapping[str, Any] = field(default_factory=dict)  # more numbers, for the JSON
     figure: Figure | None = None
-    picture: bytes | None = None  # PNG of what is not drawn here: photographs of the page
     cells: Sequence[Mapping[str, str]] = ()  # a table: its rows as they are printed, by column
     marked: Sequence[int] = ()  # rows of the table that are published, not measured
     notes: Sequence[str] = ()
@@ -136,9 +133,9 @@ class Drawn:
 class Missing:
     """A part that could not be made. Nothing is shown in its place."""
 
-    name: str
-    title: str
     reason: str  # one sentence
+    name: str = ""
+    title: str = ""
     larger: bool = False  # these trials do not have it, more of them may
     command: str = ""  # that would make it; the report says it
 
@@ -154,12 +151,9 @@ def save(part: Drawn, folder: Path) -> None:
         with styled():
             part.figure.savefig(stem.with_suffix(".png"), metadata={"Software": None})
             part.figure.savefig(stem.with_suffix(".svg"), metadata={"Date": None})
-    elif part.picture is not None:
-        stem.with_suffix(".png").write_bytes(part.picture)
     write_csv(stem.with_suffix(".csv"), part.rows)
-    about = {"title": part.title, "caption": part.caption, "command": part.command, "n": part.n}
-    document = {**about, "notes": list(part.notes), "facts": dict(part.facts), "rows": [dict(row) for row in part.rows]}
-    write_json(stem.with_suffix(".json"), document)
+    fields = ("title", "caption", "command", "n", "notes", "facts", "rows")
+    write_json(stem.with_suffix(".json"), {name: getattr(part, name) for name in fields})
 
 
 def write_csv(path: Path, rows: Sequence[Row]) -> None:

@@ -13,10 +13,9 @@ from rich.console import Console
 
 from motm_twin.methods.registry import FORESIGHT
 from motm_twin.sessions.session import SOURCE, made_with
-from motm_twin.studies.paper import data, modifications, planning_figures, robustness, snapshots, tables, time_figures
-from motm_twin.studies.paper import episode as watched
+from motm_twin.studies.paper import data, planning_figures, snapshots, sweep_figures, tables, time_figures
 from motm_twin.studies.paper.data import Store
-from motm_twin.studies.paper.episode import Episode, watch_trial
+from motm_twin.studies.paper.episode import Episode, draw_cutting_in, draw_distance, watch_trial
 from motm_twin.studies.paper.part import Missing, Part
 from motm_twin.studies.paper.plan import LITERAL, PLANS, SWEEPS, TEN
 from motm_twin.studies.settings import OPTIONS_OF_PLANS
@@ -101,6 +100,7 @@ class Source(NamedTuple):
     """One part of the report."""
 
     name: str
+    title: str
     section: str
     needs: tuple[Need, ...]
     make: Callable[[Context], Part]
@@ -129,21 +129,22 @@ def needed(experiments: Iterable[Experiment], names: Collection[str]) -> tuple[E
 
 
 def make_part(source: Source, context: Context) -> Part:
-    """The part, with the command that makes it."""
+    """The part with its name and title, and the command that makes it."""
     part = source.make(context)
     more = isinstance(part, Missing) and part.larger
     command = context.command(source.name, plan=context.larger if more else context.plan)
-    return dataclasses.replace(part, command="; ".join(filter(None, (command, part.command))))
+    commands = "; ".join(filter(None, (command, part.command)))
+    return dataclasses.replace(part, name=source.name, title=source.title, command=commands)
 
 
-def _watched(name: str, title: str, draw: Callable[[Episode], Part]) -> Callable[[Context], Part]:
+def _watched(draw: Callable[[Context, Episode], Part]) -> Callable[[Context], Part]:
     """A part that needs the watched trial."""
 
     def make(context: Context) -> Part:
         episode = context.episode
         if episode is None:
-            return Missing(name=name, title=title, reason="no trial of motm in Experiment 2 was completed")
-        part = draw(episode)
+            return Missing(reason="no trial of motm in Experiment 2 was completed")
+        part = draw(context, episode)
         if isinstance(part, Missing) or context.sources in ((), (episode.source,)):
             return part
         note = f"Watched with source {episode.source}; the trials are of {', '.join(context.sources)}."
@@ -152,19 +153,14 @@ def _watched(name: str, title: str, draw: Callable[[Episode], Part]) -> Callable
     return make
 
 
-def _cutting_in(context: Context) -> Part:
-    def draw(episode: Episode) -> Part:
-        after = context.with_foresight(episode) if episode.measures["cut_ins"] else episode
-        return watched.draw_cutting_in(episode, after)
-
-    return _watched(watched.CUTTING_IN_NAME, watched.CUTTING_IN_TITLE, draw)(context)
+def _cutting_in(context: Context, episode: Episode) -> Part:
+    return draw_cutting_in(episode, context.with_foresight(episode) if episode.measures["cut_ins"] else episode)
 
 
 def _pages(context: Context) -> Part:
     if not context.pages:
-        reason = "photographs of the page were not asked for"
-        return Missing(name=snapshots.NAME, title=snapshots.TITLE, reason=reason)
-    return _watched(snapshots.NAME, snapshots.TITLE, snapshots.draw)(context)
+        return Missing(reason="photographs of the page were not asked for")
+    return _watched(lambda _, episode: snapshots.draw(episode))(context)
 
 
 COMPARED = (Need("exp1"), Need("exp1a"), Need("exp2"))
@@ -173,24 +169,34 @@ ABLATED = (Need("ablations"), Need("exp1", ("motm", LITERAL), beside=("ablations
 SHIPPED = tuple(Need(name, ("motm",), beside=tuple(SWEEPS)) for name in ("exp1", "exp1a"))
 SWEPT = (*(Need(name) for name in SWEEPS), *SHIPPED)
 WATCHED = (Need("exp2", ("motm",), ("random",)),)
-_distance = _watched(watched.DISTANCE_NAME, watched.DISTANCE_TITLE, watched.draw_distance)
 
-PARTS: tuple[Source, ...] = (
-    Source("results", "comparison", COMPARED, lambda c: tables.draw_results(c.store)),
-    Source("box_plots", "comparison", COMPARED[:2], lambda c: time_figures.draw_box_plots(c.store)),
-    Source("reductions", "comparison", COMPARED, lambda c: time_figures.draw_reductions(c.store)),
-    Source("time_split", "comparison", TIMED, lambda c: time_figures.draw_time_split(c.store)),
-    Source("measures", "comparison", COMPARED, lambda c: tables.draw_measures(c.store)),
-    Source("ablations", "worth", ABLATED, lambda c: modifications.draw_ablations(c.store)),
-    Source("sweeps", "worth", SWEPT, lambda c: modifications.draw_sweeps(c.store)),
-    Source("gripper_distance", "temis", WATCHED, _distance),
-    Source("snapshots", "temis", WATCHED, _pages),
-    Source("cutting_in", "temis", WATCHED, _cutting_in),
-    Source("robustness", "robust", (Need("robustness"),), lambda c: robustness.draw_robustness(c.store)),
-    Source("grasp_delay", "robust", (Need("grasp_delay"),), lambda c: robustness.draw_grasp_delay(c.store)),
-    Source("layout", "method", (), lambda _: planning_figures.draw_layout()),
-    Source("global_path", "method", (), lambda _: planning_figures.draw_global_path()),
-    Source("bezier", "method", (), lambda _: planning_figures.draw_bezier()),
-    Source("base_placement", "method", (), lambda _: planning_figures.draw_placement()),
-)
+PARTS = (
+    Source("results", "Task times and success", "comparison", COMPARED, lambda c: tables.draw_results(c.store)),
+    Source("box_plots", "Task times of Experiments 1 and 1a", "comparison", COMPARED[:2],
+           lambda c: time_figures.draw_box_plots(c.store)),
+    Source("reductions", "Reduction of the task time against every rival", "comparison", COMPARED,
+           lambda c: time_figures.draw_reductions(c.store)),
+    Source("time_split", "Where the time goes", "comparison", TIMED, lambda c: time_figures.draw_time_split(c.store)),
+    Source("measures", "Motion, retries, and behaviour among others", "comparison", COMPARED,
+           lambda c: tables.draw_measures(c.store)),
+    Source("ablations", "Each modification of the paper switched off alone", "worth", ABLATED,
+           lambda c: sweep_figures.draw_ablations(c.store)),
+    Source("sweeps", "Task time against the parameters of placement and heuristic", "worth", SWEPT,
+           lambda c: sweep_figures.draw_sweeps(c.store)),
+    Source("gripper_distance", "Distance from gripper to the nearest seen obstacle", "temis", WATCHED,
+           _watched(lambda _, episode: draw_distance(episode))),
+    Source("snapshots", "Arm and base avoid a Temi: the page at four moments", "temis", WATCHED, _pages),
+    Source("cutting_in", "Cutting in front of a moving obstacle", "temis", WATCHED, _watched(_cutting_in)),
+    Source("robustness", "Success against errors: reactive, and the same plan executed open-loop", "robust",
+           (Need("robustness"),), lambda c: sweep_figures.draw_robustness(c.store)),
+    Source("grasp_delay", "Task time when grasps are late, miss or slip", "robust", (Need("grasp_delay"),),
+           lambda c: sweep_figures.draw_grasp_delay(c.store)),
+    Source("layout", "Layout of Experiments 1, 1a and 2", "method", (), lambda _: planning_figures.draw_layout()),
+    Source("global_path", "Global path with and without the cost of rotation", "method", (),
+           lambda _: planning_figures.draw_global_path()),
+    Source("bezier", "Bézier path and PathRTR between the same two poses", "method", (),
+           lambda _: planning_figures.draw_bezier()),
+    Source("base_placement", "Base placement for one object and two drop locations", "method", (),
+           lambda _: planning_figures.draw_placement()),
+)  # fmt: skip
 NAMES = tuple(source.name for source in PARTS)

@@ -48,7 +48,9 @@ def draw_layout() -> Drawn:
             axes.text(*item.centre, item.name[-1], ha="center", va="center", fontsize=8, weight="bold", zorder=9)
         start = scene.start
         ground.robot(axes, start, scene.robot.footprint)  # type: ignore[arg-type]
-        _labels(axes, boxes)
+        boxed = (("1a", *box.shape.centre) for box in boxes)  # type: ignore[union-attr]
+        for text, x, y in (("start", 0.0, -0.45), ("cabinet", 0.335, -1.55), *boxed):
+            axes.text(x, y, text, ha="center", va="center", fontsize=7, zorder=9)
         _measures(axes)
         ground.metres(axes, (-1.0, 6.4), (-2.1, 3.1))
     shown = [
@@ -58,8 +60,6 @@ def draw_layout() -> Drawn:
         ("start", "robot", start),
     ]
     return Drawn(
-        name="layout",
-        title="Layout of Experiments 1, 1a and 2",
         caption=(
             "Six of the twelve object positions (squares) are filled in each trial and delivered alternately to drop "
             "locations 1 and 2. Hatched yellow: the two boxes of Experiment 1a, which the robot's map does not have. "
@@ -69,13 +69,6 @@ def draw_layout() -> Drawn:
         rows=[{"what": what, "name": name, "x_m": at[0], "y_m": at[1]} for what, name, at in shown],
         figure=fig,
     )
-
-
-def _labels(axes, boxes) -> None:
-    for text, x, y in (("start", 0.0, -0.45), ("cabinet", 0.335, -1.55)):
-        axes.text(x, y, text, ha="center", va="center", fontsize=7, zorder=9)
-    for box in boxes:
-        axes.text(*box.shape.centre, "1a", ha="center", va="center", fontsize=7, zorder=9)
 
 
 def _measures(axes) -> None:
@@ -108,7 +101,7 @@ def placed(here: FirstPeriod, drop: str) -> tuple[Placement, tuple[Array, Array]
         world=here.world,
         pose=ROBOT,
         twist=np.zeros(2),
-        target=Target(kind="pick", name=OBJECT, position=_cube(), dwell=1.3),
+        target=Target(kind="pick", name=OBJECT, position=np.array(slots()[OBJECT]), dwell=1.3),
         next_target=Target(kind="place", name=drop, position=np.array(bins[drop]), dwell=0.5),
         engaged=False,
     )
@@ -116,11 +109,6 @@ def placed(here: FirstPeriod, drop: str) -> tuple[Placement, tuple[Array, Array]
     paths = strategy.paths(placement.chosen)
     assert paths is not None  # there is always a way to the cheapest candidate
     return placement, paths
-
-
-def _cube() -> Array:
-    """Place [m] of the cube of the slot, shape (2,)."""
-    return np.array(slots()[OBJECT])
 
 
 def draw_placement() -> Drawn:
@@ -147,7 +135,7 @@ def draw_placement() -> Drawn:
             )  # fmt: skip
             ground.robot(axes, ROBOT, here.scene.robot.footprint)
             ground.robot(axes, placement.goal, here.scene.robot.footprint, fill=False, alpha=0.8)
-            ground.cubes(axes, [_cube()], "#C00000", 14.0)
+            ground.cubes(axes, [slots()[OBJECT]], "#C00000", 14.0)
             target = next(item.centre for item in here.scene.bins if item.name == drop)
             axes.plot(*target, "k*", ms=7, zorder=9)
             axes.set_title(f"next target: drop location {drop[-1]}")
@@ -155,8 +143,6 @@ def draw_placement() -> Drawn:
             fig.colorbar(spheres, ax=axes, label=r"cost $C_i$ [s]", shrink=0.8, pad=0.01)
             rows += _rows(drop, placement)
     return Drawn(
-        name="base_placement",
-        title="Base placement for one object and two drop locations",
         caption=(
             f"72 candidates round {OBJECT}; small and grey: rejected. Solid red: path to the best candidate; dashed "
             "cyan: from it to the next target (star). "
@@ -178,19 +164,12 @@ def draw_placement() -> Drawn:
 
 def _rows(drop: str, placement: Placement) -> list[dict]:
     return [
-        {
-            "next_target": drop,
-            "x_m": round(float(pose[0]), 4),
-            "y_m": round(float(pose[1]), 4),
-            "heading_rad": round(float(pose[2]), 4),
-            "cost_current_s": float(placement.cost_current[i]),
-            "cost_next_s": float(placement.cost_next[i]),
-            "cost_s": float(placement.cost[i]),
-            "rejected": placement.rejected[i],
-            "chosen": i == placement.chosen,
-        }
+        {"next_target": drop,
+         **{name: round(float(value), 4) for name, value in zip(("x_m", "y_m", "heading_rad"), pose, strict=True)},
+         **{f"{name}_s": float(getattr(placement, name)[i]) for name in ("cost_current", "cost_next", "cost")},
+         "rejected": placement.rejected[i], "chosen": i == placement.chosen}
         for i, pose in enumerate(placement.poses)
-    ]
+    ]  # fmt: skip
 
 
 BEZIER_START = np.array([0.0, 0.0, -30.0 * DEG])  # the poses of the paper's figure: Rotate 30 deg,
@@ -237,8 +216,6 @@ def draw_bezier() -> Drawn:
         ground.metres(axes, (-0.55, 4.55), (-1.25, 0.55))
     rows = [{"quantity": name, "here": round(found[name], 4), "published": value} for name, value in PUBLISHED.items()]
     return Drawn(
-        name="bezier",
-        title="Bézier path and PathRTR between the same two poses",
         caption=(
             f"The poses of the paper's figure at {SPEED} m/s and 100°/s. Diamonds: the control points, at "
             f"{100 * found['offset']:.0f} % of the distance in front of the start and behind the goal."
@@ -279,11 +256,6 @@ def measured(path: Array, here: FirstPeriod) -> dict[str, float]:
     }
 
 
-def _sentence(text: str) -> str:
-    """The same at the beginning of a sentence; STAA* stays as it is written."""
-    return text[:1].upper() + text[1:]
-
-
 def draw_global_path() -> Drawn:
     """Both paths between the same poses round the table of Experiment 1."""
     here = first_period("exp1", "trial1")
@@ -308,14 +280,12 @@ def draw_global_path() -> Drawn:
         fig.legend(loc="outside upper center", ncols=2)
     rows = [{"path": name, **measured(path, here)} for name, path in found.items()]
     return Drawn(
-        name="global_path",
-        title="Global path with and without the cost of rotation",
         caption=(
             "Red, solid: the cheapest path by PathRTR. Yellow, dashed: the shortest one, as unmodified STAA* has it. "
             "The colour of the ground is the proximity grid at STAA*'s own inflation of 0.6 m. "
             + " ".join(
-                f"{_sentence(row['path'])}: {row['length_m']:.2f} m, {row['turning_deg']:.0f}° of turning, "
-                f"PathRTR {row['path_rtr_s']:.1f} s."
+                f"{row['path'][:1].upper()}{row['path'][1:]}: {row['length_m']:.2f} m, "
+                f"{row['turning_deg']:.0f}° of turning, PathRTR {row['path_rtr_s']:.1f} s."
                 for row in rows
             )
         ),

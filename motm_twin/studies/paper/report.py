@@ -1,6 +1,8 @@
-"""The report: every part drawn and saved, the HTML page, and the record that a citation needs."""
+"""The report: every part drawn and saved, one self-contained HTML file, and the record that a citation needs."""
 
-from collections.abc import Sequence
+import base64
+import html
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -12,14 +14,14 @@ from motm_twin.methods.registry import METHODS
 from motm_twin.perception.movers import MoverParameters
 from motm_twin.sessions.session import SOURCE
 from motm_twin.studies.groups import touches
-from motm_twin.studies.paper import data, goals, html
+from motm_twin.studies.paper import data
 from motm_twin.studies.paper.data import COMMAND, MACHINE, NOT_RECORDED, PLAN, Origin, Result, Store, current_origin
-from motm_twin.studies.paper.html import Section, paragraphs, table, text
 from motm_twin.studies.paper.part import Drawn, Missing, Part, save, write_json
 from motm_twin.studies.paper.parts import PARTS, SECTIONS, Context, make_part
-from motm_twin.studies.paper.tables import group_of
+from motm_twin.studies.paper.tables import GOAL_HEADER, goal_rows, group_of, missed
 
 VERSION = "motm-twin"  # of this package, in what a trial was made with
+FAILED = ("scene", "variant", "seed", "method", "parameters", "changes", "reason")  # of a trial without success
 
 
 def record(store: Store, origin: Origin, command: str, parts: Sequence[Part]) -> dict[str, Any]:
@@ -36,11 +38,15 @@ def record(store: Store, origin: Origin, command: str, parts: Sequence[Part]) ->
         "command": origin.command,
         "drawn": {"written": datetime.now(UTC).isoformat(timespec="seconds"), COMMAND: command, **current_origin()},
         "trials": len(everything),
-        "without_success": [_without_success(name, result) for name, result in everything if not result["success"]],
+        "without_success": [
+            {"experiment": name, **{key: result[key] for key in FAILED}}
+            for name, result in everything
+            if not result["success"]
+        ],
         "experiments": {name: _experiment(results) for name, results in store.trials.items()},
         "parameters": {each.name: each.default for each in PARAMETERS},
         "methods": {name: dict(method.parameters) for name, method in METHODS.items()},
-        "numbers": [dict(zip(goals.HEADER, row, strict=True)) for row in goals.table(store)],
+        "numbers": [dict(zip(GOAL_HEADER, row, strict=True)) for row in goal_rows(store)],
         "parts": {part.name: _part(part) for part in parts},
     }
 
@@ -79,13 +85,6 @@ def _time(results: list[Result]) -> dict[str, float]:
     return {"mean_s": time.value, "low_s": time.low, "high_s": time.high}
 
 
-def _without_success(name: str, result: Result) -> dict[str, Any]:
-    return {
-        "experiment": name,
-        **{key: result[key] for key in ("scene", "variant", "seed", "method", "parameters", "changes", "reason")},
-    }
-
-
 def _part(part: Part) -> dict[str, Any]:
     if isinstance(part, Missing):
         return {"missing": part.reason, "command": part.command}
@@ -93,34 +92,22 @@ def _part(part: Part) -> dict[str, Any]:
     return {"title": part.title, "n": part.n, "command": part.command, "data": f"figures/{part.name}.csv"}
 
 
-OPEN = (
-    (
-        "Speed limits of the base",
-        "0.5 m/s and 100°/s: those of the paper's Bézier figure, which reproduce its task times",
-        "Sec. III-E",
-    ),
+OPEN = (  # what is left open, what is taken, and where the paper has it
+    ("Speed limits of the base",
+     "0.5 m/s and 100°/s: those of the paper's Bézier figure, which reproduce its task times", "Sec. III-E"),
     ("Accelerations of the base", "0.5 m/s² and 1.75 rad/s²: not published, chosen here", "-"),
-    (
-        "'Sufficiently close' of the search's termination",
-        "paper_literal: 0.15 m and 20°; motm predicts when the job is done",
-        "Sec. III-C",
-    ),
+    ("'Sufficiently close' of the search's termination",
+     "paper_literal: 0.15 m and 20°; motm predicts when the job is done", "Sec. III-C"),
     ("Noise of localisation, lidar, camera and slots", "1 cm and 0.5°, 1 cm, 2 mm to 2 cm, 3 cm: chosen here", "-"),
     ("Field of view of the lidar", "all round, at 0.2 m: not published", "-"),
-    (
-        "Height of the table, size of the bins",
-        "0.78 m ± 0.02 m and 0.4 m: measured in the authors' pictures",
-        "Sec. VI",
-    ),
+    ("Height of the table, size of the bins",
+     "0.78 m ± 0.02 m and 0.4 m: measured in the authors' pictures", "Sec. VI"),
     ("Which drop location comes first", "drop location 1", "Sec. VI-B"),
     ("The second box of Experiment 1a", "where its label says; the drawing has it 0.17 m further left", "Sec. VI-C"),
     ("The fifty random arrangements", "drawn anew from seeds 0 to 49: the paper's are not published", "Sec. VI-B"),
-    (
-        "Routes and speed of the Temis",
-        "round the table in both directions at 0.4 m/s, yielding: not published",
-        "Sec. VI-D",
-    ),
-)
+    ("Routes and speed of the Temis",
+     "round the table in both directions at 0.4 m/s, yielding: not published", "Sec. VI-D"),
+)  # fmt: skip
 CHANGED = (
     "The termination of motm is not the printed one: a node finishes the search when the job is predicted to be done "
     "on the way past, and nodes after it are judged by their way on to the next target. paper_literal has the printed "
@@ -148,16 +135,10 @@ CANNOT = (
 def body() -> str:
     """The section, as HTML."""
     methods = [
-        (
-            method.title,
-            name,
-            method.source,
-            method.known or "-",
-            method.chosen or "-",
-            ", ".join(f"{key} = {value}" for key, value in method.parameters.items()) or "as shipped",
-        )
+        (method.title, name, method.source, method.known or "-", method.chosen or "-",
+         _equations(method.parameters) or "as shipped")
         for name, method in METHODS.items()
-    ]
+    ]  # fmt: skip
     return (
         "<h3>What the paper leaves open, and what is taken here</h3>"
         + table(("What", "Here", "Paper"), OPEN)
@@ -169,6 +150,10 @@ def body() -> str:
         + table(("Method", "Name", "Source", "Known", "Chosen here", "Parameters"), methods)
         + f"<p>{text('docs/method.md gives the reason of every choice.')}</p>"
     )
+
+
+def _equations(values: Mapping[str, Any]) -> str:
+    return ", ".join(f"{name} = {value}" for name, value in values.items())
 
 
 FIGURES, REPORT, RESULTS = "figures", "report.html", "results.json"
@@ -192,9 +177,7 @@ def write(context: Context, origin: Origin, command: str, names: Sequence[str], 
     cited = record(context.store, origin, command, list(parts.values()))
     prefix = "" if len(parts) == len(PARTS) else PART
     write_json(context.out / f"{prefix}{RESULTS}", cited)
-    document = html.page(
-        TITLE, _lead(cited, stale(origin), notes), _sections(context, parts, cited), context.out / FIGURES
-    )
+    document = page(TITLE, _lead(cited, stale(origin), notes), _sections(context, parts, cited))
     target = context.out / f"{prefix}{REPORT}"
     target.write_text(document, encoding="utf-8")
     return target
@@ -212,42 +195,39 @@ def stale(origin: Origin) -> list[str]:
 
 def _lead(record: dict, warnings: Sequence[str], notes: Sequence[str]) -> str:
     failed, drawn = len(record["without_success"]), record["drawn"]
-    said = [
+    said = (
         f"motm_twin {record['version']}, source {record['source']}; {record['trials']} trials, {failed} of them "
-        f"without success; plan: {record['plan']}; {record['machine']}.",
-        *notes,
-    ]
+        f"without success; plan: {record['plan']}; {record['machine']}."
+    )
     return (
-        html.warnings(warnings)
-        + html.paragraphs(said)
-        + (
-            f'<p class="about">The trials were run by <code>{html.text(record["command"])}</code>; drawn '
-            f"{drawn['written']} by <code>{html.text(drawn['command'])}</code>, source {drawn['source']}.</p>"
-        )
+        paragraphs(warnings, "missing")
+        + paragraphs([said, *notes])
+        + f'<p class="about">The trials were run by <code>{text(record["command"])}</code>; drawn '
+        f"{drawn['written']} by <code>{text(drawn['command'])}</code>, source {drawn['source']}.</p>"
     )
 
 
-def _sections(context: Context, parts: dict[str, Part], record: dict) -> list[Section]:
-    sections = [Section("numbers", "The numbers to reach", body=_numbers(context))]
+def _sections(context: Context, parts: dict[str, Part], record: dict) -> Iterator[tuple[str, str, str]]:
+    """Anchor, title and HTML of every chapter."""
+    yield "numbers", "The numbers to reach", f"{_numbers(context)}\n"
     for anchor, title in SECTIONS.items():
         these = [parts[source.name] for source in PARTS if source.section == anchor and source.name in parts]
         if these:
-            sections.append(Section(anchor, title, these))
-    sections.append(Section("differences", "What differs from the paper", body=body()))
-    sections.append(Section("failed", "Trials without success", body=_failed(record)))
-    sections.append(Section("made", "How this was made, and how to cite it", body=_made(record, parts)))
-    return sections
+            yield anchor, title, "\n" + "\n".join(_shown(part, context.out / FIGURES) for part in these)
+    yield "differences", "What differs from the paper", f"{body()}\n"
+    yield "failed", "Trials without success", f"{_failed(record)}\n"
+    yield "made", "How this was made, and how to cite it", f"{_made(record, parts)}\n"
 
 
 def _numbers(context: Context) -> str:
-    rows = goals.table(context.store)
+    rows = goal_rows(context.store)
     said = "motm is the paper's method, fast our own. A verdict needs 50 trials; with fewer it says 'so far'."
     return (
-        html.paragraphs([said])
-        + html.table(goals.HEADER, rows)
-        + html.paragraphs(goals.missed(rows))
+        paragraphs([said])
+        + table(GOAL_HEADER, rows)
+        + paragraphs(missed(rows))
         + '<p class="about">Fifty trials of each: <code>'
-        + html.text(context.command(plan="full"))
+        + text(context.command(plan="full"))
         + "</code>; one of them: <code>motm-twin run SCENE --variant random --seed N --method METHOD</code>.</p>"
     )
 
@@ -257,21 +237,15 @@ def _failed(record: dict) -> str:
     if not failed:
         return "<p>None.</p>"
     rows = [
-        (
-            each["experiment"],
-            f"{each['scene']}/{each['variant']}",
-            str(each["seed"]),
-            each["method"],
-            ", ".join(f"{key} = {value}" for key, value in {**each["parameters"], **each["changes"]}.items()) or "-",
-            each["reason"],
-        )
+        (each["experiment"], f"{each['scene']}/{each['variant']}", str(each["seed"]), each["method"],
+         _equations({**each["parameters"], **each["changes"]}) or "-", each["reason"])
         for each in failed
-    ]
+    ]  # fmt: skip
     note = (
         "None is dropped: means of times are over completed trials, and the number of the others stands beside them. "
         "Each has its session in EXPERIMENT/sessions, which motm-twin rerun repeats."
     )
-    return html.paragraphs([note]) + html.table(("Experiment", "Scene", "Seed", "Method", "Changed", "Reason"), rows)
+    return paragraphs([note]) + table(("Experiment", "Scene", "Seed", "Method", "Changed", "Reason"), rows)
 
 
 def _made(record: dict, parts: dict[str, Part]) -> str:
@@ -291,13 +265,100 @@ def _made(record: dict, parts: dict[str, Part]) -> str:
     if missing:
         said.append(f"Not in this report: {', '.join(missing)}.")
     header = ("Experiment", "Trials", "Methods", "Scenes", "Seeds")
-    return (
-        html.paragraphs(said)
-        + html.table(header, experiments)
-        + html.table(("What", "Ran the trials", "Drew this"), rows)
-    )
+    return paragraphs(said) + table(header, experiments) + table(("What", "Ran the trials", "Drew this"), rows)
 
 
 def _range(seeds: list[int]) -> str:
     whole = seeds == list(range(seeds[0], seeds[-1] + 1)) if seeds else False
     return f"{seeds[0]} to {seeds[-1]}" if whole and len(seeds) > 2 else ", ".join(map(str, seeds))
+
+
+NARROW = 5.0  # [inch] figures below this are for one column, and shown smaller
+CSS = """
+:root { color-scheme: light dark; --ink: #1b1b1b; --ground: #fdfdfc; --soft: #666; --line: #ccc; --mark: #f3ead2; }
+@media (prefers-color-scheme: dark) {
+  :root { --ink: #e8e8e6; --ground: #1a1b1d; --soft: #a5a5a5; --line: #444; --mark: #4a4028; } }
+body { font: 16px/1.5 system-ui, sans-serif; color: var(--ink); background: var(--ground); margin: 0 auto;
+  max-width: 62rem; padding: 1.5rem; }
+h1 { font-size: 1.7rem; line-height: 1.25; } h2 { margin-top: 3rem; border-bottom: 1px solid var(--line); }
+h3 { margin-top: 2.2rem; } nav ul { columns: 2; padding-left: 1.2rem; }
+a { color: inherit; } code { font-size: 0.86em; overflow-wrap: anywhere; }
+img { max-width: 100%; height: auto; background: #fff; border: 1px solid var(--line); border-radius: 4px; }
+img.narrow { width: 34rem; }
+figure { margin: 1rem 0; }
+figcaption, .about { font-size: 0.9rem; } .about { color: var(--soft); }
+.scroll { overflow-x: auto; margin-bottom: 1.5rem; }
+table { border-collapse: collapse; font-size: 0.88rem; font-variant-numeric: tabular-nums; }
+th, td { text-align: left; padding: 0.25rem 0.7rem 0.25rem 0; vertical-align: top;
+  border-bottom: 1px solid var(--line); }
+tr.published { background: var(--mark); font-style: italic; }
+.missing { border-left: 4px solid #D55E00; padding-left: 1rem; }
+@media print { body { max-width: none; } nav { display: none; } }
+"""
+
+
+def page(title: str, lead: str, sections: Iterable[tuple[str, str, str]]) -> str:
+    """The whole document. ``lead``: HTML under the title; ``sections``: anchor, title and HTML of each."""
+    links, chapters = "", []
+    for anchor, name, content in sections:
+        links += f'<li><a href="#{anchor}">{text(name)}</a></li>'
+        chapters.append(f'<section id="{anchor}">\n<h2>{text(name)}</h2>\n{content}\n</section>')
+    body = "\n".join(chapters)
+    return (
+        f'<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n<title>{text(title)}</title>\n'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
+        f"<style>{CSS}</style>\n</head>\n<body>\n<h1>{text(title)}</h1>\n{lead}\n<nav><ul>{links}</ul></nav>\n{body}\n</body>\n</html>\n"
+    )
+
+
+def text(value: object) -> str:
+    """Plain text, escaped."""
+    return html.escape(str(value))
+
+
+def table(header: Sequence[str], rows: Sequence[Sequence[str]], marked: Sequence[int] = ()) -> str:
+    """A table of plain text; marked rows look published."""
+    head = "".join(f"<th>{text(each)}</th>" for each in header)
+    body = "".join(
+        f"<tr{_class('published' if index in marked else '')}>"
+        + "".join(f"<td>{text(cell)}</td>" for cell in cells)
+        + "</tr>"
+        for index, cells in enumerate(rows)
+    )
+    return f'<div class="scroll"><table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></div>'
+
+
+def paragraphs(sentences: Iterable[str], kind: str = "") -> str:
+    """Each as a paragraph, of a class of the style sheet."""
+    return "".join(f"<p{_class(kind)}>{text(each)}</p>" for each in sentences)
+
+
+def _class(kind: str) -> str:
+    return f' class="{kind}"' if kind else ""
+
+
+def _base64(file: Path) -> str:
+    return base64.b64encode(file.read_bytes()).decode()
+
+
+def _shown(part: Part, folder: Path) -> str:
+    if isinstance(part, Missing):
+        return (
+            f'<div class="missing" id="{part.name}"><h3>{text(part.title)}</h3>'
+            f"<p>Not in this report: {text(part.reason)}.</p>"
+            f'<p class="about">Command: <code>{text(part.command)}</code>.</p></div>'
+        )
+    stem, caption = folder / part.name, text(part.caption)
+    shown = ""
+    if part.figure is not None:
+        kind, picture = "narrow" if part.figure.get_figwidth() < NARROW else "", _base64(stem.with_suffix(".png"))
+        shown = f'<img{_class(kind)} alt="{text(part.title)}: {caption}" src="data:image/png;base64,{picture}">'
+    rows = [tuple(row.values()) for row in part.cells]
+    cells = table(tuple(part.cells[0]), rows, part.marked) if rows else ""
+    numbers = _base64(stem.with_suffix(".csv"))  # to be saved from the page
+    return (
+        f'<div id="{part.name}"><h3>{text(part.title)}</h3>\n'
+        f"<figure>{shown}<figcaption>{caption}</figcaption></figure>\n{cells}\n{paragraphs(part.notes)}\n"
+        f'<p class="about">n: {text(part.n)}. Made by <code>{text(part.command)}</code>. '
+        f'<a download="{part.name}.csv" href="data:text/csv;base64,{numbers}">Data (CSV)</a></p></div>'
+    )

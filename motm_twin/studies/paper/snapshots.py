@@ -1,6 +1,5 @@
 """Avoidance snapshots of the real page: a served twin, stepped to four moments of the example, photographed."""
 
-import functools
 import io
 from typing import Any
 
@@ -11,14 +10,13 @@ from motm_twin.bus.client import TwinClient
 from motm_twin.bus.commands import STEPS, Pause, Reset, Step
 from motm_twin.model.period import PERIOD
 from motm_twin.perf.page_reader import browser
-from motm_twin.perf.processes import act, served, wait_for
+from motm_twin.perf.processes import act, now, served, wait_for
 from motm_twin.sessions.session import SOURCE, made_with
 from motm_twin.studies.paper.data import command_of
 from motm_twin.studies.paper.episode import Episode, Moment
 from motm_twin.studies.paper.part import TWO_COLUMNS, Drawn, Missing, Part, figure, styled
 from motm_twin.ui.scene.cameras import FIELD_OF_VIEW, overview
 
-NAME, TITLE = "snapshots", "Arm and base avoid a Temi: the page at four moments"
 BEFORE_S = (3.0, 1.0, 0.0, -2.0)  # [s] the moments, before the one at which the arm is nearest
 SIZE = (1920, 1200)  # [px] of the page
 CUT = (800, 600)  # [px] of each picture, round where the robot is
@@ -46,15 +44,14 @@ def draw(episode: Episode) -> Part:
     """Four photographs beside each other; the reason where there can be none."""
     if not np.isfinite(min(_nearness(each) for each in episode.moments)):
         reason = f"in the example trial (seed {episode.spec.seed}) no Temi came near the gripper with an object in it"
-        return Missing(name=NAME, title=TITLE, reason=reason, larger=True)
+        return Missing(reason=reason, larger=True)
     if episode.source != made_with()[SOURCE]:
-        reason = f"the trial is of another source ({episode.source}), which this page cannot serve"
-        return Missing(name=NAME, title=TITLE, reason=reason)
+        return Missing(reason=f"the trial is of another source ({episode.source}), which this page cannot serve")
     chosen = moments(episode)
     try:
         pictures = _photographs(episode, chosen)
     except (RuntimeError, TimeoutError, OSError) as error:
-        return Missing(name=NAME, title=TITLE, reason=f"the page could not be photographed: {error}")
+        return Missing(reason=f"the page could not be photographed: {error}")
     with styled():
         fig = figure(TWO_COLUMNS, 5.0 + TWO_COLUMNS * CUT[1] / CUT[0])
         axes = fig.subplots(2, 2).flat
@@ -63,8 +60,6 @@ def draw(episode: Episode) -> Part:
             panel.set_axis_off()
             panel.set_title(f"({letter}) {episode.moments[index].time:.2f} s", loc="left", pad=2.0)
     return Drawn(
-        name=NAME,
-        title=TITLE,
         caption=(
             f"Experiment 2, seed {episode.spec.seed}, on the served page in Chromium: grid, candidates, paths and "
             "the local plan "
@@ -131,21 +126,14 @@ def _rewind(client: TwinClient) -> None:
     """Stop the run, and take it back to its start."""
     wait_for(lambda: client.command(Pause()).ok, ANSWER, "wheel")
     act(client, Reset())
-    wait_for(lambda: _at(client, 0), ANSWER, "start")
+    wait_for(lambda: now(client).index == 0, ANSWER, "start")
 
 
 def _step_to(client: TwinClient, index: int) -> None:
     """Compute the periods until this one, paused there."""
-    tick = client.tick()
-    assert tick is not None
-    here = tick.index
+    here = now(client).index
     while here < index:
         steps = min(index - here, int(STEPS.high))
         here += steps
         act(client, Step(count=steps))
-        wait_for(functools.partial(_at, client, here), ANSWER, f"period {here}")
-
-
-def _at(client: TwinClient, index: int) -> bool:
-    tick = client.tick()
-    return tick is not None and tick.index == index
+        wait_for(lambda here=here: now(client).index == here, ANSWER, f"period {here}")

@@ -1,31 +1,26 @@
-"""Tables of the report: results of all methods beside Table I of the paper, and further measures."""
+"""Tables of the report: numbers to reach, results of all methods beside Table I of the paper, further measures."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from functools import partial
 from typing import Any, NamedTuple
 
 from motm_twin.measures import agents
 from motm_twin.measures.published import TABLE_I, TableRow
 from motm_twin.studies import statistics
-from motm_twin.studies.groups import touches
+from motm_twin.studies.groups import drove_into, touches
 from motm_twin.studies.paper import data
 from motm_twin.studies.paper.data import Result, Store
-from motm_twin.studies.paper.goals import LINE
 from motm_twin.studies.paper.part import Drawn, Missing, Part
+from motm_twin.studies.paper.plan import OURS
 from motm_twin.studies.statistics import Estimate
 from motm_twin.studies.summary import COMPLETED, TOUCHED, setting
 
-RESULTS_NAME, RESULTS_TITLE = "results", "Task times and success"
+LINE = 0.02  # [m/s] that the gripper may be faster towards what moves than the damper line
 HEADER = (
-    "Experiment",
-    "Method",
-    "Task time, mean [95 % CI] [s]",
-    "Median [s]",
-    "Trials completed",
-    "Trials with success [95 % CI]",
-    "Objects placed",
-    "Contacts, caused",
-)
+    "Experiment", "Method", "Task time, mean [95 % CI] [s]", "Median [s]", "Trials completed",
+    "Trials with success [95 % CI]", "Objects placed", "Contacts, caused",
+)  # fmt: skip
 TRIAL_1, ALL_PUBLISHED = "1, trial 1", "1, published arrangements"
 Choose = Callable[[list[Result]], list[Result]]
 Line = tuple[dict[str, Any], dict[str, str]]  # of a table: its numbers, and its cells as they are printed
@@ -71,13 +66,11 @@ def draw_results(store: Store) -> Part:
     """One row per group and method; trial 1 has its own besides, and no other where it is all there is."""
     found = grouped(store)
     if not found:
-        return Missing(name=RESULTS_NAME, title=RESULTS_TITLE, reason="no trial of Experiments 1, 1a or 2 was run")
+        return Missing(reason="no trial of Experiments 1, 1a or 2 was run")
     alone = [(TRIAL_1, method, first(results)) for name, method, results in found if name == ALL_PUBLISHED]
     more = [each for each in found if each[0] != ALL_PUBLISHED or each[2] != first(each[2])]
     lines = [*map(_published, TABLE_I), *(_result(*each) for each in (*alone, *more) if each[2])]
     return Drawn(
-        name=RESULTS_NAME,
-        title=RESULTS_TITLE,
         caption=(
             "Times are means over the completed trials, with Student's 95 % interval; medians with a bootstrap "
             f"interval are in the CSV. {COMPLETED} Contacts: all that the referee counts, and of these those that the "
@@ -121,9 +114,6 @@ def _result(name: str, method: str, results: list[Result]) -> Line:
     return row, dict(zip(HEADER, cells, strict=True))
 
 
-MEASURES_NAME, MEASURES_TITLE = "measures", "Motion, retries, and behaviour among others"
-
-
 class Column(NamedTuple):
     """A measure and how it is printed."""
 
@@ -164,28 +154,31 @@ DEFINITIONS = (
 
 def means_of(results: list[Result]) -> dict[str, Estimate]:
     """Means over all trials in which the measure was taken."""
-    found = {}
-    for column in COLUMNS:
-        values = [column.value(result) for result in results]
-        found[column.key] = statistics.mean([value for value in values if value is not None])
-    return found
+    return {
+        column.key: statistics.mean([value for each in results if (value := column.value(each)) is not None])
+        for column in COLUMNS
+    }
 
 
 def over_line(results: list[Result]) -> tuple[int, int] | None:
     """Trials over the damper line, and trials measured; None where the gripper was never near what moves."""
+    near, n = excesses(results)
+    return (sum(speed > LINE for speed in near), n) if near else None
+
+
+def excesses(results: list[Result]) -> tuple[list[float], int]:
+    """Excess over the damper line [m/s] where the gripper was near what moves; and the number of trials measured."""
     measured = [result for result in results if result.get("measures") is not None]
     near = [speed for each in measured if (speed := data.measure(each, "approach_excess_mps")) is not None]
-    return (sum(speed > LINE for speed in near), len(measured)) if near else None
+    return near, len(measured)
 
 
 def draw_measures(store: Store) -> Part:
     """One row per method and group of trials, as in the results table: they differ in what there is to meet."""
     found = [(name, method, results, means_of(results)) for name, method, results in grouped(store)]
     if not any(estimates["moving_share"].n for *_, estimates in found):
-        return Missing(name=MEASURES_NAME, title=MEASURES_TITLE, reason="no trial has these measures")
+        return Missing(reason="no trial has these measures")
     return Drawn(
-        name=MEASURES_NAME,
-        title=MEASURES_TITLE,
         caption=(
             "Means per trial with Student's 95 % interval, over all trials in which the measure was taken, completed "
             f"or not. {DEFINITIONS}"
@@ -205,3 +198,125 @@ def draw_measures(store: Store) -> Part:
             for name, method, results, estimates in found
         ],
     )  # fmt: skip
+
+
+SEEDS = 50  # of a verdict
+GOAL_HEADER = ("Number", "Wanted", "Method", "Measured", "n", "")
+
+
+class Found(NamedTuple):
+    """Measured value of a goal."""
+
+    good: bool
+    said: str  # with its interval
+    n: int  # trials
+    final: bool = False  # no further trial can change the verdict
+
+
+class Goal(NamedTuple):
+    """A number, and how to get at it from the trials of a method."""
+
+    name: str
+    wanted: str
+    trials: tuple[tuple[str, str], ...]  # scene and variant: those that are judged, then those they are compared with
+    measure: Callable[..., Found | None]  # of these trials; None: they do not have it
+
+
+def goal_rows(store: Store) -> list[tuple[str, ...]]:
+    """Rows of all goals, for each method; what has fewer trials than the goal names says so instead of being judged."""
+    return [_goal_row(goal, store, method) for goal in GOALS for method in OURS]
+
+
+def missed(rows: Iterable[tuple[str, ...]]) -> list[str]:
+    """One sentence for each number that is not reached."""
+    return [
+        f"{verdict[0].upper()}{verdict[1:]} by {method}: {name}: {said}, wanted {wanted} (n = {n})."
+        for name, wanted, method, said, n, verdict in rows
+        if verdict.endswith("missed")
+    ]
+
+
+def _goal_row(goal: Goal, store: Store, method: str) -> tuple[str, ...]:
+    trials = [store.of(scene, method=method, variant=variant) for scene, variant in goal.trials]
+    found = goal.measure(*trials) if trials[0] else None
+    if found is None:
+        return (goal.name, goal.wanted, method, "not measured", "0", "")
+    early = "" if found.n >= SEEDS or found.final else "so far "
+    return (goal.name, goal.wanted, method, found.said, str(found.n), early + ("reached" if found.good else "missed"))
+
+
+def _placed(results: list[Result]) -> Found:
+    placed, wanted = data.placed(results)
+    said = f"{placed}/{wanted}, {data.percent(statistics.proportion(placed, wanted), 1)}"
+    return Found(placed == wanted, said, len(results), placed < wanted)
+
+
+def _never(count: Callable[[list[Result]], int], results: list[Result], beside: str = "") -> Found:
+    """Nothing of a kind happens in any trial; ``beside``: more words."""
+    trials = sum(count([result]) > 0 for result in results)
+    share = data.percent(statistics.proportion(trials, len(results)), 1)
+    said = f"{count(results)}{beside}, in {trials} of {len(results)} trials, {share}"
+    return Found(trials == 0, said, len(results), trials > 0)
+
+
+def _over_line(results: list[Result]) -> Found | None:
+    """Trials in which the gripper is ever faster towards what moves than the damper line allows."""
+    near, n = excesses(results)
+    over = sum(value > LINE for value in near)
+    share = data.percent(statistics.proportion(over, n), 1)
+    most = f"largest excess {max(near):.3f} m/s" if near else "never near"
+    return Found(over == 0, f"over it in {over} of {n} trials, {share}; {most}", n, over > 0) if n else None
+
+
+def _mean_at_most(limit: float, results: list[Result]) -> Found | None:
+    time = data.mean_time(results)
+    good = time.value <= limit
+    said = f"{time.text(_decimals(time.value, limit, good=good))} s{_over(results, time.n)}"
+    return Found(good, said, len(results)) if time.n else None
+
+
+def _longer_at_most(limit: float, results: list[Result], others: list[Result]) -> Found | None:
+    seeds = {result["seed"] for result in others}
+    results = [result for result in results if result["seed"] in seeds]
+    longer = statistics.paired_ratio(data.times(results), _renamed(data.times(others), results))
+    good = longer.value <= limit
+    decimals = _decimals(100.0 * longer.value, 100.0 * limit, good=good)
+    said = f"{data.percent(longer, decimals)}{_over(results, longer.n)}"
+    return Found(good, said, len(results)) if longer.n else None
+
+
+def _decimals(value: float, limit: float, *, good: bool) -> int:
+    """Decimals to print: one, or as many as it takes to tell a missed value from the limit."""
+    apart = (decimals for decimals in (1, 2, 3) if good or f"{value:.{decimals}f}" != f"{limit:.{decimals}f}")
+    return next(apart, 4)
+
+
+def _over(results: list[Result], n: int) -> str:
+    return "" if n == len(results) else f" over {n} of {len(results)} trials"
+
+
+def _renamed(times: dict[Any, float], like: list[Result]) -> dict[Any, float]:
+    """Times by seed under the variants of others: the same arrangement is called otherwise in Experiment 2."""
+    variants = {result["variant"] for result in like}
+    return {(variant, seed): value for (_, seed), value in times.items() for variant in variants}
+
+
+EXP1, EXP1A, EXP2 = (((scene, "random"),) for scene in ("exp1", "exp1a", "exp2"))
+CONTACTS = partial(_never, touches)
+GOALS = (
+    Goal("Experiment 1, random: objects placed", "all", EXP1, _placed),
+    Goal("Experiment 1, random: contacts", "0", EXP1, CONTACTS),
+    Goal("Experiment 1, random: mean time", "at most 96 s", EXP1, partial(_mean_at_most, 96.0)),
+    Goal("Experiment 1a, random: objects placed", "all", EXP1A, _placed),
+    Goal("Experiment 1a, random: contacts", "0", EXP1A, CONTACTS),
+    Goal("Experiment 1a, random: mean time", "at most 107 s", EXP1A, partial(_mean_at_most, 107.0)),
+    Goal("Experiment 2, four Temis: objects placed", "all", EXP2, _placed),
+    Goal("Experiment 2, four Temis: contacts that we drove into", "0", EXP2,
+         lambda results: _never(drove_into, results, f" of {touches(results)} contacts")),
+    Goal("Experiment 2, four Temis: gripper's own approach speed over the damper line", f"at most {LINE} m/s",
+         EXP2, _over_line),
+    Goal("Experiment 2, four Temis: longer than Experiment 1, by seed", "at most 25 %",
+         EXP2 + EXP1, partial(_longer_at_most, 0.25)),
+    Goal("Experiment 2, one Temi: longer than Experiment 1, by seed", "at most 5 %",
+         (("exp2", "one_temi"), ("exp1", "trial1")), partial(_longer_at_most, 0.05)),
+)  # fmt: skip

@@ -33,7 +33,6 @@ from motm_twin.studies.paper.tables import GROUPS
 from motm_twin.studies.statistics import Estimate
 from motm_twin.studies.summary import COMPLETED, TOUCHED
 
-BOXES_NAME, BOXES_TITLE = "box_plots", "Task times of Experiments 1 and 1a"
 PANELS: tuple[tuple[str, str, Callable[[list[Result]], list[Result]]], ...] = (
     ("exp1", "Experiment 1, published arrangements", data.ten),
     ("exp1", "Experiment 1, random", data.random),
@@ -49,12 +48,10 @@ def draw_box_plots(store: Store) -> Part:
     panels = [
         (title, experiment, found)
         for experiment, title, choose in PANELS
-        if (found := _times(store, experiment, choose))
+        if len(found := _times(store, experiment, choose)) > 1
     ]
-    panels = [panel for panel in panels if len(panel[2]) > 1]
     if not panels:
-        reason = "no trial of Experiments 1 or 1a was completed by two methods"
-        return Missing(name=BOXES_NAME, title=BOXES_TITLE, reason=reason)
+        return Missing(reason="no trial of Experiments 1 or 1a was completed by two methods")
     methods = list(dict.fromkeys(method for *_, found in panels for method in found))
     with styled():
         fig = figure(TWO_COLUMNS, 22.0 + 5.2 * len(methods) * ((len(panels) + 1) // 2))
@@ -74,8 +71,6 @@ def draw_box_plots(store: Store) -> Part:
         for key, value in values.items()
     ]  # fmt: skip
     return Drawn(
-        name=BOXES_NAME,
-        title=BOXES_TITLE,
         caption=(
             "Boxes: quartiles and median; whiskers: the furthest trial within 1.5 times the box; every completed trial "
             f"is a point, open where the robot caused contacts, and with fewer than {FEW} there is no box. {COMPLETED} "
@@ -138,7 +133,6 @@ def _handles(axes) -> list:
     ]
 
 
-SPLIT_NAME, SPLIT_TITLE = "time_split", "Where the time goes"
 PHASES = {  # of `measures`: its look
     "driving": (BLUE, "", "base driving"),
     "closing": (GREEN, "....", "fingers closing"),
@@ -166,7 +160,7 @@ def draw_time_split(store: Store) -> Part:
     }
     found = {experiment: methods for experiment, methods in found.items() if methods}
     if not found:
-        return Missing(name=SPLIT_NAME, title=SPLIT_TITLE, reason="no trial of Experiment 1 or 1a has its time split")
+        return Missing(reason="no trial of Experiment 1 or 1a has its time split")
     names = list(dict.fromkeys(method for methods in found.values() for method in methods))
     with styled():
         fig = figure(TWO_COLUMNS, 26.0 + 5.0 * len(names))
@@ -191,8 +185,6 @@ def draw_time_split(store: Store) -> Part:
         for method, parts in methods.items()
     ]
     return Drawn(
-        name=SPLIT_NAME,
-        title=SPLIT_TITLE,
         caption=(
             "Mean times of the completed trials. The base may move while the fingers close: 'closing' is taken from "
             "the rest, whatever the base does meanwhile."
@@ -207,7 +199,6 @@ def draw_time_split(store: Store) -> Part:
     )  # fmt: skip
 
 
-NAME, TITLE = "reductions", "Reduction of the task time against every rival"
 OURS = "motm"
 MARKS = dict(zip((name for _, name, _ in GROUPS), "ov*s<^X", strict=True))
 GROUP_WIDTH, BETWEEN = 0.8, 0.16  # of the distance between two rivals: all marks of one, from one to the next at most
@@ -249,7 +240,7 @@ def compared(store: Store) -> list[Compared]:
 
 def _compared(experiment: str, group: str, rival: str, ours: list[Result], theirs: list[Result]) -> Compared:
     own, other = data.times(ours), data.times(theirs)
-    share, saved = turned(statistics.paired_ratio(own, other)), turned(statistics.paired_difference(own, other))
+    share, saved = (turned(each(own, other)) for each in (statistics.paired_ratio, statistics.paired_difference))
     ours, theirs = ([each for each in these if data.key(each) in own.keys() & other.keys()] for these in (ours, theirs))
     hits = touches(theirs), touches(ours)
     return Compared(experiment, group, rival, share, saved, data.contacts(theirs), data.contacts(ours), hits)
@@ -264,7 +255,7 @@ def draw_reductions(store: Store) -> Part:
     """A mark with its interval for each rival and group, open where there were contacts; diamonds: published."""
     found = compared(store)
     if not found:
-        return Missing(name=NAME, title=TITLE, reason="no rival completed a trial that motm completed")
+        return Missing(reason="no rival completed a trial that motm completed")
     rivals = list(dict.fromkeys(each.rival for each in found))
     groups = [name for name in MARKS if any(each.group == name for each in found)]
     step = min(BETWEEN, GROUP_WIDTH / len(groups))
@@ -291,8 +282,6 @@ def draw_reductions(store: Store) -> Part:
         axes.plot([], [], "D", mfc="white", mec=RED, mew=1.4, ms=4.5, ls="", label="published, other rivals' times")
         fig.legend(loc="outside lower center", ncols=1)
     return Drawn(
-        name=NAME,
-        title=TITLE,
         caption=(
             "Mean over trials of 1 - ours/theirs, same arrangement and seed, both completed, with Student's 95 % "
             f"interval. {COMPLETED} Open marks: one of the two caused contacts in these trials. {TOUCHED} The "
@@ -345,13 +334,9 @@ def touched(found: list[Compared]) -> list[str]:
 
 def why(store: Store) -> list[str]:
     """Reasons for times shorter than the published ones; only sentences for which there are numbers."""
-    sentences = []
-    for row in TABLE_I:
-        if row.real or row.like == OURS:
-            continue
-        here = data.mean_time(data.ten(store.of("exp1", method=row.like)))
-        if here.n:
-            sentences.append(_rival(row.method, row.like, row.seconds, here))
+    means = {method: data.mean_time(data.ten(store.of("exp1", method=method))) for method in store.methods("exp1")}
+    simulated = [row for row in TABLE_I if not row.real and row.like in means and means[row.like].n]
+    sentences = [_rival(row.method, row.seconds, means[row.like]) for row in simulated if row.like != OURS]
     ours = data.mean_time(data.ten(store.of("exp1", method=OURS)))
     for row in TABLE_I:
         if ours.n and row.like == "sequential" and not row.real:
@@ -383,7 +368,7 @@ def why(store: Store) -> list[str]:
     return sentences
 
 
-def _rival(name: str, method: str, published: float, here: Estimate) -> str:
+def _rival(name: str, published: float, here: Estimate) -> str:
     """One rival's time here and published."""
     text = f"{name}: published {published} s, here {here.text()} s (n = {here.n})."
     if here.value >= published:
