@@ -212,7 +212,7 @@ def test_a_file_that_cannot_be_written_is_refused_before_anything_is_computed(ca
         "/proc/out.json": "/proc cannot be written to: give another folder",  # even root cannot
     }
     computed = []
-    for module in ("cli.run.run_scene", "cli.rerun.rerun", "cli.what_if.compare"):
+    for module in ("cli.run.run_scene", "cli.rerun.rerun", "cli.rerun.compare"):
         monkeypatch.setattr(f"motm_twin.{module}", lambda *given, **named: computed.append(given))
     commands = (("run", "exp1"), ("rerun", str(RECORDED)), ("what-if", str(RECORDED), "--set", "bezier=off"))
     for arguments, (report, said) in itertools.product(commands, reports.items()):

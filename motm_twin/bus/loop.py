@@ -12,12 +12,11 @@ import msgspec
 from motm_twin.bus import commands
 from motm_twin.bus.data_folder import DataFolder
 from motm_twin.bus.driver import Holds, Wheel
-from motm_twin.bus.interfaces import Reply, SessionReply, Sink, TwinSetup
-from motm_twin.bus.library import MethodLibrary, SceneSource
-from motm_twin.bus.live import LiveTwin, SessionDesk
+from motm_twin.bus.library import MethodLibrary, SceneSource, TwinSetup
+from motm_twin.bus.live import LiveTwin, SessionDesk, SessionReply, Sink
 from motm_twin.bus.messages import STATUS_VERSION, StatusMessage
 from motm_twin.bus.pacing import Pacer, RealTime
-from motm_twin.bus.queries import Idle
+from motm_twin.bus.queries import Idle, Reply
 from motm_twin.completion import SETTLE_PERIODS
 from motm_twin.model.bounds import SEED
 from motm_twin.model.period import PERIOD

@@ -62,7 +62,7 @@ def what_if(
         stream: Instead, write the poses of both robots at 10 Hz and their outcomes as JSON lines.
         method: File of your own method, if the session was made with one.
     """
-    from motm_twin.cli.what_if import what_if as compare
+    from motm_twin.cli.rerun import what_if as compare
 
     return compare(file, list(changes), seconds=seconds, report=json, lines=stream, method=method)
 
@@ -134,7 +134,7 @@ def watch(
         endpoint: Address of the twin server; without it, that of MOTM_ZENOH_CONFIG, or the twin on this machine.
         twin: Name of the twin.
     """
-    from motm_twin.cli.watch import watch as watch_key
+    from motm_twin.cli.client import watch as watch_key
 
     return watch_key(key, once=once, as_json=json, field=field, endpoint=endpoint, twin=twin)
 
@@ -160,7 +160,7 @@ def send(
         endpoint: Address of the twin server; without it, that of MOTM_ZENOH_CONFIG, or the twin on this machine.
         twin: Name of the twin.
     """
-    from motm_twin.cli.send import send as send_command
+    from motm_twin.cli.client import send as send_command
 
     return send_command(command, list(fields), json=json, timeout=timeout, endpoint=endpoint, twin=twin)
 
@@ -174,7 +174,7 @@ def twins(endpoint: Endpoint = None, json: Annotated[Flag, tyro.conf.arg(name="j
         endpoint: Address of a twin server or router.
         json: Print JSON, one line each.
     """
-    from motm_twin.cli.watch import twins as list_twins
+    from motm_twin.cli.client import twins as list_twins
 
     return list_twins(endpoint, as_json=json)
 

@@ -102,9 +102,8 @@ def robot(settings: Annotated[RobotSettings, arg(name="")]) -> int:
 
 
 def _endpoint(settings: RobotSettings) -> str:
-    from motm_twin.bus.connection import LOOPBACK
+    from motm_twin.bus.connection import LOOPBACK, configured_endpoint
     from motm_twin.bus.keys import DEFAULT_PORT
-    from motm_twin.bus.zenoh_config import configured_endpoint
 
     leads = configured_endpoint()  # a file that cannot be used is refused in any case
     return settings.endpoint or leads or f"tcp/{LOOPBACK}:{DEFAULT_PORT}"
@@ -112,7 +111,7 @@ def _endpoint(settings: RobotSettings) -> str:
 
 def _server(settings: RobotSettings, endpoint: str, on_met: Callable[[], None]) -> "RobotServer":
     from motm_twin.bus.processes import stop_event
-    from motm_twin.external.emulator import LinkSpec
+    from motm_twin.external.robot import LinkSpec
     from motm_twin.external.robot_server import RobotServer
     from motm_twin.model.scene_file import load_scene
     from motm_twin.plants import with_plant

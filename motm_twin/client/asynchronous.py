@@ -17,8 +17,7 @@ from motm_twin.bus.messages import (
     TickMessage,
 )
 from motm_twin.client.commanding import Commanding
-from motm_twin.client.events import LOOK, EventReader
-from motm_twin.client.twin import Twin, connect
+from motm_twin.client.twin import LOOK, EventReader, Twin, connect
 from motm_twin.model.scene import Scene
 
 

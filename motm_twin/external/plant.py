@@ -18,8 +18,7 @@ from motm_twin.bus.plant_messages import (
 )
 from motm_twin.control.predictor import Motion, Predictor
 from motm_twin.external.messages import NAMES, detection_of, scan_of, truth_of
-from motm_twin.external.robot_link import RESET_ANSWER, Obedience, RobotLink
-from motm_twin.external.timing import ClockOffset, Lead
+from motm_twin.external.robot_link import RESET_ANSWER, ClockOffset, Lead, Obedience, RobotLink
 from motm_twin.model.edits import WorldEdit
 from motm_twin.model.geometry import Array, compose, inverse
 from motm_twin.model.joint_limits import DQ_MAX

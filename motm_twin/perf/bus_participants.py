@@ -16,8 +16,7 @@ import zenoh
 from motm_twin.bus.client import TwinClient
 from motm_twin.bus.commands import Load
 from motm_twin.bus.connection import LOOPBACK, free_port, open_client, open_server
-from motm_twin.bus.interfaces import TwinSetup
-from motm_twin.bus.library import FileLibrary
+from motm_twin.bus.library import FileLibrary, TwinSetup
 from motm_twin.bus.server import TwinServer
 from motm_twin.perf.processes import Works
 from motm_twin.planning.types import SearchBudget

@@ -17,10 +17,9 @@ import zenoh
 from rich.console import Console
 from rich.table import Table
 
-from motm_twin.bus.connection import LOOPBACK, free_port, open_client, open_member
+from motm_twin.bus.connection import LOOPBACK, free_port, open_client, open_member, session_config
 from motm_twin.bus.keys import Keys
 from motm_twin.bus.publisher import memory_mb
-from motm_twin.bus.zenoh_config import session_config
 from motm_twin.perf import bus
 from motm_twin.perf.processes import Worker, Works, cpu_seconds, restart
 from motm_twin.perf.report import Report, grid, load_average, machine, percentiles, write_report

@@ -7,10 +7,9 @@ import time
 from collections.abc import Callable
 
 from motm_twin.bus.client import TwinClient
-from motm_twin.bus.connection import LOOPBACK, open_member
+from motm_twin.bus.connection import LOOPBACK, ConfigError, open_member
 from motm_twin.bus.keys import DEFAULT_PORT, DEFAULT_TWIN, Keys
 from motm_twin.bus.processes import Reporter, leave, stop_event
-from motm_twin.bus.zenoh_config import ConfigError
 from motm_twin.program import BAD_INPUT
 from motm_twin.ros2.bridge import Bridge
 from motm_twin.ros2.forms import BRIDGE, DISTROS, FORMS, RMW, BridgeForm, Form, RmwForm

@@ -24,8 +24,8 @@ from cryptography.hazmat.primitives import hashes, serialization
 from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
+from motm_twin.bus.connection import SHIPPED
 from motm_twin.bus.private_folder import USER
-from motm_twin.bus.zenoh_config import SHIPPED
 
 AUTHORITY_DAYS = 3650
 BACKDATED = datetime.timedelta(minutes=5)  # clocks of machines differ

@@ -9,7 +9,7 @@ import typing
 import numpy as np
 
 from motm_twin.bus.commands import Load
-from motm_twin.bus.interfaces import TwinSetup
+from motm_twin.bus.library import TwinSetup
 from motm_twin.bus.messages import SceneChoice
 from motm_twin.bus.server import TwinServer
 from motm_twin.control.arm.types import ArmStep, ProgramStatus

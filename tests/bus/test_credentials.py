@@ -21,9 +21,17 @@ from motm_twin.bus import connection
 from motm_twin.bus import private_folder as running
 from motm_twin.bus.client import TwinClient
 from motm_twin.bus.commands import Step
-from motm_twin.bus.connection import TRIES, free_port, open_client, open_member, open_server
+from motm_twin.bus.connection import (
+    SHIPPED,
+    TRIES,
+    VARIABLE,
+    ConfigError,
+    free_port,
+    open_client,
+    open_member,
+    open_server,
+)
 from motm_twin.bus.private_folder import FILE, announce, client_file, forget, known_at, own_credentials
-from motm_twin.bus.zenoh_config import SHIPPED, VARIABLE, ConfigError
 from motm_twin.cli import serve as cli_serve
 from motm_twin.client import connect
 from motm_twin.client.discover import NoTwin, running_twins

@@ -11,14 +11,16 @@ from motm_twin.bus.commands import (
     COMMAND_NAMES,
     EDITS,
     MAX_COMMAND_BYTES,
+    MAX_SEEN,
+    MAX_SENDERS,
     SERVER_COMMANDS,
+    CommandGate,
     Envelope,
     MoveBody,
     Refused,
     Speed,
     command_name,
 )
-from motm_twin.bus.gate import MAX_SEEN, MAX_SENDERS, CommandGate
 from motm_twin.perf.fuzz import EXAMPLES
 
 

@@ -12,8 +12,7 @@ from waiting import until
 
 from motm_twin.bus.client import TwinClient
 from motm_twin.bus.commands import Step
-from motm_twin.bus.connection import free_port, open_client
-from motm_twin.bus.zenoh_config import SHIPPED, VARIABLE
+from motm_twin.bus.connection import SHIPPED, VARIABLE, free_port, open_client
 
 DOCS = Path(__file__).resolve().parents[2] / "docs" / "scale.md"
 

@@ -14,7 +14,7 @@ from waiting import until, until_paused
 from motm_twin.bus.client import NoSession, TwinClient
 from motm_twin.bus.commands import AddObstacle, HandOver, Inspect, Load, MoveBody, Pause, Play, Speed, Step
 from motm_twin.bus.connection import PortTaken, direct, free_port, open_client, require_free_port
-from motm_twin.bus.interfaces import TwinSetup
+from motm_twin.bus.library import TwinSetup
 from motm_twin.bus.server import TwinServer
 from motm_twin.sessions.session import Session
 

@@ -11,10 +11,9 @@ from fake_twin import fake_server
 from waiting import until
 
 from motm_twin.bus.commands import COMMAND_NAMES, Load
-from motm_twin.bus.connection import LOOPBACK, free_port, open_member
+from motm_twin.bus.connection import LOOPBACK, SHIPPED, VARIABLE, free_port, open_member, session_config
 from motm_twin.bus.messages import StatusMessage
 from motm_twin.bus.schemas import names
-from motm_twin.bus.zenoh_config import SHIPPED, VARIABLE, session_config
 
 TWINS = ("anna", "bert")
 VARIANTS = {"anna": "a", "bert": "b"}

@@ -14,7 +14,7 @@ from waiting import until_paused
 from motm_twin.bus.commands import AddObstacle, InsertTask, Load, Pause, SetParameter, Step
 from motm_twin.bus.connection import free_port
 from motm_twin.bus.private_folder import Running, note, own_credentials
-from motm_twin.cli.send import parse
+from motm_twin.cli.client import parse
 from motm_twin.client import connect
 from motm_twin.methods import DEFAULT_METHOD
 from motm_twin.model.scene import DriveTo

@@ -19,7 +19,7 @@ from motm_twin.bus.commands import EDITS, SERVER_COMMANDS, command_name
 from motm_twin.bus.connection import free_port
 from motm_twin.client import EventsLost, NoTwin, Refused, connect, connect_async, running_twins
 from motm_twin.client.commanding import Commanding
-from motm_twin.client.events import EventReader
+from motm_twin.client.twin import EventReader
 from motm_twin.methods import DEFAULT_METHOD
 
 TEXT = Path(__file__).resolve().parents[2] / "docs" / "zenoh.md"

@@ -13,11 +13,10 @@ import zenoh
 
 from motm_twin.bus.commands import Load
 from motm_twin.bus.connection import LOOPBACK, free_port, open_server
-from motm_twin.bus.interfaces import TwinSetup
-from motm_twin.bus.library import FileLibrary
+from motm_twin.bus.library import FileLibrary, TwinSetup
 from motm_twin.bus.server import RobotChoice, TwinServer
-from motm_twin.external.emulator import LinkSpec
 from motm_twin.external.plant import ZenohPlant
+from motm_twin.external.robot import LinkSpec
 from motm_twin.external.robot_link import RobotLink
 from motm_twin.external.robot_server import RobotServer
 from motm_twin.methods import UNNAMED_METHOD

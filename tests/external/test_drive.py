@@ -14,8 +14,8 @@ from motm_twin.bus.connection import open_member
 from motm_twin.bus.keys import PlantKeys
 from motm_twin.bus.plant_messages import VERSION, ClockGrant, RobotCommand
 from motm_twin.control.tick import Tick
-from motm_twin.external.emulator import LinkSpec
 from motm_twin.external.plant import ZenohPlant
+from motm_twin.external.robot import LinkSpec
 from motm_twin.external.robot_link import RobotLink
 from motm_twin.model.edits import AddObstacle, Announce, MoveObject
 from motm_twin.model.scene import Scene

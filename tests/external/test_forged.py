@@ -14,8 +14,8 @@ from motm_twin.bus.connection import open_member
 from motm_twin.bus.keys import Keys, PlantKeys
 from motm_twin.bus.plant_messages import VERSION, ClockGrant, RobotCommand
 from motm_twin.bus.server import TwinServer
-from motm_twin.external.guard import MAX_JUMP, SILENCE
 from motm_twin.external.messages import NAMES
+from motm_twin.external.robot import MAX_JUMP, SILENCE
 from motm_twin.model.scene import Scene
 
 KEYS = PlantKeys()

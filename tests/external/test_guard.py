@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from motm_twin.bus.plant_messages import VERSION, RobotCommand
-from motm_twin.external.guard import MAX_BYTES, SILENCE, CommandGuard
+from motm_twin.external.robot import MAX_BYTES, SILENCE, CommandGuard
 from motm_twin.model.joint_limits import DDQ_MAX
 from motm_twin.model.profile import BaseLimits
 

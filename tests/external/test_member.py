@@ -7,8 +7,7 @@ import pytest
 import zenoh
 from meeting import until
 
-from motm_twin.bus.connection import LOOPBACK, free_port, open_member, open_server
-from motm_twin.bus.zenoh_config import ConfigError
+from motm_twin.bus.connection import LOOPBACK, ConfigError, free_port, open_member, open_server
 
 
 @pytest.fixture

@@ -7,8 +7,8 @@ import pytest
 from motm_twin.bus.plant_messages import LIFETIME
 from motm_twin.control.monitor import Monitor
 from motm_twin.control.predictor import Motion, Predictor
-from motm_twin.external.emulator import Link, LinkSpec
-from motm_twin.external.timing import ClockOffset, Lead
+from motm_twin.external.robot import Link, LinkSpec
+from motm_twin.external.robot_link import ClockOffset, Lead
 from motm_twin.model.plant import Actuation
 from motm_twin.model.scene import Noise, Scene
 from motm_twin.sim.plant import SimulatedPlant

@@ -10,8 +10,7 @@ from pathlib import Path
 import pytest
 from meeting import Router
 
-from motm_twin.bus.connection import LOOPBACK, free_port
-from motm_twin.bus.zenoh_config import SHIPPED, VARIABLE
+from motm_twin.bus.connection import LOOPBACK, SHIPPED, VARIABLE, free_port
 
 STATE = "motm/frankie/plant/state"
 

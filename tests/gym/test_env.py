@@ -12,7 +12,7 @@ gymnasium = pytest.importorskip("gymnasium")
 from gymnasium.utils.env_checker import check_env  # noqa: E402
 
 from motm_twin.gym import ENVIRONMENTS, Expert, MotmEnv, RewardWeights  # noqa: E402
-from motm_twin.gym.reward import Score, reward  # noqa: E402
+from motm_twin.gym.env import Score, reward  # noqa: E402
 from motm_twin.model.edits import AddObstacle  # noqa: E402
 from motm_twin.twin import Twin  # noqa: E402
 

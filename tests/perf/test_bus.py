@@ -7,8 +7,7 @@ import time
 import pytest
 from rich.console import Console
 
-from motm_twin.bus.commands import COMMAND_NAMES, Envelope, Refused
-from motm_twin.bus.gate import CommandGate
+from motm_twin.bus.commands import COMMAND_NAMES, CommandGate, Envelope, Refused
 from motm_twin.cli import bench as command
 from motm_twin.perf import bus, soak
 from motm_twin.perf.bus import _effects, _paired

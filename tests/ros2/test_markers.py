@@ -9,8 +9,8 @@ from motm_twin.model.furniture import pieces, stands_on
 from motm_twin.model.scene import Prism
 from motm_twin.model.scene_file import load_scene
 from motm_twin.ros2.cdr import encode
+from motm_twin.ros2.convert import DELETE, TRIANGLE_LIST, Markers
 from motm_twin.ros2.forms import MARKERS
-from motm_twin.ros2.markers import DELETE, TRIANGLE_LIST, Markers
 from motm_twin.twin import Twin
 
 

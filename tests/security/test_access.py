@@ -16,7 +16,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "bus"))
 from fake_twin import fake_server
 from waiting import until, until_paused
 
-from motm_twin.bus import zenoh_config as config
+from motm_twin.bus import connection as config
 from motm_twin.bus.client import TwinClient
 from motm_twin.bus.connection import free_port, open_member, open_server
 from motm_twin.ros2.forms import ACCEPTED, PUBLISHED, BridgeForm, Outlets, RmwForm

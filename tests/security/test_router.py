@@ -12,7 +12,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "bus"))
 from fake_twin import fake_server
 from waiting import until
 
-from motm_twin.bus import zenoh_config as config
+from motm_twin.bus import connection as config
 from motm_twin.bus.client import TwinClient
 from motm_twin.bus.commands import Step
 from motm_twin.bus.connection import free_port, open_member
