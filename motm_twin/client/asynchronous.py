@@ -6,16 +6,9 @@ from contextlib import aclosing, asynccontextmanager, suppress
 from functools import partial
 from typing import Any
 
+from motm_twin.bus import messages
 from motm_twin.bus.client import Grid
 from motm_twin.bus.commands import Answer, Command
-from motm_twin.bus.messages import (
-    MetricsMessage,
-    NumberedEvent,
-    RobotStateMessage,
-    ScanMessage,
-    StatusMessage,
-    TickMessage,
-)
 from motm_twin.client.commanding import Commanding
 from motm_twin.client.twin import LOOK, EventReader, Twin, connect
 from motm_twin.model.scene import Scene
@@ -45,23 +38,23 @@ class AsyncTwin(Commanding[Awaitable[Answer]]):
         """As `Twin.send`."""
         return await asyncio.to_thread(self.twin.send, command, timeout)
 
-    def latest_tick(self) -> TickMessage | None:
+    def latest_tick(self) -> messages.TickMessage | None:
         """As `Twin.latest_tick`."""
         return self.twin.latest_tick()
 
-    def status(self) -> StatusMessage | None:
+    def status(self) -> messages.StatusMessage | None:
         """As `Twin.status`."""
         return self.twin.status()
 
-    async def robot(self) -> RobotStateMessage | None:
+    async def robot(self) -> messages.RobotStateMessage | None:
         """As `Twin.robot`; the first call subscribes."""
         return await asyncio.to_thread(self.twin.robot)
 
-    async def scan(self) -> ScanMessage | None:
+    async def scan(self) -> messages.ScanMessage | None:
         """As `Twin.scan`; the first call subscribes."""
         return await asyncio.to_thread(self.twin.scan)
 
-    async def metrics(self) -> MetricsMessage | None:
+    async def metrics(self) -> messages.MetricsMessage | None:
         """As `Twin.metrics`; the first call subscribes."""
         return await asyncio.to_thread(self.twin.metrics)
 
@@ -77,15 +70,15 @@ class AsyncTwin(Commanding[Awaitable[Answer]]):
         """As `Twin.session`."""
         return await asyncio.to_thread(self.twin.session)
 
-    def ticks(self) -> AsyncGenerator[TickMessage, None]:
+    def ticks(self) -> AsyncGenerator[messages.TickMessage, None]:
         """As `Twin.ticks`."""
         return self._newest(self.twin.client.keys.tick, self.twin.latest_tick)
 
-    def robots(self) -> AsyncGenerator[RobotStateMessage, None]:
+    def robots(self) -> AsyncGenerator[messages.RobotStateMessage, None]:
         """As `Twin.robots`."""
         return self._newest(self.twin.client.keys.robot, self.twin.robot)
 
-    async def events(self, since: int | None = None) -> AsyncGenerator[NumberedEvent, None]:
+    async def events(self, since: int | None = None) -> AsyncGenerator[messages.NumberedEvent, None]:
         """As `Twin.events`; listening begins when the first one is awaited."""
         wake, notify = self._wake()
         reader = await asyncio.to_thread(EventReader, self.twin.client, since, notify)
@@ -99,7 +92,9 @@ class AsyncTwin(Commanding[Awaitable[Answer]]):
             self._wakes.discard(wake)
             reader.close()
 
-    async def wait_until(self, condition: Callable[[TickMessage], bool], *, timeout: float) -> TickMessage:
+    async def wait_until(
+        self, condition: Callable[[messages.TickMessage], bool], *, timeout: float
+    ) -> messages.TickMessage:
         """As `Twin.wait_until`."""
         async with asyncio.timeout(timeout), aclosing(self.ticks()) as ticks:
             async for tick in ticks:

@@ -11,15 +11,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from motm_twin.bus.messages import (
-    BodyMessage,
-    GridInfo,
-    PlacementMessage,
-    PlanMessage,
-    RobotStateMessage,
-    ScanMessage,
-    TickMessage,
-)
+from motm_twin.bus import messages
 from motm_twin.model.furniture import moved_scene, pieces
 from motm_twin.model.geometry import compose, inverse
 from motm_twin.model.scene import Bin, Box, Cylinder, Prism, Scene, Solid
@@ -75,13 +67,13 @@ def clock(time: float) -> Message:
     return {"clock": stamp(time)}
 
 
-def joint_values(robot: RobotStateMessage) -> dict[str, float]:
+def joint_values(robot: messages.RobotStateMessage) -> dict[str, float]:
     """Positions [rad, m] by joint, fingers included."""
     half = 0.5 * robot.gripper_width
     return {**dict(zip(robot.joint_names, robot.q, strict=True)), **dict.fromkeys(FINGERS, half)}
 
 
-def joint_states(robot: RobotStateMessage, model: RobotModel) -> Message:
+def joint_states(robot: messages.RobotStateMessage, model: RobotModel) -> Message:
     """sensor_msgs/JointState: the arm and both fingers; the twin measures no finger speeds and no efforts."""
     if not model.moving_joints:
         return {"header": header(robot.time, ""), "name": [], "position": [], "velocity": [], "effort": []}
@@ -95,7 +87,7 @@ def joint_states(robot: RobotStateMessage, model: RobotModel) -> Message:
     }
 
 
-def odometry(robot: RobotStateMessage) -> Message:
+def odometry(robot: messages.RobotStateMessage) -> Message:
     """nav_msgs/Odometry: dead reckoning, as the wheels tell it."""
     x, y, heading = robot.odometry
     twist = {"linear": vector(robot.twist[0], 0.0), "angular": vector(0.0, 0.0, robot.twist[1])}
@@ -112,7 +104,7 @@ def _covariance(x_sd: float, y_sd: float, yaw_sd: float) -> NDArray[np.float64]:
     return np.diag([x_sd**2 or _PLANAR, y_sd**2 or _PLANAR, _PLANAR, _PLANAR, _PLANAR, yaw_sd**2]).ravel()
 
 
-def transforms(robot: RobotStateMessage, model: RobotModel) -> Message:
+def transforms(robot: messages.RobotStateMessage, model: RobotModel) -> Message:
     """tf2_msgs/TFMessage: map to odom (localisation), odom to base (dead reckoning), and the arm's joints."""
     pose, odom = np.array(robot.pose), np.array(robot.odometry)
     correction = compose(pose, inverse(odom))
@@ -140,7 +132,7 @@ def tf_message(found: Iterable[Transform], time: float) -> Message:
     }
 
 
-def laser_scan(scan: ScanMessage, rate: float) -> Message:
+def laser_scan(scan: messages.ScanMessage, rate: float) -> Message:
     """sensor_msgs/LaserScan of a lidar with this rate [Hz]; a beam without return is infinite (REP 117)."""
     count = len(scan.ranges)
     return {
@@ -157,7 +149,7 @@ def laser_scan(scan: ScanMessage, rate: float) -> Message:
     }
 
 
-def occupancy_grid(info: GridInfo, cells: bytes) -> Message:
+def occupancy_grid(info: messages.GridInfo, cells: bytes) -> Message:
     """nav_msgs/OccupancyGrid: 100 occupied, 0 to 99 the nearness of something; the twin has no unknown cells."""
     values = np.frombuffer(cells, dtype=np.uint8)
     if values.size != info.width * info.height:
@@ -189,7 +181,7 @@ def plan_path(points: Sequence[Sequence[float]], time: float) -> Message:
     return {"header": header(time, MAP), "poses": poses}
 
 
-def local_path(plan: PlanMessage, time: float) -> Message:
+def local_path(plan: messages.PlanMessage, time: float) -> Message:
     """nav_msgs/Path of the local plan; each pose has the time at which the base will be there."""
     poses = [
         {"header": header(time + after, MAP), "pose": planar_pose(pose[0], pose[1], pose[2])}
@@ -229,7 +221,7 @@ class Markers:
         self._scene, self._standing = scene, (None, [])
         self._colours = {item.name: item.colour for item in scene.objects}
 
-    def array(self, tick: TickMessage) -> Message:
+    def array(self, tick: messages.TickMessage) -> Message:
         """Everything as it is at a tick, and a deletion for what is no longer there."""
         found = [*self._furniture(tick), *_placement(tick.placement)]
         grey = colours.NAMED["grey"]
@@ -247,13 +239,13 @@ class Markers:
     def _number(self, space: str, name: str) -> int:
         return self._numbers.setdefault((space, name), len(self._numbers))
 
-    def _body(self, space: str, body: BodyMessage, colour: colours.Rgb) -> Message:
+    def _body(self, space: str, body: messages.BodyMessage, colour: colours.Rgb) -> Message:
         x, y, z = body.position
         centre = z if space == "objects" else z + 0.5 * body.size[2]
         kind = CYLINDER if body.kind in _ROUND else CUBE
         return _solid(space, self._number(space, body.name), kind, (x, y, centre), body.yaw, body.size, _rgba(colour))
 
-    def _furniture(self, tick: TickMessage) -> list[Message]:
+    def _furniture(self, tick: messages.TickMessage) -> list[Message]:
         """Furniture and bins where they stand now."""
         if self._scene is None:
             return []
@@ -297,7 +289,7 @@ def _prism_faces(prism: Prism, solid: Solid) -> list[Message]:
     return points
 
 
-def _placement(placement: PlacementMessage) -> list[Message]:
+def _placement(placement: messages.PlacementMessage) -> list[Message]:
     """Candidates coloured by cost (rejected ones grey), their headings, and the chosen goal."""
     if not placement.poses:
         return [] if placement.mode == Mode.NONE else _goal(placement)
@@ -315,7 +307,7 @@ def _placement(placement: PlacementMessage) -> list[Message]:
     ]
 
 
-def _goal(placement: PlacementMessage) -> list[Message]:
+def _goal(placement: messages.PlacementMessage) -> list[Message]:
     x, y, yaw = placement.goal
     if x is None or y is None:
         return []

@@ -21,16 +21,6 @@ from motm_twin.bus import connection
 from motm_twin.bus import private_folder as running
 from motm_twin.bus.client import TwinClient
 from motm_twin.bus.commands import Step
-from motm_twin.bus.connection import (
-    SHIPPED,
-    TRIES,
-    VARIABLE,
-    ConfigError,
-    free_port,
-    open_client,
-    open_member,
-    open_server,
-)
 from motm_twin.bus.private_folder import FILE, announce, client_file, forget, known_at, own_credentials
 from motm_twin.cli import serve as cli_serve
 from motm_twin.client import connect
@@ -63,7 +53,7 @@ def serving(**options):
 
 def plain(endpoint, *, mode="client", user=None, password=None):
     """A session of Zenoh alone."""
-    config = zenoh.Config.from_file(str(SHIPPED))
+    config = zenoh.Config.from_file(str(connection.SHIPPED))
     config.insert_json5("mode", json.dumps(mode))
     config.insert_json5("connect/endpoints", json.dumps([endpoint]))
     if user is not None:
@@ -131,17 +121,17 @@ def test_the_file_of_the_port_is_the_whole_configuration_of_a_program():
 
 def test_own_programs_are_let_in_by_themselves_and_those_of_others_are_not(tmp_path, monkeypatch):
     with serving() as server:
-        for opened in (open_client, open_member):
+        for opened in (connection.open_client, connection.open_member):
             with opened(server.endpoint) as session:
                 assert is_let_in(server, session)
         with connect(server.endpoint, "frankie") as twin:
             twin.step()
             twin.hand_over()
         with another_user(tmp_path, monkeypatch):
-            with open_client(server.endpoint) as session:
+            with connection.open_client(server.endpoint) as session:
                 assert not is_let_in(server, session)
             with pytest.raises(TimeoutError):
-                open_member(server.endpoint, wait=0.0)
+                connection.open_member(server.endpoint, wait=0.0)
             with pytest.raises(NoTwin):
                 connect(server.endpoint, "frankie", timeout=1.0)
             assert running_twins(server.endpoint) == []
@@ -152,7 +142,7 @@ def test_another_user_to_whom_the_file_was_given_is_let_in(tmp_path, monkeypatch
         given = tmp_path / "given.json5"
         given.write_bytes(client_file(server.port).read_bytes())
         with another_user(tmp_path, monkeypatch):
-            monkeypatch.setenv(VARIABLE, str(given))
+            monkeypatch.setenv(connection.VARIABLE, str(given))
             with connect() as twin:
                 twin.step()
 
@@ -171,7 +161,7 @@ def test_a_bus_can_be_open_to_all(tmp_path, monkeypatch):
 
 
 def test_a_client_that_came_first_meets_the_twin_and_again_when_that_was_started_anew():
-    port = free_port()
+    port = connection.free_port()
     with TwinClient(f"tcp/127.0.0.1:{port}", "frankie") as client:
         for _ in range(2):
             with serving(port=port):
@@ -181,24 +171,24 @@ def test_a_client_that_came_first_meets_the_twin_and_again_when_that_was_started
 
 
 def test_a_router_without_a_password_is_met_as_before():
-    port = free_port()
-    config = zenoh.Config.from_file(str(SHIPPED))
+    port = connection.free_port()
+    config = zenoh.Config.from_file(str(connection.SHIPPED))
     config.insert_json5("mode", '"router"')
     config.insert_json5("listen/endpoints", json.dumps([f"tcp/127.0.0.1:{port}"]))
-    with zenoh.open(config), open_member(f"tcp/127.0.0.1:{port}", wait=5.0):
+    with zenoh.open(config), connection.open_member(f"tcp/127.0.0.1:{port}", wait=5.0):
         pass
 
 
 def test_a_port_is_forgotten_with_its_process(private):
-    port = free_port()
+    port = connection.free_port()
     endpoint = f"tcp/127.0.0.1:{port}"
     code = f"from motm_twin.bus.private_folder import guard; guard({port}, {endpoint!r})"
     subprocess.run([sys.executable, "-c", code], env={**os.environ, "TMPDIR": str(private.parent)}, check=True)
     assert client_file(port).exists()
     assert known_at(endpoint) is None
-    with open_server(other := free_port()):
+    with connection.open_server(other := connection.free_port()):
         assert not client_file(port).exists()
-        with open_server(port):
+        with connection.open_server(port):
             assert known_at(endpoint) == known_at(f"tcp/127.0.0.1:{other}") == own_credentials()._asdict()
     forget(port)
     forget(other)
@@ -215,10 +205,10 @@ def test_a_port_that_another_living_program_announced_is_not_free(private, monke
     program = [sys.executable, "-c", "import sys; sys.stdin.read()"]
     with subprocess.Popen(program, stdin=subprocess.PIPE) as other, monkeypatch.context() as as_other:
         as_other.setattr(os, "getpid", lambda: other.pid)
-        announce(taken := free_port(), f"tcp/127.0.0.1:{taken}", own_credentials())
+        announce(taken := connection.free_port(), f"tcp/127.0.0.1:{taken}", own_credentials())
         as_other.undo()
-        monkeypatch.setattr(connection, "FREE", (taken, taken + TRIES))
-        found = {free_port() for _ in range(5 * TRIES)}
+        monkeypatch.setattr(connection, "FREE", (taken, taken + connection.TRIES))
+        found = {connection.free_port() for _ in range(5 * connection.TRIES)}
         assert taken not in found
         assert len(found) > 5
         other.communicate(b"")
@@ -238,15 +228,17 @@ def test_a_folder_of_somebody_else_is_a_sentence(monkeypatch):
         raise PermissionError("it belongs to somebody else")
 
     monkeypatch.setattr(running, "folder", somebody_elses)
-    with pytest.raises(ConfigError, match="the password for Zenoh cannot be kept: it belongs to somebody else"):
-        open_server(free_port())
+    with pytest.raises(
+        connection.ConfigError, match="the password for Zenoh cannot be kept: it belongs to somebody else"
+    ):
+        connection.open_server(connection.free_port())
 
 
 def test_private_files_do_not_grow_old_while_a_twin_is_served(private, monkeypatch):
     own_credentials()
     os.utime(private / FILE, (0, 0))
     monkeypatch.setattr(cli_serve, "YOUNG", 0.0)
-    supervisor = cli_serve._Supervisor(Console(), "frankie", free_port())
+    supervisor = cli_serve._Supervisor(Console(), "frankie", connection.free_port())
     threading.Timer(0.3, supervisor._stop.set).start()
     assert supervisor._watch() == cli_serve.OK
     assert time.time() - (private / FILE).stat().st_mtime < 60.0

@@ -13,19 +13,8 @@ from fake_twin import FakeTwin, fake_server
 from running import Running, real_server
 from waiting import asked, until, until_paused
 
+from motm_twin.bus import commands
 from motm_twin.bus.client import TwinClient
-from motm_twin.bus.commands import (
-    DriveToPoint,
-    Envelope,
-    HandOver,
-    Inspect,
-    Load,
-    Pause,
-    Record,
-    Save,
-    Seed,
-    Step,
-)
 from motm_twin.bus.connection import open_client
 from motm_twin.bus.data_folder import RECORDER
 from motm_twin.bus.library import FileLibrary
@@ -43,10 +32,10 @@ def server(tmp_path):
 
 def test_a_session_is_saved_once_under_a_name(server, tmp_path):
     with TwinClient(server.endpoint) as client:
-        answer = client.command(Save(name="first"), timeout=5.0)
+        answer = client.command(commands.Save(name="first"), timeout=5.0)
         assert (answer.ok, answer.path) == (True, str((tmp_path / "data" / "first.json").resolve())), answer.reason
         kept = (tmp_path / "data" / "first.json").read_bytes()
-        again = client.command(Save(name="first.json"), timeout=5.0)
+        again = client.command(commands.Save(name="first.json"), timeout=5.0)
         assert not again.ok
         assert "is there already" in again.reason
         assert (tmp_path / "data" / "first.json").read_bytes() == kept
@@ -56,19 +45,19 @@ def test_a_session_is_saved_once_under_a_name(server, tmp_path):
 def test_a_folder_that_can_not_be_written_is_said_so(server, tmp_path):
     (tmp_path / "data").write_text("a file where the folder should be")
     with TwinClient(server.endpoint) as client:
-        answer = client.command(Save(name="first"), timeout=5.0)
+        answer = client.command(commands.Save(name="first"), timeout=5.0)
         assert not answer.ok
         assert answer.reason.startswith(f"{tmp_path / 'data'} cannot be written: ")
 
 
 def test_a_save_or_record_that_is_refused_takes_no_wheel(server, tmp_path):
     with TwinClient(server.endpoint) as ann, TwinClient(server.endpoint) as bob:
-        assert not ann.command(Record(action="stop"), timeout=5.0).ok
-        assert bob.command(Save(name="first"), timeout=5.0).ok
-        assert bob.command(HandOver()).ok
-        assert "is there already" in ann.command(Save(name="first"), timeout=5.0).reason
-        assert bob.command(Pause()).ok
-        assert "is driving" in ann.command(Save(name="second"), timeout=5.0).reason
+        assert not ann.command(commands.Record(action="stop"), timeout=5.0).ok
+        assert bob.command(commands.Save(name="first"), timeout=5.0).ok
+        assert bob.command(commands.HandOver()).ok
+        assert "is there already" in ann.command(commands.Save(name="first"), timeout=5.0).reason
+        assert bob.command(commands.Pause()).ok
+        assert "is driving" in ann.command(commands.Save(name="second"), timeout=5.0).reason
 
 
 @pytest.mark.parametrize("other", ["goes on", "hands over"])
@@ -83,27 +72,29 @@ def test_who_has_saved_drives_unless_somebody_else_does_by_then(other):
 
     keeper, answers = Slow(), []
     with Running(FakeTwin, data=keeper) as running:
-        save = Envelope(sender="ann", name="Ann", seq=1, expires=time.time() + 60.0, command=Save(name="a"))
+        save = commands.Envelope(
+            sender="ann", name="Ann", seq=1, expires=time.time() + 60.0, command=commands.Save(name="a")
+        )
         running.loop.request(save, lambda *answer: answers.append(answer))
-        assert running.ask(Pause(), sender="bob") == ""
+        assert running.ask(commands.Pause(), sender="bob") == ""
         if other == "hands over":
-            assert running.ask(HandOver(), sender="bob") == ""
+            assert running.ask(commands.HandOver(), sender="bob") == ""
         keeper.done("", "a.json")
-        assert running.ask(Inspect()) == ""  # comes after it
+        assert running.ask(commands.Inspect()) == ""  # comes after it
         assert running.loop.status().driver == ("ann" if other == "hands over" else "bob")
     assert answers == [("", 0, "a.json")]
 
 
 def test_a_recording_is_started_and_stopped_by_commands(server, tmp_path):
     with TwinClient(server.endpoint) as client:
-        assert "nothing is being recorded" in client.command(Record(action="stop"), timeout=5.0).reason
-        started = client.command(Record(action="start", name="run"), timeout=30.0)
+        assert "nothing is being recorded" in client.command(commands.Record(action="stop"), timeout=5.0).reason
+        started = client.command(commands.Record(action="start", name="run"), timeout=30.0)
         assert started.ok, started.reason
         assert started.path == str((tmp_path / "data" / "run.mcap").resolve())
         until(lambda: client.status().recording == started.path, "the status does not say so")
-        assert "already" in client.command(Record(action="start"), timeout=5.0).reason
-        assert client.command(Step(count=5)).ok
-        stopped = client.command(Record(action="stop"), timeout=10.0)
+        assert "already" in client.command(commands.Record(action="start"), timeout=5.0).reason
+        assert client.command(commands.Step(count=5)).ok
+        stopped = client.command(commands.Record(action="stop"), timeout=10.0)
         assert (stopped.ok, stopped.path) == (True, started.path), stopped.reason
         until(lambda: client.status().recording == "", "the status does not say so")
         data = (tmp_path / "data" / "run.mcap").read_bytes()
@@ -113,7 +104,7 @@ def test_a_recording_is_started_and_stopped_by_commands(server, tmp_path):
 
 def test_a_recorder_that_was_killed_is_told_and_another_can_begin(server, tmp_path, capfd):
     with TwinClient(server.endpoint) as client, open_client(server.endpoint) as plain:
-        started = client.command(Record(action="start", name="cut"), timeout=30.0)
+        started = client.command(commands.Record(action="start", name="cut"), timeout=30.0)
         assert started.ok, started.reason
         os.kill(_recorder_of(started.path), signal.SIGKILL)
         until(lambda: client.status().recording == "", "the status does not say so")
@@ -126,8 +117,8 @@ def test_a_recorder_that_was_killed_is_told_and_another_can_begin(server, tmp_pa
         until(told, "no event says so")
         assert "its process ended by signal 9; `motm-twin recover " in told()[-1]["text"]
         assert "the recording has stopped" in capfd.readouterr().err
-        assert client.command(Record(action="start", name="next"), timeout=30.0).ok
-        assert client.command(Record(action="stop"), timeout=10.0).ok
+        assert client.command(commands.Record(action="start", name="next"), timeout=30.0).ok
+        assert client.command(commands.Record(action="stop"), timeout=10.0).ok
         listens = (thread for thread in threading.enumerate() if thread.name == "recorder reports")
         for thread in listens:
             thread.join(10.0)
@@ -152,8 +143,8 @@ def test_no_thread_is_left(tmp_path):
 
 
 def test_another_seed_is_the_same_scene_and_variant_again():
-    with Running(FakeTwin, first=Load(scene="fake", variant="a", seed=1)) as running:
-        assert running.ask(Seed(seed=7)) == ""
+    with Running(FakeTwin, first=commands.Load(scene="fake", variant="a", seed=1)) as running:
+        assert running.ask(commands.Seed(seed=7)) == ""
         status = running.loop.status()
         assert (status.scene, status.variant, status.seed, status.state) == ("fake", "a", 7, "paused")
         assert running.library.loads[-1] == ("fake", "a", 7)
@@ -161,7 +152,7 @@ def test_another_seed_is_the_same_scene_and_variant_again():
 
 def test_drive_to_comes_before_the_active_task_and_is_logged():
     with Running(Twin, library=FileLibrary("exp1"), first="exp1") as running:
-        assert running.ask(DriveToPoint(x=0.5, y=0.2)) == ""
+        assert running.ask(commands.DriveToPoint(x=0.5, y=0.2)) == ""
         running.step()
         task = running.last.tasks[running.last.task_index]
         assert (task.kind, task.status) == ("drive_to", "active")

@@ -7,20 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from motm_twin.bus.commands import (
-    COMMAND_NAMES,
-    EDITS,
-    MAX_COMMAND_BYTES,
-    MAX_SEEN,
-    MAX_SENDERS,
-    SERVER_COMMANDS,
-    CommandGate,
-    Envelope,
-    MoveBody,
-    Refused,
-    Speed,
-    command_name,
-)
+from motm_twin.bus import commands
 from motm_twin.perf.fuzz import EXAMPLES
 
 
@@ -36,17 +23,17 @@ def envelope(command, *, sender="test", seq=1, expires=1001.0, **extra):
 
 
 def refusal(gate, name, payload):
-    with pytest.raises(Refused) as caught:
+    with pytest.raises(commands.Refused) as caught:
         gate.admit(name, payload)
     return str(caught.value)
 
 
 def test_a_good_command_passes_with_its_types():
-    gate = CommandGate(Clock())
+    gate = commands.CommandGate(Clock())
     admitted = gate.admit("speed", envelope({"type": "speed", "factor": 2}))
-    assert admitted.command == Speed(factor=2.0)
+    assert admitted.command == commands.Speed(factor=2.0)
     moved = gate.admit("move_body", envelope({"type": "move_body", "name": "t", "x": 1, "y": 2}, seq=2))
-    assert moved.command == MoveBody(name="t", x=1.0, y=2.0)
+    assert moved.command == commands.MoveBody(name="t", x=1.0, y=2.0)
 
 
 CRATE = {"type": "add_obstacle", "name": "a", "x": 0, "y": 0}
@@ -133,23 +120,23 @@ CRATE = {"type": "add_obstacle", "name": "a", "x": 0, "y": 0}
         ("play", envelope({"type": "play"}, expires=999.0), "stale"),
         ("play", envelope({"type": "play"}, expires=2000.0), "at most"),
         ("explode", envelope({"type": "play"}), "unknown command"),
-        ("play", b" " * (MAX_COMMAND_BYTES + 1), "oversized"),
+        ("play", b" " * (commands.MAX_COMMAND_BYTES + 1), "oversized"),
     ],
 )
 def test_a_bad_command_is_refused_with_its_reason(name, payload, word):
-    assert word in refusal(CommandGate(Clock()), name, payload)
+    assert word in refusal(commands.CommandGate(Clock()), name, payload)
 
 
 @pytest.mark.parametrize("name", ["../mine", "/tmp/mine", ".hidden", "", "a" * 65, "a b", "a\x00", "..", "mïne"])
 def test_files_have_plain_names(name):
-    gate = CommandGate(Clock())
+    gate = commands.CommandGate(Clock())
     assert "file name" in refusal(gate, "save", envelope({"type": "save", "name": name}))
     if name:
         assert "file name" in refusal(gate, "record", envelope({"type": "record", "action": "start", "name": name}))
 
 
 def test_a_replayed_command_is_refused_and_others_of_the_sender_pass():
-    gate = CommandGate(Clock())
+    gate = commands.CommandGate(Clock())
     gate.admit("play", envelope({"type": "play"}, seq=5))
     assert "replayed" in refusal(gate, "play", envelope({"type": "play"}, seq=5))
     assert "replayed" in refusal(gate, "play", envelope({"type": "play"}, seq=4))
@@ -160,7 +147,7 @@ def test_a_replayed_command_is_refused_and_others_of_the_sender_pass():
 @pytest.mark.parametrize("jump", [100, 10**6, 2**62])
 def test_a_number_that_jumps_keeps_the_others_of_its_sender_in(jump):
     """It may be a forgery: the sender whose name it has goes on, and neither it nor the forgery comes twice."""
-    gate = CommandGate(Clock())
+    gate = commands.CommandGate(Clock())
     gate.admit("play", envelope({"type": "play"}, seq=5))
     gate.admit("play", envelope({"type": "play"}, seq=5 + jump))
     gate.admit("play", envelope({"type": "play"}, seq=6))
@@ -170,24 +157,26 @@ def test_a_number_that_jumps_keeps_the_others_of_its_sender_in(jump):
 
 def test_the_numbers_of_one_sender_that_are_remembered_are_bounded():
     clock = Clock()
-    gate = CommandGate(clock)
-    for seq in range(MAX_SEEN):
+    gate = commands.CommandGate(clock)
+    for seq in range(commands.MAX_SEEN):
         gate.admit("play", envelope({"type": "play"}, seq=seq))
-    assert f"more than {MAX_SEEN} commands" in refusal(gate, "play", envelope({"type": "play"}, seq=MAX_SEEN))
+    assert f"more than {commands.MAX_SEEN} commands" in refusal(
+        gate, "play", envelope({"type": "play"}, seq=commands.MAX_SEEN)
+    )
     clock.now += 2.0
-    gate.admit("play", envelope({"type": "play"}, seq=MAX_SEEN, expires=clock.now + 1.0))
+    gate.admit("play", envelope({"type": "play"}, seq=commands.MAX_SEEN, expires=clock.now + 1.0))
 
 
 def test_a_refused_command_does_not_use_up_its_number():
-    gate = CommandGate(Clock())
+    gate = commands.CommandGate(Clock())
     refusal(gate, "speed", envelope({"type": "speed", "factor": 99}, seq=7))
     gate.admit("play", envelope({"type": "play"}, seq=7))
 
 
 def test_senders_are_bounded_and_silent_ones_forgotten():
     clock = Clock()
-    gate = CommandGate(clock)
-    for number in range(MAX_SENDERS):
+    gate = commands.CommandGate(clock)
+    for number in range(commands.MAX_SENDERS):
         gate.admit("play", envelope({"type": "play"}, sender=f"s{number}"))
     assert "senders" in refusal(gate, "play", envelope({"type": "play"}, sender="one more"))
     clock.now += 120.0
@@ -196,8 +185,8 @@ def test_senders_are_bounded_and_silent_ones_forgotten():
 
 @given(st.binary(max_size=200))
 def test_no_bytes_pass_or_crash_the_gate(payload):
-    with pytest.raises(Refused):
-        CommandGate(Clock()).admit("play", payload)
+    with pytest.raises(commands.Refused):
+        commands.CommandGate(Clock()).admit("play", payload)
 
 
 @given(
@@ -208,16 +197,16 @@ def test_no_bytes_pass_or_crash_the_gate(payload):
     )
 )
 def test_no_other_json_passes_or_crashes_the_gate(value):
-    with pytest.raises(Refused):
-        CommandGate(Clock()).admit("load", envelope(value))
+    with pytest.raises(commands.Refused):
+        commands.CommandGate(Clock()).admit("load", envelope(value))
 
 
 def test_every_command_has_its_key_and_passes():
-    assert len(set(COMMAND_NAMES)) == len(SERVER_COMMANDS) + len(EDITS)
-    gate = CommandGate(Clock())
-    for seq, name in enumerate(COMMAND_NAMES, 1):
+    assert len(set(commands.COMMAND_NAMES)) == len(commands.SERVER_COMMANDS) + len(commands.EDITS)
+    gate = commands.CommandGate(Clock())
+    for seq, name in enumerate(commands.COMMAND_NAMES, 1):
         admitted = gate.admit(name, envelope({"type": name, **EXAMPLES[name]}, seq=seq, name="Ann"))
-        assert command_name(admitted.command) == name
+        assert commands.command_name(admitted.command) == name
 
 
 WILD = st.one_of(
@@ -232,18 +221,20 @@ WILD = st.one_of(
 )
 
 
-@pytest.mark.parametrize("kind", [*SERVER_COMMANDS, *EDITS], ids=lambda kind: kind.__struct_config__.tag)
+@pytest.mark.parametrize(
+    "kind", [*commands.SERVER_COMMANDS, *commands.EDITS], ids=lambda kind: kind.__struct_config__.tag
+)
 @settings(max_examples=25, deadline=None)
 @given(data=st.data())
 def test_a_wild_command_of_any_kind_is_refused_or_within_all_ranges(kind, data):
     name = kind.__struct_config__.tag
     fields = {field: data.draw(WILD, label=field) for field in kind.__struct_fields__ if data.draw(st.booleans())}
     try:
-        admitted = CommandGate(Clock()).admit(name, envelope({"type": name, **fields}))
-    except Refused as refusal:
+        admitted = commands.CommandGate(Clock()).admit(name, envelope({"type": name, **fields}))
+    except commands.Refused as refusal:
         assert str(refusal)
         return
-    assert isinstance(admitted, Envelope)
+    assert isinstance(admitted, commands.Envelope)
     for value in leaves(msgspec.to_builtins(admitted.command)):
         if isinstance(value, str):
             assert len(value) <= 64
