@@ -50,18 +50,14 @@ class Grid:
     cells: NDArray[np.uint8]
 
 
+@dataclass
 class _Slot:
     """The newest payload of one key; older ones are overwritten."""
 
-    def __init__(self) -> None:
-        self.payload: bytes | None = None
-        self.attachment: bytes | None = None
-        self.count = 0
-        self.at = NEVER  # [s] monotonic
-
-    def put(self, payload: bytes, attachment: bytes | None) -> None:
-        self.payload, self.attachment, self.at = payload, attachment, time.monotonic()
-        self.count += 1
+    payload: bytes | None = None
+    attachment: bytes | None = None
+    count: int = 0
+    at: float = NEVER  # [s] monotonic
 
 
 class _When(msgspec.Struct):
@@ -263,7 +259,8 @@ class TwinClient:
             slot = self._slots[key]
             if unless_after is not None and slot.count > unless_after:
                 return
-            slot.put(payload, attached)
+            slot.payload, slot.attachment, slot.at = payload, attached, time.monotonic()
+            slot.count += 1
             self._changed.notify_all()
             for listener in list(self._listeners.get(key, ())):
                 try:

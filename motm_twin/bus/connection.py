@@ -37,11 +37,6 @@ class ConfigError(ValueError):
     """A configuration file or an endpoint that can not be used; the message says why."""
 
 
-def config_file() -> Path:
-    """The file that sessions of this process read."""
-    return Path(os.environ.get(VARIABLE) or SHIPPED)
-
-
 def session_config(
     *,
     listen: list[str],
@@ -63,7 +58,7 @@ def session_config(
     """
     for endpoint in connect:
         check_endpoint(endpoint)
-    config = _read(config_file())
+    config = _read()
     settings: dict[str, object] = {"listen/endpoints": [*listen, *_endpoints(config, "listen")]}
     if mode is not None:
         settings["mode"] = mode
@@ -130,13 +125,15 @@ def _passwords(config: zenoh.Config) -> list[str]:
 
 def configured_endpoint() -> str | None:
     """Address of the server in the configuration file; None when it has none."""
-    found = _endpoints(_read(config_file()), "connect")
+    found = _endpoints(_read(), "connect")
     return found[0] if found else None
 
 
-def _read(path: Path) -> zenoh.Config:
+def _read() -> zenoh.Config:
+    """The configuration in the file that sessions of this process read."""
+    path = os.environ.get(VARIABLE) or str(SHIPPED)
     try:
-        return zenoh.Config.from_file(str(path))
+        return zenoh.Config.from_file(path)
     except zenoh.ZError as error:
         reason = " ".join(str(error).split(" at /")[0].split())  # Zenoh reports a mistake in several lines
         raise ConfigError(f"{path}: is no Zenoh configuration: {reason}") from error

@@ -274,12 +274,8 @@ class TwinLoop:
 
     def _look_after(self, now: float) -> None:
         self._wheel.look_after(now)
-        if (
-            self._again
-            and self._state == "done"
-            and now >= self._ended + AGAIN
-            and not self._wheel.shown(now)["driver"]
-        ):
+        ended = self._again and self._state == "done" and now >= self._ended + AGAIN
+        if ended and not self._wheel.lease.driver:
             self._guarded(self._next_seed)
         self._sessions.serve(now, self._state == "playing")
         if self._reload.is_set():
@@ -353,7 +349,7 @@ class TwinLoop:
             holds = Holds()
             for entry in move():
                 holds.note(entry.edit, 0.0)
-            for release in holds.all():  # nobody holds it any more
+            for release in holds.expired():  # nobody holds it any more
                 self._live.post(release)
             self._begin(play)
 

@@ -191,8 +191,14 @@ def known_at(endpoint: str) -> dict[str, str | None] | None:
 
 def to_come(endpoint: str) -> bool:
     """True when nobody listens there yet: a twin of this user may, and will ask for the password."""
-    port = _local_port(endpoint)
-    return port is not None and not _somebody_listens(endpoint, port)
+    if (port := _local_port(endpoint)) is None:
+        return False
+    host = endpoint.removeprefix("tcp/").rpartition(":")[0].strip("[]")
+    try:
+        socket.create_connection((host, port), _LOOK).close()
+    except (OSError, OverflowError):
+        return True
+    return False
 
 
 def _local_port(endpoint: str) -> int | None:
@@ -207,15 +213,6 @@ def _announced(port: int) -> dict[str, Any] | None:
     except (OSError, ValueError):
         return None
     return found if lives(found["metadata"]["pid"]) else None
-
-
-def _somebody_listens(endpoint: str, port: int) -> bool:
-    host = endpoint.removeprefix("tcp/").rpartition(":")[0].strip("[]")
-    try:
-        socket.create_connection((host, port), _LOOK).close()
-    except (OSError, OverflowError):
-        return False
-    return True
 
 
 def _write(path: Path, text: str) -> Path:

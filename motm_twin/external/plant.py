@@ -20,69 +20,6 @@ class NotPossible(ValueError):
     """This robot can not do that; the message says what and why."""
 
 
-class RemoteRehearsal:
-    """Edits that wait to be applied, tried by the robot."""
-
-    def __init__(self, link: RobotLink) -> None:
-        self._link, self._accepted = link, list[WorldEdit]()
-
-    def accept(self, edit: WorldEdit) -> None:
-        """Take an edit after those that were accepted before; raises ValueError when the world will not take it."""
-        request = plant_messages.EditRequest(
-            version=plant_messages.VERSION, check=True, before=tuple(self._accepted), edit=edit
-        )
-        answer = self._link.ask(self._link.keys.edit, request)
-        if not answer.ok:
-            raise ValueError(answer.reason)
-        self._accepted.append(edit)
-
-
-class RemoteWorld:
-    """Ground truth and edits."""
-
-    def __init__(self, link: RobotLink) -> None:
-        self.link, self.mirror = link, link.listen_only
-        self._info: plant_messages.Info | None = None
-
-    def truth(self) -> Truth | None:
-        """Ground truth of a robot that tells it."""
-        data = self.link.newest("truth")
-        return None if data is None else truth_of(data)
-
-    def rehearsal(self) -> "RemoteRehearsal":
-        """Asks the robot about edits, one after another. Raises NotPossible."""
-        self._require_editable()
-        return RemoteRehearsal(self.link)
-
-    def apply(self, edit: WorldEdit) -> None:
-        """Change the world of a simulated robot; raises ValueError when it can not be."""
-        self._require_editable()
-        answer = self.link.ask(
-            self.link.keys.edit, plant_messages.EditRequest(version=plant_messages.VERSION, check=False, edit=edit)
-        )
-        if not answer.ok:
-            raise ValueError(answer.reason)
-
-    def expect_tasks(self, tasks: Sequence[Task]) -> None:
-        """Tell the referee of a simulated robot the task list of now."""
-        self._notify(plant_messages.TaskNotice(version=plant_messages.VERSION, tasks=tuple(tasks)))
-
-    def expect_map(self, announced: Mapping[str, PlanarPose]) -> None:
-        """Tell the referee of a simulated robot where furniture was announced."""
-        self._notify(plant_messages.TaskNotice(version=plant_messages.VERSION, announced=dict(announced)))
-
-    def _notify(self, notice: plant_messages.TaskNotice) -> None:
-        if self._info is not None and "truth" in self._info.can and not self.mirror:
-            self.link.ask(self.link.keys.tasks, notice)
-
-    def _require_editable(self) -> None:
-        if self.mirror:
-            raise NotPossible("a mirror only shows the robot: it changes nothing")
-        if self._info is None or "edit" not in self._info.can:
-            name = "there is no robot" if self._info is None else f"robot {self._info.name!r} is not simulated"
-            raise NotPossible(f"{name}: its world can not be changed from here: move the real things")
-
-
 GONE = 1.0  # [s] without a state after which the robot is waited for
 AGAIN = 0.5  # [s] after which a grant that had no answer is sent again
 SILENT_WAIT = 0.05  # [s] that a step waits for a robot that has not answered the one before
@@ -92,13 +29,32 @@ ROUNDING = 1e-6  # [s]
 FIRST_STATES = 100  # steps of a shared clock in which a robot must have shown itself
 
 
-class ZenohPlant(RemoteWorld):
+class RemoteRehearsal:
+    """Edits that wait to be applied, tried by the robot."""
+
+    def __init__(self, link: RobotLink) -> None:
+        self._link, self._accepted = link, list[WorldEdit]()
+
+    def accept(self, edit: WorldEdit) -> None:
+        """Take an edit after those that were accepted before; raises ValueError when the world will not take it."""
+        _request(self._link, edit, check=True, before=tuple(self._accepted))
+        self._accepted.append(edit)
+
+
+def _request(link: RobotLink, edit: WorldEdit, *, check: bool, before: tuple[WorldEdit, ...] = ()) -> None:
+    request = plant_messages.EditRequest(version=plant_messages.VERSION, check=check, before=before, edit=edit)
+    answer = link.ask(link.keys.edit, request)
+    if not answer.ok:
+        raise ValueError(answer.reason)
+
+
+class ZenohPlant:
     """Drives one robot. With ``mirror`` it only shows it: nothing is ever sent."""
 
     def __init__(self, link: RobotLink, scene: Scene, *, sender: str = "twin") -> None:
         """A robot that can be reset is put to the start of the scene before it is driven."""
-        super().__init__(link)
-        self.scene = scene
+        self.link, self.mirror, self.scene = link, link.listen_only, scene
+        self._info: plant_messages.Info | None = None
         self._sender, self._reset_wanted = sender, not self.mirror
         self._seq = time.time_ns() // 1000  # rises also when this program starts again
         self._newest_sent = -1  # number of the newest command to the robot that is taken up
@@ -123,6 +79,40 @@ class ZenohPlant(RemoteWorld):
     def shared(self) -> bool:
         """The robot's time passes when it is granted."""
         return self._info is not None and self._info.clock == "shared"
+
+    def truth(self) -> Truth | None:
+        """Ground truth of a robot that tells it."""
+        data = self.link.newest("truth")
+        return None if data is None else truth_of(data)
+
+    def rehearsal(self) -> RemoteRehearsal:
+        """Asks the robot about edits, one after another. Raises NotPossible."""
+        self._require_editable()
+        return RemoteRehearsal(self.link)
+
+    def apply(self, edit: WorldEdit) -> None:
+        """Change the world of a simulated robot; raises ValueError when it can not be."""
+        self._require_editable()
+        _request(self.link, edit, check=False)
+
+    def expect_tasks(self, tasks: Sequence[Task]) -> None:
+        """Tell the referee of a simulated robot the task list of now."""
+        self._notify(plant_messages.TaskNotice(version=plant_messages.VERSION, tasks=tuple(tasks)))
+
+    def expect_map(self, announced: Mapping[str, PlanarPose]) -> None:
+        """Tell the referee of a simulated robot where furniture was announced."""
+        self._notify(plant_messages.TaskNotice(version=plant_messages.VERSION, announced=dict(announced)))
+
+    def _notify(self, notice: plant_messages.TaskNotice) -> None:
+        if self._info is not None and "truth" in self._info.can and not self.mirror:
+            self.link.ask(self.link.keys.tasks, notice)
+
+    def _require_editable(self) -> None:
+        if self.mirror:
+            raise NotPossible("a mirror only shows the robot: it changes nothing")
+        if self._info is None or "edit" not in self._info.can:
+            name = "there is no robot" if self._info is None else f"robot {self._info.name!r} is not simulated"
+            raise NotPossible(f"{name}: its world can not be changed from here: move the real things")
 
     def ready(self) -> bool:
         """True when there is a robot to observe now; takes up one that has come. Call it between periods."""

@@ -11,7 +11,7 @@ SENDERS = ("ann", "bob", "cid")
 def test_who_acts_first_drives_and_others_are_told_who():
     lease = Lease()
     lease.require("ann", 0.0)
-    lease.take("ann", "Ann <3", 0.0)
+    lease.give("ann", "Ann <3", 0.0)
     with pytest.raises(
         Refused, match=r"Ann <3 is driving: it can hand over to you, or you wait for 10 s of silence \(7 s left\)"
     ):
@@ -22,7 +22,7 @@ def test_who_acts_first_drives_and_others_are_told_who():
 
 def test_silence_frees_the_wheel_and_no_earlier():
     lease = Lease()
-    lease.take("ann", "", 0.0)
+    lease.give("ann", "", 0.0)
     assert lease.name == "ann"
     lease.expire(SILENCE - 0.001)
     assert lease.driver == "ann"
@@ -32,12 +32,12 @@ def test_silence_frees_the_wheel_and_no_earlier():
 
 def test_a_wheel_that_is_handed_over_belongs_to_the_other_for_the_full_time():
     lease = Lease()
-    lease.take("ann", "Ann", 0.0)
-    lease.hand_over("bob", "Bob", 5.0)
+    lease.give("ann", "Ann", 0.0)
+    lease.give("bob", "Bob", 5.0)
     assert (lease.driver, lease.name, lease.left(5.0)) == ("bob", "Bob", SILENCE)
     with pytest.raises(Refused):
         lease.require("ann", 6.0)
-    lease.hand_over("", "", 7.0)
+    lease.give("", "", 7.0)
     assert (lease.driver, lease.left(7.0)) == ("", 0.0)
 
 
@@ -69,9 +69,9 @@ def test_only_one_drives_and_nobody_loses_the_wheel_without_silence(history):
             continue
         assert allowed
         if kind == "act":
-            lease.take(sender, sender.title(), now)
+            lease.give(sender, sender.title(), now)
         elif kind in ("pass", "free"):
-            lease.hand_over(to if kind == "pass" else "", to.title(), now)
+            lease.give(to if kind == "pass" else "", to.title(), now)
         driver, heard = {"act": sender, "pass": to, "free": "", "fail": driver}[kind], now
         assert lease.driver == driver
         assert lease.left(now) == (pytest.approx(SILENCE) if driver else 0.0)
@@ -80,6 +80,6 @@ def test_only_one_drives_and_nobody_loses_the_wheel_without_silence(history):
 @given(st.text(max_size=80), st.text(min_size=1, max_size=64))
 def test_names_are_kept_raw_and_bounded(name, sender):
     lease = Lease()
-    lease.take(sender, name, 0.0)
+    lease.give(sender, name, 0.0)
     assert 1 <= len(lease.name) <= 40 or not sender.strip()
     assert lease.name in (name.strip()[:40], sender[:40])
