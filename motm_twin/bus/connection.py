@@ -170,7 +170,7 @@ def require_free_port(host: str, port: int, use: str) -> None:
     """
     if not 0 <= port <= MAX_PORT:
         raise ValueError(f"port {port}: use 1 to {MAX_PORT} (0 takes any free one)")
-    with socket.socket(family := _family(host), socket.SOCK_STREAM) as probe:
+    with socket.socket(family := socket.AF_INET6 if ":" in host else socket.AF_INET, socket.SOCK_STREAM) as probe:
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         if family == socket.AF_INET6:
             probe.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY, 1)
@@ -185,10 +185,6 @@ def require_free_port(host: str, port: int, use: str) -> None:
                     f"{host} is no IPv{version} address of this machine: give one of its own, or {all_of_them} for all"
                 ) from error
             raise ValueError(f"nothing can listen on port {port} of {host}: {error.strerror}; {use}") from error
-
-
-def _family(host: str) -> socket.AddressFamily:
-    return socket.AF_INET6 if ":" in host else socket.AF_INET
 
 
 def free_port(host: str = LOOPBACK) -> int:

@@ -299,8 +299,9 @@ class LiveTwin:
         self._pending = []
         self.parameters, self.recorded = dict(twin.parameters), len(twin.edits)
         self._asked = False
-        if not _all_done(self.tick):
-            self._ended = None
+        places = sum(task.kind == "place" for task in self.tick.tasks)
+        if not self.tick.done or (self.tick.truth is not None and self.tick.truth.places < places):
+            self._ended = None  # until every task has ended, and every object to be placed is in its bin
         elif self._ended is None:
             self._ended = round(self.tick.time, 6)
         now = self._server_time()
@@ -386,12 +387,6 @@ class LiveTwin:
             return None, staa_path
         path, next_path = (numbers(points) for points in paths)
         return InspectedMessage(candidate=wish.candidate, path=path, next_path=next_path), staa_path
-
-
-def _all_done(tick: Tick) -> bool:
-    """Every task has ended, and every object to be placed is in its bin: the time of `motm-twin run`."""
-    places = sum(task.kind == "place" for task in tick.tasks)
-    return tick.done and (tick.truth is None or tick.truth.places >= places)
 
 
 def _with(parameters: dict[str, ParameterValue], edit: SetParameter) -> dict[str, ParameterValue]:

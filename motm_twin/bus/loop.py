@@ -111,7 +111,8 @@ class TwinLoop:
         """Load the first scene and run until `stop`."""
         self._guarded(lambda: self._load(self._source.loaded, self._play_at_start)())  # noqa: PLW0108 - it may raise
         while not self._stop.is_set():
-            self._take_requests(min(self._until_due(), self._until_shown()))
+            shown = max(0.0, self._stood_at + STANDING_INTERVAL - time.monotonic()) if self._outdated else IDLE_WAIT
+            self._take_requests(min(self._until_due(), shown))
             self._look_after(time.monotonic())
             self._guarded(self._show_standing)
             if self._until_due() == 0.0:
@@ -128,10 +129,6 @@ class TwinLoop:
         if self._state == "playing":
             return 0.0 if self._live.real_time else self._pacer.wait(time.monotonic())
         return 0.0 if self._state == "paused" and (self._steps > 0 or self._first_due) else math.inf
-
-    def _until_shown(self) -> float:
-        """Seconds until a preview may be sent, or the clock must be checked."""
-        return max(0.0, self._stood_at + STANDING_INTERVAL - time.monotonic()) if self._outdated else IDLE_WAIT
 
     def _take_requests(self, wait: float) -> None:
         try:

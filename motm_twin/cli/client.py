@@ -2,32 +2,60 @@
 
 import math
 import sys
-from collections.abc import Iterator
-from typing import Any, get_type_hints
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
 
 import msgspec
+from tyro.conf import FlagCreatePairsOff, Positional, arg
 
 from motm_twin.bus import commands
-from motm_twin.client.discover import BEHIND, OPTIONS, Found, NoTwin, find, running_twins
-from motm_twin.client.twin import Twin
 from motm_twin.methods import DEFAULT_METHOD
 from motm_twin.model.names import hint
 from motm_twin.program import BAD_INPUT, FAILED, OK, printable
 
+if TYPE_CHECKING:
+    from motm_twin.client.discover import Found
+    from motm_twin.client.twin import Twin
+
+_Endpoint = Annotated[str | None, arg(metavar="ENDPOINT")]
+_Name = Annotated[str | None, arg(metavar="NAME")]
+_Json = Annotated[FlagCreatePairsOff[bool], arg(name="json")]
 KEYS = ("tick", "robot", "scan", "grid", "event", "metrics", "status", "scene")
 FIRST = 5.0  # [s] for the first message
 _SLICE = 0.5  # [s]
 
 
-def watch(key: str, *, once: bool, as_json: bool, field: str | None, endpoint: str | None, twin: str | None) -> int:
-    """Print lines until Ctrl-C; the exit code."""
+def watch(
+    key: Annotated[Positional[str], arg(metavar="[KEY]")] = "tick",
+    /,
+    once: FlagCreatePairsOff[bool] = False,
+    json: _Json = False,
+    field: Annotated[str | None, arg(metavar="PATH")] = None,
+    endpoint: _Endpoint = None,
+    twin: _Name = None,
+) -> int:
+    """Print what a running twin publishes, one line each, until Ctrl-C: the newest state, and every event.
+
+    Exit code 0: ended; 1: no twin answers; 2: bad input.
+
+    Args:
+        key: One of tick, robot, scan, grid, event, metrics, status, scene.
+        once: Print only the newest value.
+        json: Print the messages themselves, as JSON.
+        field: Print one field, as JSON; its path with dots: robot.pose.0.
+        endpoint: Address of the twin server; without it, that of MOTM_ZENOH_CONFIG, or the twin on this machine.
+        twin: Name of the twin.
+    """
+    from motm_twin.client.discover import OPTIONS, NoTwin, find
+    from motm_twin.client.twin import Twin
+
     if key not in KEYS:
         print(f"motm-twin watch: there is no key {key!r}; there are: {', '.join(KEYS)}", file=sys.stderr)
         return BAD_INPUT
     try:
         with Twin(*find(endpoint, twin, how=OPTIONS)) as handle:
             for message in _messages(handle, key, once):
-                line = _chosen(message, field) if field else _json(message) if as_json else _LINES[key](message)
+                line = _chosen(message, field) if field else _json(message) if json else _LINES[key](message)
                 print(printable(line))
                 sys.stdout.flush()
                 if once:
@@ -43,7 +71,7 @@ def watch(key: str, *, once: bool, as_json: bool, field: str | None, endpoint: s
     return OK
 
 
-def _messages(handle: Twin, key: str, once: bool) -> Iterator[dict[str, Any]]:
+def _messages(handle: "Twin", key: str, once: bool) -> Iterator[dict[str, Any]]:
     """Every newest message, every event; the attachment of a grid."""
     client, name = handle.client, getattr(handle.client.keys, key)
     if key == "event" and not once:
@@ -98,14 +126,6 @@ def _scan(message: dict[str, Any]) -> str:
     return f"{message['stamp']:8.2f} s  {len(seen)} of {len(message['ranges'])} beams return, {nearest}"
 
 
-def _grid(info: dict[str, Any]) -> str:
-    return f"{info['stamp']:8.2f} s  {info['width']} x {info['height']} cells of {info['resolution']:g} m"
-
-
-def _event(message: dict[str, Any]) -> str:
-    return f"{message['time']:8.2f} s  #{message['seq']}  {message['kind']}: {message['text']}"
-
-
 def _metrics(message: dict[str, Any]) -> str:
     period = message["period_ms"]
     times = f"period p50 {period['p50']:.1f} p99 {period['p99']:.1f} ms" if period else "no periods"
@@ -123,10 +143,6 @@ def _status(message: dict[str, Any]) -> str:
     return f"{message['time']:8.2f} s  {scene}: {message['state']}{driver}  {message['text']}".rstrip()
 
 
-def _scene(message: dict[str, Any]) -> str:
-    return f"{message['name']} {message['variant']}, seed {message['seed']}: {len(message['tasks'])} tasks"
-
-
 def _pose(pose: list[float]) -> str:
     return f"base ({pose[0]:6.3f}, {pose[1]:6.3f}, {pose[2]:6.3f})"
 
@@ -135,30 +151,41 @@ _LINES = {
     "tick": _tick,
     "robot": _robot,
     "scan": _scan,
-    "grid": _grid,
-    "event": _event,
+    "grid": lambda info: (
+        f"{info['stamp']:8.2f} s  {info['width']} x {info['height']} cells of {info['resolution']:g} m"
+    ),
+    "event": lambda m: f"{m['time']:8.2f} s  #{m['seq']}  {m['kind']}: {m['text']}",
     "metrics": _metrics,
     "status": _status,
-    "scene": _scene,
+    "scene": lambda m: f"{m['name']} {m['variant']}, seed {m['seed']}: {len(m['tasks'])} tasks",
 }
 
 
-def twins(endpoint: str | None, *, as_json: bool) -> int:
-    """Print who is there; the exit code."""
+def twins(endpoint: _Endpoint = None, json: _Json = False) -> int:
+    """List the twins that run on this machine, or behind an endpoint (or that of MOTM_ZENOH_CONFIG).
+
+    Exit code 0: there is one that answers; 1: there is none.
+
+    Args:
+        endpoint: Address of a twin server or router.
+        json: Print JSON, one line each.
+    """
+    from motm_twin.client.discover import BEHIND, NoTwin, running_twins
+
     try:
         found = running_twins(endpoint)
     except NoTwin as error:
         print(f"motm-twin twins: {error}", file=sys.stderr)
         return FAILED
     for twin in found:
-        print(msgspec.json.encode(twin).decode() if as_json else printable(_line(twin)))
-    if not found and not as_json:
+        print(_json(twin) if json else printable(_line(twin)))
+    if not found and not json:
         where = "on this machine: start one with `motm-twin serve`" if endpoint is None else f"at {endpoint}: {BEHIND}"
         print(f"motm-twin twins: no twin is running {where}", file=sys.stderr)
     return OK if any(twin.alive for twin in found) else FAILED
 
 
-def _line(twin: Found) -> str:
+def _line(twin: "Found") -> str:
     page = f"  page: {twin.page}" if twin.page else ""
     if not twin.alive:
         return f"{twin.twin}  {twin.endpoint}{page}  does not answer"
@@ -174,9 +201,29 @@ KINDS: dict[str, type[Any]] = dict(zip(commands.COMMAND_NAMES, _ALL, strict=True
 
 
 def send(
-    command: str, fields: list[str], *, json: str | None, timeout: float, endpoint: str | None, twin: str | None
+    command: Annotated[Positional[str], arg(metavar="COMMAND")],
+    fields: Annotated[Positional[tuple[str, ...]], arg(metavar="NAME=VALUE")] = (),
+    /,
+    json: Annotated[str | None, arg(name="json", metavar="{...}")] = None,
+    timeout: float = 2.0,
+    endpoint: _Endpoint = None,
+    twin: _Name = None,
 ) -> int:
-    """Send it and print the answer; the exit code."""
+    """Send a command to a running twin, print its answer as JSON, and let others drive again.
+
+    Exit code 0: done; 1: refused, or no twin answers; 2: bad input.
+
+    Args:
+        command: Name of the command, such as play or add_obstacle; docs/zenoh.md lists them.
+        fields: Fields of the command: name=crate x=1.0 y=-0.5 size=0.3,0.3,0.4
+        json: Fields as JSON instead.
+        timeout: Time to wait for the answer [s].
+        endpoint: Address of the twin server; without it, that of MOTM_ZENOH_CONFIG, or the twin on this machine.
+        twin: Name of the twin.
+    """
+    from motm_twin.client.discover import OPTIONS, NoTwin, find
+    from motm_twin.client.twin import Twin
+
     try:
         wanted = parse(command, fields, json)
     except ValueError as error:
@@ -190,7 +237,7 @@ def send(
         return FAILED
 
 
-def parse(command: str, fields: list[str], json: str | None = None) -> commands.Command:
+def parse(command: str, fields: Sequence[str], json: str | None = None) -> commands.Command:
     """The command of this name with fields "name=value", or as JSON. Raises ValueError with what is allowed.
 
     A load that names no method means the default one, as with `serve` and in Python, and says so in the message.
@@ -231,13 +278,13 @@ def _value(name: str, text: str, kind: Any) -> Any:
         raise ValueError(f"{name}={text}: {error}") from error
 
 
-def _sent(handle: Twin, command: commands.Command, timeout: float) -> int:
+def _sent(handle: "Twin", command: commands.Command, timeout: float) -> int:
     try:
         answer = handle.send(command, timeout)
     except commands.Refused as refusal:
-        print(msgspec.json.encode({"ok": False, "reason": str(refusal)}).decode())
+        print(_json({"ok": False, "reason": str(refusal)}))
         return FAILED
-    print(msgspec.json.encode(answer).decode())
+    print(_json(answer))
     if not isinstance(command, commands.TakeWheel | commands.HandOver | commands.Inspect | commands.Audience):
         handle.client.command(commands.HandOver())  # this program ends now: others need not wait for its silence
     return OK

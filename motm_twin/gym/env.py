@@ -130,7 +130,9 @@ class MotmEnv(gymnasium.Env[Observed, Action]):
         self.render_mode = render_mode
         self.weights = weights or RewardWeights()
         self._name, self._time_limit = scene, time_limit
-        self._variant = _arrangement(scene) if variant is ... else variant
+        if variant is ...:  # random arrangements where the scene has them
+            variant = "random" if "random" in load_document(scene).variants() else None
+        self._variant = variant
         self._stop_on_contact, self._on_tick = stop_on_contact, on_tick
         self._method = agent_method(actions, find_method(arm), guard=guard)
         self.whole_body = actions == "whole_body"
@@ -272,8 +274,3 @@ class MotmEnv(gymnasium.Env[Observed, Action]):
 
 def _places(tick: Tick) -> int:
     return sum(task.kind == "place" for task in tick.tasks)
-
-
-def _arrangement(scene: str) -> str | None:
-    """Default variant of the environment: random arrangements where the scene has them."""
-    return "random" if "random" in load_document(scene).variants() else None

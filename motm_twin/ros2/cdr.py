@@ -110,6 +110,15 @@ def dds_name(message: str) -> str:
     return f"{package}::{kind}::dds_::{name}_"
 
 
+@cache
+def blank(base: str) -> Any:
+    """A value of a type with nothing in it: zeros, empty texts and sequences; not to be changed."""
+    if base not in DEFINITIONS:
+        return "" if base == "string" else 0
+    empty = {field.name: blank(field.base) for field in fields(base)}
+    return empty | {field.name: [empty[field.name]] * max(0, field.count) for field in fields(base) if field.count}
+
+
 HEADER = b"\x00\x01\x00\x00"  # CDR, little endian
 _BIG_ENDIAN = b"\x00\x00"
 _LITTLE_ENDIAN = b"\x00\x01"

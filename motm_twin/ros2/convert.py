@@ -16,8 +16,8 @@ from motm_twin.model.furniture import moved_scene, pieces
 from motm_twin.model.geometry import compose, inverse
 from motm_twin.model.scene import Bin, Box, Cylinder, Prism, Scene, Solid
 from motm_twin.planning.types import Mode
-from motm_twin.ros2.cdr import Message
-from motm_twin.ros2.robot_model import BASE, FINGERS, IDENTITY, LIDAR, Quaternion, RobotModel, Transform, turned
+from motm_twin.ros2.cdr import Message, blank
+from motm_twin.ros2.robot_model import BASE, FINGERS, LIDAR, Quaternion, RobotModel, Transform, turned
 from motm_twin.ui import colours
 
 MAP, ODOM = "map", "odom"
@@ -200,8 +200,6 @@ _UNMAPPED: colours.Rgb = (160, 110, 170)  # furniture that the robot's map does 
 _BIN: colours.Rgb = (110, 120, 130)
 _DOT, _LINE, _NOSE = 0.045, 0.012, 0.10  # [m] candidate, width of a line, length of a candidate's heading
 _LIFT = 0.02  # [m] over the floor
-_CLEAR = {"r": 0.0, "g": 0.0, "b": 0.0, "a": 0.0}
-_NO_IMAGE = {"header": header(0.0, ""), "format": "", "data": []}
 
 Rgba = dict[str, float]
 
@@ -343,29 +341,5 @@ def _solid(
 
 
 def _marker(space: str, number: int, kind: int, *, action: int = ADD, scale: Message | None = None) -> Message:
-    return {
-        **_EMPTY,
-        "ns": space,
-        "id": number,
-        "type": kind,
-        "action": action,
-        "scale": scale or vector(1.0, 1.0, 1.0),
-    }
-
-
-_EMPTY: Message = {
-    "header": header(0.0, MAP),
-    "pose": {"position": vector(0.0, 0.0, 0.0), "orientation": quaternion(IDENTITY)},
-    "color": _CLEAR,
-    "lifetime": {"sec": 0, "nanosec": 0},
-    "frame_locked": False,
-    "points": [],
-    "colors": [],
-    "texture_resource": "",
-    "texture": _NO_IMAGE,
-    "uv_coordinates": [],
-    "text": "",
-    "mesh_resource": "",
-    "mesh_file": {"filename": "", "data": []},
-    "mesh_use_embedded_materials": False,
-}
+    about = {"ns": space, "id": number, "type": kind, "action": action, "scale": scale or vector(1.0, 1.0, 1.0)}
+    return {**blank("visualization_msgs/msg/Marker"), "pose": planar_pose(0.0, 0.0, 0.0), **about}

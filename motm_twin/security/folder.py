@@ -278,11 +278,11 @@ class Folder:
         """Zenoh configuration of a client."""
         return self.path / f"{identity(role, name)}.json5"
 
-    def people(self) -> People | None:
-        """Known people; None in a new folder. Raises SecurityError."""
+    def known(self) -> People:
+        """Known people. Raises SecurityError."""
         file = self.path / "people.json"
         if not file.exists():
-            return None
+            raise SecurityError(f"{self.path} has no people.json: make the folder first with motm-twin security make")
         try:
             people = msgspec.json.decode(file.read_bytes(), type=People)
         except (msgspec.DecodeError, UnicodeDecodeError, OSError) as error:
@@ -292,7 +292,7 @@ class Folder:
 
     def ready(self) -> "Folder":
         """This folder, when a server can use it. Raises SecurityError."""
-        self._known()
+        self.known()
         missing = [file.name for file in (self.server, self.here) if not file.is_file()]
         if missing:
             raise SecurityError(f"{self.path} lacks {', '.join(missing)}: make the folder anew")
@@ -318,7 +318,7 @@ class Folder:
 
     def add(self, role: str, name: str, *, days: int = DAYS) -> Path:
         """Admit one more client; returns its file. Takes effect when the server restarts. Raises SecurityError."""
-        people = self._known()
+        people = self.known()
         if role == "twin" and not people.names.get("twin"):
             raise SecurityError(f"{self.path} is of a twin, not of a router: make a new folder with --twin")
         people.names.setdefault(role, [])
@@ -332,7 +332,7 @@ class Folder:
 
     def remove(self, role: str, name: str) -> None:
         """Revoke all rights of a client, from the next start of the server on. Raises SecurityError."""
-        people = self._known()
+        people = self.known()
         if name not in people.names.get(role, []):
             known = ", ".join(f"{role} {name}" for role, names in people.names.items() for name in names)
             raise SecurityError(f"there is no {role} {name[:60]!r}; there are: {known or 'none'}")
@@ -342,12 +342,6 @@ class Folder:
         if users.pop(identity(role, name), None) is not None:
             self._write_users(users)
         self._server(people)
-
-    def _known(self) -> People:
-        people = self.people()
-        if people is None:
-            raise SecurityError(f"{self.path} has no people.json: make it with motm-twin security make")
-        return people
 
     def _server(self, people: People) -> None:
         """Write what depends on who is known."""

@@ -1,4 +1,10 @@
-import sys
-from pathlib import Path
+"""A paused loop of the stand-in for a twin."""
 
-sys.path.insert(0, str(Path(__file__).parent))
+import pytest
+from running import Running
+
+
+@pytest.fixture
+def running():
+    with Running() as loop:
+        yield loop

@@ -56,27 +56,25 @@ def test_a_file_is_no_name_and_no_file_may_take_the_name_of_a_shipped_method(own
         MethodLibrary(own.replace("SLOW", "SLOWW"))
 
 
-def test_a_load_chooses_the_method_and_reset_and_seed_keep_it():
-    with Running() as running:
-        assert running.loop.status().method == "motm"
-        assert [choice.name for choice in running.loop.status().methods] == list(METHODS)
-        assert running.ask(Load(scene="other", method="staa")) == ""
-        assert running.twins[-1].method is STAA
-        assert running.ask(Seed(seed=7)) == ""
-        assert running.twins[-1].method is STAA
-        assert running.ask(Reset()) == ""
-        assert (running.loop.status().method, running.loop.status().seed) == ("staa", 7)
-        assert running.ask(Load(scene="other")) == ""
-        assert (running.loop.status().method, running.twins[-1].method) == ("motm", MOTM)
+def test_a_load_chooses_the_method_and_reset_and_seed_keep_it(running):
+    assert running.loop.status().method == "motm"
+    assert [choice.name for choice in running.loop.status().methods] == list(METHODS)
+    assert running.ask(Load(scene="other", method="staa")) == ""
+    assert running.twins[-1].method is STAA
+    assert running.ask(Seed(seed=7)) == ""
+    assert running.twins[-1].method is STAA
+    assert running.ask(Reset()) == ""
+    assert (running.loop.status().method, running.loop.status().seed) == ("staa", 7)
+    assert running.ask(Load(scene="other")) == ""
+    assert (running.loop.status().method, running.twins[-1].method) == ("motm", MOTM)
 
 
-def test_a_wrong_name_is_refused_with_the_near_ones_and_changes_nothing(own):
-    with Running() as running:
-        assert running.ask(Load(scene="other", method="no_bezierr")).endswith("did you mean no_bezier?")
-        for name in (own, "", "x" * 10_000):
-            assert running.ask(Load(scene="other", method=name)).startswith("no method is called")
-        status = running.loop.status()
-        assert (status.scene, status.method, status.run, len(running.twins)) == ("fake", "motm", 1, 1)
+def test_a_wrong_name_is_refused_with_the_near_ones_and_changes_nothing(own, running):
+    assert running.ask(Load(scene="other", method="no_bezierr")).endswith("did you mean no_bezier?")
+    for name in (own, "", "x" * 10_000):
+        assert running.ask(Load(scene="other", method=name)).startswith("no method is called")
+    status = running.loop.status()
+    assert (status.scene, status.method, status.run, len(running.twins)) == ("fake", "motm", 1, 1)
 
 
 def test_a_changed_scene_file_is_loaded_again_under_the_same_method():

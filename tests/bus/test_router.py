@@ -1,18 +1,36 @@
-"""Behind a router, with the files of docs/scale.md."""
+"""At a router, with the files of docs/scale.md: clients, two twins asked with wildcards, and members of a server."""
 
+import json
 import re
 import subprocess
 import sys
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack
 from pathlib import Path
 
+import msgspec
 import pytest
 import zenoh
 from fake_twin import fake_server
 from waiting import until
 
 from motm_twin.bus.client import TwinClient
-from motm_twin.bus.commands import Step
-from motm_twin.bus.connection import SHIPPED, VARIABLE, free_port, open_client
+from motm_twin.bus.commands import COMMAND_NAMES, Load, Step
+from motm_twin.bus.connection import (
+    LOOPBACK,
+    SHIPPED,
+    VARIABLE,
+    ConfigError,
+    free_port,
+    open_client,
+    open_member,
+    open_server,
+    session_config,
+)
+from motm_twin.bus.messages import StatusMessage
+from motm_twin.bus.schemas import names
 
 DOCS = Path(__file__).resolve().parents[2] / "docs" / "scale.md"
 
@@ -82,3 +100,175 @@ def test_a_client_waits_a_moment_for_a_router_that_is_just_starting(tmp_path, mo
         with open_client(endpoint) as session:
             assert session.info.routers_zid()
         router.communicate("")
+
+
+TWINS = ("anna", "bert")
+VARIANTS = {"anna": "a", "bert": "b"}
+VALUES = ("tick", "status", "scene", "event", "session", "schema/tick")
+TIMEOUT = 10.0  # [s]
+
+
+@pytest.fixture(scope="module")
+def endpoint(tmp_path_factory):
+    """Of the router."""
+    port = free_port()
+    router = zenoh.open(session_config(listen=[f"tcp/{LOOPBACK}:{port}"], connect=[], mode="router"))
+    yield f"tcp/{LOOPBACK}:{port}"
+    router.close()
+
+
+@pytest.fixture(scope="module")
+def at_router(endpoint, tmp_path_factory):
+    """Opens what is to meet at the router."""
+    site = tmp_path_factory.mktemp("site") / "site.json5"
+    shipped = SHIPPED.read_text(encoding="utf-8")
+    site.write_text(shipped.replace("connect: { endpoints: [] }", f'connect: {{ endpoints: ["{endpoint}"] }}'))
+
+    def opened(make):
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setenv(VARIABLE, str(site))
+            return make()
+
+    return opened
+
+
+@pytest.fixture(scope="module")
+def twins(at_router):
+    with ExitStack() as stack:
+        for name in TWINS:
+            first = Load(scene="fake", variant=VARIANTS[name])
+            made = at_router(lambda name=name, first=first: fake_server(first=first, playing=True, twin=name))
+            stack.enter_context(made)
+        yield
+
+
+@pytest.fixture(scope="module")
+def session(endpoint, twins):
+    with open_member(endpoint, wait=TIMEOUT) as plain:
+        for key in (*VALUES, *(f"cmd/{name}" for name in COMMAND_NAMES)):  # it hears of one after the other
+            until(lambda key=key: len(answers(plain, f"motm/*/{key}")) == len(TWINS), f"the twins do not meet: {key}")
+        yield plain
+
+
+def answers(session, selector, payload=None):
+    """Payload by key; what comes twice on one key fails."""
+    found = [reply.ok for reply in session.get(selector, payload=payload, timeout=TIMEOUT) if reply.ok is not None]
+    by_key = {str(sample.key_expr): sample.payload.to_bytes() for sample in found}
+    assert len(by_key) == len(found)
+    return by_key
+
+
+def status(session, name):
+    (payload,) = answers(session, f"motm/{name}/status").values()
+    return msgspec.json.decode(payload, type=StatusMessage)
+
+
+def test_every_value_is_answered_by_each_twin_on_its_own_key(session):
+    for key in VALUES:
+        assert set(answers(session, f"motm/*/{key}")) == {f"motm/{name}/{key}" for name in TWINS}, key
+    found = {f"motm/{name}/schema/{schema}" for name in TWINS for schema in names()}
+    assert found <= set(answers(session, "motm/*/schema/**"))
+
+
+def test_the_session_on_a_key_is_that_of_its_twin(session):
+    found = answers(session, "motm/*/session")
+    assert {name: json.loads(found[f"motm/{name}/session"])["scene"]["variant"] for name in TWINS} == VARIANTS
+
+
+@pytest.mark.parametrize("selector", ["motm/*/cmd/pause", "motm/*/*/pause", "motm/*/cmd/p$*e"])
+def test_a_command_to_all_twins_is_refused_by_each_on_its_own_key_and_does_nothing(session, selector):
+    expires = status(session, "anna").server_time + TIMEOUT
+    envelope = {"sender": "raw", "seq": time.time_ns(), "expires": expires, "command": {"type": "pause"}}
+    found = answers(session, selector, json.dumps(envelope).encode())
+    assert set(found) == {f"motm/{name}/cmd/pause" for name in TWINS}
+    for key, payload in found.items():
+        answer = json.loads(payload)
+        assert not answer["ok"]
+        assert answer["reason"] == f"a command is for one twin: send it to {key}, without a wildcard"
+    assert {(status(session, name).state, status(session, name).driver) for name in TWINS} == {("playing", "")}
+
+
+def test_a_wildcard_for_one_command_of_one_twin_is_refused_for_each_command_that_it_may_mean(session):
+    found = answers(session, "motm/anna/cmd/*", b"")
+    assert set(found) == {f"motm/anna/cmd/{name}" for name in COMMAND_NAMES}
+    assert not any(json.loads(payload)["ok"] for payload in found.values())
+
+
+def test_whoever_asks_for_everything_hears_from_each_twin_on_keys_without_a_wildcard(session):
+    found = answers(session, "motm/**")
+    assert {key.split("/")[1] for key in found} == set(TWINS)
+    assert not [key for key in found if "*" in key]
+
+
+@pytest.fixture
+def port() -> Iterator[int]:
+    """A free port."""
+    yield free_port()
+
+
+def test_a_member_gives_up_with_a_sentence_when_nobody_answers(port: int) -> None:
+    with pytest.raises(TimeoutError, match="nobody answers at tcp"):
+        open_member(f"tcp/{LOOPBACK}:{port}", wait=0.0)
+
+
+def test_a_member_does_not_wait_at_an_endpoint_that_is_none() -> None:
+    with pytest.raises(ConfigError, match="endpoint 'foo' is none of Zenoh: write it as tcp/"):
+        open_member("foo")
+
+
+def test_a_member_that_waits_is_stopped(port: int) -> None:
+    stop = threading.Event()
+    ended = threading.Event()
+
+    def wait() -> None:
+        with pytest.raises(TimeoutError):
+            open_member(f"tcp/{LOOPBACK}:{port}", stop=stop)
+        ended.set()
+
+    thread = threading.Thread(target=wait)
+    thread.start()
+    stop.set()
+    thread.join(20.0)
+    assert ended.is_set()
+
+
+def test_members_see_each_other_through_a_server_that_comes_late_and_is_started_again(port: int) -> None:
+    members: dict[str, zenoh.Session] = {}
+
+    def join(name: str) -> None:
+        members[name] = open_member(f"tcp/{LOOPBACK}:{port}")
+
+    threads = [threading.Thread(target=join, args=(name,)) for name in ("giver", "taker")]
+    for thread in threads:
+        thread.start()
+    server = open_server(port)
+    for thread in threads:
+        thread.join(20.0)
+    giver, taker = members["giver"], members["taker"]
+    got: list[str] = []
+    subscriber = taker.declare_subscriber("t/value", lambda sample: got.append(sample.payload.to_string()))
+    queryable = giver.declare_queryable("t/question", lambda query: query.reply("t/question", "answer"))
+    token = giver.liveliness().declare_token("t/alive")
+    publisher = giver.declare_publisher("t/value")
+    try:
+        for life in ("first", "second"):
+
+            def arrived(life: str = life) -> bool:
+                publisher.put(life)
+                return life in got
+
+            def answered() -> bool:
+                return [r.ok.payload.to_string() for r in taker.get("t/question", timeout=1.0) if r.ok] == ["answer"]
+
+            until(arrived)
+            until(answered)
+            until(lambda: any(True for _ in taker.liveliness().get("t/*", timeout=1.0)))
+            if life == "first":
+                server.close()
+                server = open_server(port)
+    finally:
+        for declared in (subscriber, queryable, token, publisher):
+            declared.undeclare()
+        giver.close()
+        taker.close()
+        server.close()

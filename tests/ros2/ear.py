@@ -4,10 +4,10 @@ import time
 from collections import defaultdict
 
 import msgspec
-import waiting
 import zenoh
 from rosbags.typesys import Stores, get_typestore
 from running import real_server
+from waiting import until
 
 from motm_twin.bus.client import TwinClient
 from motm_twin.bus.connection import open_member
@@ -20,11 +20,6 @@ from motm_twin.twin import Twin
 
 JAZZY = get_typestore(Stores.ROS2_JAZZY)
 HUMBLE = get_typestore(Stores.ROS2_HUMBLE)
-
-
-def until(condition, what, timeout=60.0):
-    """As `waiting.until`, for what takes longer."""
-    return waiting.until(condition, what, timeout)
 
 
 def direct(callback):
