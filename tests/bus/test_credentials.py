@@ -163,10 +163,13 @@ def test_a_bus_can_be_open_to_all(tmp_path, monkeypatch):
 def test_a_client_that_came_first_meets_the_twin_and_again_when_that_was_started_anew():
     port = connection.free_port()
     with TwinClient(f"tcp/127.0.0.1:{port}", "frankie") as client:
+        assert client.command(Step(), timeout=0.3).reason.startswith("the twin server does not answer")
+        assert not client.alive
         for _ in range(2):
-            with serving(port=port):
+            with serving(port=port) as server:
                 until(lambda: client.alive and client.status(), "they never met")
-                assert client.command(Step()).ok
+                until(lambda: client.command(Step(), timeout=0.5).ok, "no command got through")
+                until(lambda s=server: client.tick() and client.tick().time == s.loop.status().time, "old state")
             until(lambda: not client.alive, "it is still heard")
 
 

@@ -1,4 +1,4 @@
-"""Commands that programs asked for: another seed, drive there, save and record."""
+"""Commands that programs asked for: drive there, save and record."""
 
 import contextlib
 import json
@@ -9,7 +9,7 @@ import time
 from pathlib import Path
 
 import pytest
-from fake_twin import FakeTwin, fake_server
+from fake_twin import FakeTwin
 from running import Running, real_server
 from waiting import asked, until, until_paused
 
@@ -133,21 +133,6 @@ def _recorder_of(path):
             if RECORDER in words and path in words:
                 return int(process.name)
     raise AssertionError("there is no recorder")
-
-
-def test_no_thread_is_left(tmp_path):
-    before = set(threading.enumerate())
-    with fake_server(data=tmp_path):
-        pass
-    until(lambda: set(threading.enumerate()) <= before, "threads are left")
-
-
-def test_another_seed_is_the_same_scene_and_variant_again():
-    with Running(FakeTwin, first=commands.Load(scene="fake", variant="a", seed=1)) as running:
-        assert running.ask(commands.Seed(seed=7)) == ""
-        status = running.loop.status()
-        assert (status.scene, status.variant, status.seed, status.state) == ("fake", "a", 7, "paused")
-        assert running.library.loads[-1] == ("fake", "a", 7)
 
 
 def test_drive_to_comes_before_the_active_task_and_is_logged():

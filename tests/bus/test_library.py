@@ -62,7 +62,9 @@ def test_a_load_chooses_the_method_and_reset_and_seed_keep_it(running):
     assert running.ask(Load(scene="other", method="staa")) == ""
     assert running.twins[-1].method is STAA
     assert running.ask(Seed(seed=7)) == ""
-    assert running.twins[-1].method is STAA
+    status = running.loop.status()
+    assert (status.scene, status.variant, status.seed, status.state) == ("other", "a", 7, "paused")
+    assert (running.twins[-1].method, running.library.loads[-1]) == (STAA, ("other", "a", 7))
     assert running.ask(Reset()) == ""
     assert (running.loop.status().method, running.loop.status().seed) == ("staa", 7)
     assert running.ask(Load(scene="other")) == ""
@@ -93,8 +95,6 @@ def test_a_changed_scene_file_is_loaded_again_under_the_same_method():
 
 
 def test_a_session_says_its_method_and_is_rerun_with_it():
-    from motm_twin.twin import Twin
-
     first = Load(scene="exp1", variant="trial1", method="staa")
     with Running(Twin, library=FileLibrary("exp1"), first=first) as running:
         running.step(5)
