@@ -3,15 +3,15 @@
 import asyncio
 from collections.abc import AsyncGenerator, Awaitable, Callable
 from contextlib import aclosing, asynccontextmanager, suppress
-from functools import partial
-from typing import Any
+from functools import partial, wraps
+from typing import Any, TypeVar
 
 from motm_twin.bus import messages
-from motm_twin.bus.client import Grid
 from motm_twin.bus.commands import Answer, Command
 from motm_twin.client.commanding import Commanding
 from motm_twin.client.twin import LOOK, EventReader, Twin, connect
-from motm_twin.model.scene import Scene
+
+T = TypeVar("T")
 
 
 @asynccontextmanager
@@ -26,6 +26,16 @@ async def connect_async(
         await handle.close()
 
 
+def _at_once(method: Callable[[Twin], T]) -> Callable[["AsyncTwin"], T]:
+    """A method of a twin that does not wait."""
+    return wraps(method)(lambda self: method(self.twin))
+
+
+def _in_thread(method: Callable[[Twin], T]) -> Callable[["AsyncTwin"], Awaitable[T]]:
+    """A method of a twin that is awaited, as it may wait for an answer."""
+    return wraps(method)(lambda self: asyncio.to_thread(method, self.twin))
+
+
 class AsyncTwin(Commanding[Awaitable[Answer]]):
     """As `Twin`; commands, iterators and waits are awaited, the newest state needs no await."""
 
@@ -38,37 +48,10 @@ class AsyncTwin(Commanding[Awaitable[Answer]]):
         """As `Twin.send`."""
         return await asyncio.to_thread(self.twin.send, command, timeout)
 
-    def latest_tick(self) -> messages.TickMessage | None:
-        """As `Twin.latest_tick`."""
-        return self.twin.latest_tick()
-
-    def status(self) -> messages.StatusMessage | None:
-        """As `Twin.status`."""
-        return self.twin.status()
-
-    async def robot(self) -> messages.RobotStateMessage | None:
-        """As `Twin.robot`; the first call subscribes."""
-        return await asyncio.to_thread(self.twin.robot)
-
-    async def scan(self) -> messages.ScanMessage | None:
-        """As `Twin.scan`; the first call subscribes."""
-        return await asyncio.to_thread(self.twin.scan)
-
-    async def metrics(self) -> messages.MetricsMessage | None:
-        """As `Twin.metrics`; the first call subscribes."""
-        return await asyncio.to_thread(self.twin.metrics)
-
-    def grid(self) -> Grid | None:
-        """As `Twin.grid`."""
-        return self.twin.grid()
-
-    def scene(self) -> Scene | None:
-        """As `Twin.scene`."""
-        return self.twin.scene()
-
-    async def session(self) -> bytes:
-        """As `Twin.session`."""
-        return await asyncio.to_thread(self.twin.session)
+    latest_tick, status = _at_once(Twin.latest_tick), _at_once(Twin.status)
+    grid, scene = _at_once(Twin.grid), _at_once(Twin.scene)
+    robot, scan, metrics = _in_thread(Twin.robot), _in_thread(Twin.scan), _in_thread(Twin.metrics)  # they subscribe
+    session = _in_thread(Twin.session)
 
     def ticks(self) -> AsyncGenerator[messages.TickMessage, None]:
         """As `Twin.ticks`."""

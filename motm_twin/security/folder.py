@@ -9,7 +9,6 @@ import base64
 import datetime
 import ipaddress
 import json
-import os
 import re
 import secrets
 from collections.abc import Sequence
@@ -25,7 +24,7 @@ from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
 from motm_twin.bus.connection import SHIPPED
-from motm_twin.bus.private_folder import USER
+from motm_twin.bus.private_folder import USER, write_private
 
 AUTHORITY_DAYS = 3650
 BACKDATED = datetime.timedelta(minutes=5)  # clocks of machines differ
@@ -406,12 +405,7 @@ class Folder:
         self._write("users.txt", "".join(f"{user}:{word}\n" for user, word in users.items()).encode(), _SECRET)
 
     def _write(self, name: str, data: bytes, mode: int) -> None:
-        """Write atomically, never readable by others."""
-        target, temporary = self.path / name, self.path / f".{name}.new"
-        temporary.unlink(missing_ok=True)
-        with os.fdopen(os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL, mode), "wb") as file:
-            file.write(data)
-        temporary.replace(target)
+        write_private(self.path / name, data, mode)
 
 
 def _settings(*, tls: Json | None = None, usrpwd: Json | None = None, **sections: Any) -> bytes:

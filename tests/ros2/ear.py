@@ -13,7 +13,7 @@ from motm_twin.bus.client import TwinClient
 from motm_twin.bus.connection import open_member
 from motm_twin.bus.messages import RobotStateMessage, ScanMessage, TickMessage
 from motm_twin.planning.types import SearchBudget
-from motm_twin.ros2.bridge import Bridge
+from motm_twin.ros2.bridge_process import Bridge
 from motm_twin.ros2.forms import PUBLISHED, BridgeForm, RmwForm
 from motm_twin.ros2.robot_model import PRIMITIVES
 from motm_twin.twin import Twin

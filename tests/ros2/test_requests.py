@@ -9,7 +9,7 @@ from ear import JAZZY, until
 
 from motm_twin.bus.commands import Answer, Drive, Pause, Play, Reset, Speed, Step
 from motm_twin.ros2 import forms as topics
-from motm_twin.ros2.bridge import Requests
+from motm_twin.ros2.bridge_process import Requests
 from motm_twin.ros2.cdr import encode
 
 FORMS = ("bridge", "rmw")
