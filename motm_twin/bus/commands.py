@@ -223,18 +223,16 @@ class _Sender:
         self.last, self._seen = -1, dict[int, float]()  # expiry [s] of each number
         self.forget_at = 0.0  # [s]
 
-    def check(self, seq: int, name: str, now: float) -> None:
-        """Raise Refused for a number that was seen, or overtaken."""
+    def admit(self, envelope: Envelope, now: float) -> None:
+        """Remember its number; raise Refused for one that was seen, or overtaken."""
+        seq, name = envelope.seq, envelope.sender
         if seq in self._seen or self.last - ORDER < seq <= self.last:
             raise Refused(f"replayed: seq {seq} of {name!r}, {self.last} was seen already")
         if len(self._seen) >= MAX_SEEN:
             self._seen = {number: until for number, until in self._seen.items() if until > now}
             if len(self._seen) >= MAX_SEEN:
                 raise Refused(f"more than {MAX_SEEN} commands of {name!r} within {MAX_LIFETIME:.0f} s")
-
-    def admit(self, seq: int, expires: float, forget_at: float) -> None:
-        """Remember it."""
-        self.last, self._seen[seq], self.forget_at = seq, expires, forget_at
+        self.last, self._seen[seq], self.forget_at = seq, envelope.expires, now + MAX_LIFETIME
 
 
 class CommandGate:
@@ -280,5 +278,4 @@ class CommandGate:
                 if len(self._senders) >= MAX_SENDERS:
                     raise Refused(f"more than {MAX_SENDERS} senders within {MAX_LIFETIME:.0f} s")
             sender = self._senders[envelope.sender] = _Sender()
-        sender.check(envelope.seq, envelope.sender, now)
-        sender.admit(envelope.seq, envelope.expires, now + MAX_LIFETIME)
+        sender.admit(envelope, now)

@@ -275,29 +275,26 @@ class ClockOffset:
     """
 
     def __init__(self) -> None:
-        self._forget()
-
-    def _forget(self) -> None:
-        self._least, self._most = _Bound(), _Bound()
-
-    def _contradicted(self) -> bool:
-        """The bounds exclude each other: the robot's clock has jumped, and what was known about it is void."""
-        least, most = self._least.largest(), self._most.largest()
-        return least is not None and most is not None and least > -most + JUMP
+        self._least, self._most = _Bound(), _Bound()  # of the offset, and of minus the offset
 
     def state(self, stamp: float, received: float) -> None:
         """A state arrived: stamp on the robot's clock, received on the twin's [s]."""
         self._least.note(received, stamp - received)
         if self._contradicted():
-            self._forget()
+            self._least, self._most = _Bound(), _Bound()
             self._least.note(received, stamp - received)
 
     def command(self, sent: float, heard: float, now: float) -> None:
         """A command arrived: sent on the twin's clock, heard on the robot's [s]; ``now`` on the twin's."""
         self._most.note(now, sent - heard)
         if self._contradicted():
-            self._forget()
+            self._least, self._most = _Bound(), _Bound()
             self._most.note(now, sent - heard)
+
+    def _contradicted(self) -> bool:
+        """The bounds exclude each other: the robot's clock has jumped, and what was known about it is void."""
+        least, most = self._least.largest(), self._most.largest()
+        return least is not None and most is not None and least > -most + JUMP
 
     @property
     def offset(self) -> float | None:

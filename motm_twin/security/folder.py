@@ -39,7 +39,7 @@ class Identity:
 
 
 class Authority:
-    """Signs certificates; `create` one, or `load` the one of a folder."""
+    """Signs certificates."""
 
     def __init__(self, certificate: x509.Certificate, key: ec.EllipticCurvePrivateKey) -> None:
         self._certificate, self._key = certificate, key
@@ -54,15 +54,6 @@ class Authority:
         builder = builder.add_extension(_key_usage(signs_certificates=True), critical=True)
         builder = builder.add_extension(x509.SubjectKeyIdentifier.from_public_key(key.public_key()), critical=False)
         return cls(builder.sign(key, hashes.SHA256()), key)
-
-    @classmethod
-    def load(cls, certificate: Path, key: Path) -> "Authority":
-        """The one in two PEM files. Raises ValueError when they do not fit, OSError when they can not be read."""
-        private = serialization.load_pem_private_key(key.read_bytes(), password=None)
-        found = x509.load_pem_x509_certificate(certificate.read_bytes())
-        if not isinstance(private, ec.EllipticCurvePrivateKey) or private.public_key() != found.public_key():
-            raise ValueError(f"{key} is not the key of {certificate}")
-        return cls(found, private)
 
     @property
     def certificate(self) -> bytes:
@@ -392,9 +383,13 @@ class Folder:
 
     def _authority(self) -> Authority:
         try:
-            return Authority.load(self.path / "ca.crt", self.path / "ca.key")
+            key = serialization.load_pem_private_key((self.path / "ca.key").read_bytes(), password=None)
+            certificate = x509.load_pem_x509_certificate((self.path / "ca.crt").read_bytes())
+            if not isinstance(key, ec.EllipticCurvePrivateKey) or key.public_key() != certificate.public_key():
+                raise ValueError("ca.key is not the key of ca.crt")
         except (OSError, ValueError) as error:
             raise SecurityError(f"the authority of {self.path} can not be used: {error}") from error
+        return Authority(certificate, key)
 
     def _users(self) -> dict[str, str]:
         file = self.path / "users.txt"
