@@ -68,20 +68,21 @@ def is_let_in(server, session):
     robot = server._session.declare_subscriber("motm/frankie/plant/state", arrived.append)
     now = server.loop.status().server_time
     envelope = {"sender": "stranger", "seq": 1, "expires": now + 30.0, "command": {"type": "step"}}
-    found, deadline = {}, time.monotonic() + 2.0
-    while time.monotonic() < deadline:
+
+    def replies(key, asked=session.get, **payload):
+        return any(reply.ok for reply in asked(key, timeout=0.3, **payload))
+
+    checks = {
+        "hears": lambda: bool(heard),
+        "is answered": lambda: replies(server.keys.status),
+        "sees it": lambda: replies(server.keys.alive, session.liveliness().get),
+        "drives": lambda: replies("motm/frankie/cmd/step", payload=json.dumps(envelope)),
+        "speaks": lambda: bool(arrived),
+    }
+    found, deadline = dict.fromkeys(checks, False), time.monotonic() + 2.0
+    while not all(found.values()) and time.monotonic() < deadline:
         session.put("motm/frankie/plant/state", b"{}")
-        found |= {
-            "hears": found.get("hears") or bool(heard),
-            "is answered": found.get("is answered") or any(r.ok for r in session.get(server.keys.status, timeout=0.3)),
-            "sees it": found.get("sees it")
-            or any(reply.ok for reply in session.liveliness().get(server.keys.alive, timeout=0.3)),
-            "drives": found.get("drives")
-            or any(r.ok for r in session.get("motm/frankie/cmd/step", payload=json.dumps(envelope), timeout=0.3)),
-            "speaks": found.get("speaks") or bool(arrived),
-        }
-        if all(found.values()):
-            break
+        found = {name: found[name] or check() for name, check in checks.items()}
         time.sleep(0.05)
     if found["drives"]:
         leaving = {**envelope, "seq": 2, "command": {"type": "hand_over"}}

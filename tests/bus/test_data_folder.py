@@ -30,24 +30,22 @@ def server(tmp_path):
         yield running
 
 
-def test_a_session_is_saved_once_under_a_name(server, tmp_path):
-    with TwinClient(server.endpoint) as client:
-        answer = client.command(commands.Save(name="first"), timeout=5.0)
-        assert (answer.ok, answer.path) == (True, str((tmp_path / "data" / "first.json").resolve())), answer.reason
-        kept = (tmp_path / "data" / "first.json").read_bytes()
-        again = client.command(commands.Save(name="first.json"), timeout=5.0)
-        assert not again.ok
-        assert "is there already" in again.reason
-        assert (tmp_path / "data" / "first.json").read_bytes() == kept
-        assert load_session(answer.path).scene.name == "exp1"
+def test_a_session_is_saved_once_under_a_name(tmp_path, client):
+    answer = client.command(commands.Save(name="first"), timeout=5.0)
+    assert (answer.ok, answer.path) == (True, str((tmp_path / "data" / "first.json").resolve())), answer.reason
+    kept = (tmp_path / "data" / "first.json").read_bytes()
+    again = client.command(commands.Save(name="first.json"), timeout=5.0)
+    assert not again.ok
+    assert "is there already" in again.reason
+    assert (tmp_path / "data" / "first.json").read_bytes() == kept
+    assert load_session(answer.path).scene.name == "exp1"
 
 
-def test_a_folder_that_can_not_be_written_is_said_so(server, tmp_path):
+def test_a_folder_that_can_not_be_written_is_said_so(tmp_path, client):
     (tmp_path / "data").write_text("a file where the folder should be")
-    with TwinClient(server.endpoint) as client:
-        answer = client.command(commands.Save(name="first"), timeout=5.0)
-        assert not answer.ok
-        assert answer.reason.startswith(f"{tmp_path / 'data'} cannot be written: ")
+    answer = client.command(commands.Save(name="first"), timeout=5.0)
+    assert not answer.ok
+    assert answer.reason.startswith(f"{tmp_path / 'data'} cannot be written: ")
 
 
 def test_a_save_or_record_that_is_refused_takes_no_wheel(server, tmp_path):
@@ -85,21 +83,20 @@ def test_who_has_saved_drives_unless_somebody_else_does_by_then(other):
     assert answers == [("", 0, "a.json")]
 
 
-def test_a_recording_is_started_and_stopped_by_commands(server, tmp_path):
-    with TwinClient(server.endpoint) as client:
-        assert "nothing is being recorded" in client.command(commands.Record(action="stop"), timeout=5.0).reason
-        started = client.command(commands.Record(action="start", name="run"), timeout=30.0)
-        assert started.ok, started.reason
-        assert started.path == str((tmp_path / "data" / "run.mcap").resolve())
-        until(lambda: client.status().recording == started.path, "the status does not say so")
-        assert "already" in client.command(commands.Record(action="start"), timeout=5.0).reason
-        assert client.command(commands.Step(count=5)).ok
-        stopped = client.command(commands.Record(action="stop"), timeout=10.0)
-        assert (stopped.ok, stopped.path) == (True, started.path), stopped.reason
-        until(lambda: client.status().recording == "", "the status does not say so")
-        data = (tmp_path / "data" / "run.mcap").read_bytes()
-        assert data.startswith(b"\x89MCAP")
-        assert data.endswith(b"MCAP0\r\n"), "it was not finished"
+def test_a_recording_is_started_and_stopped_by_commands(tmp_path, client):
+    assert "nothing is being recorded" in client.command(commands.Record(action="stop"), timeout=5.0).reason
+    started = client.command(commands.Record(action="start", name="run"), timeout=30.0)
+    assert started.ok, started.reason
+    assert started.path == str((tmp_path / "data" / "run.mcap").resolve())
+    until(lambda: client.status().recording == started.path, "the status does not say so")
+    assert "already" in client.command(commands.Record(action="start"), timeout=5.0).reason
+    assert client.command(commands.Step(count=5)).ok
+    stopped = client.command(commands.Record(action="stop"), timeout=10.0)
+    assert (stopped.ok, stopped.path) == (True, started.path), stopped.reason
+    until(lambda: client.status().recording == "", "the status does not say so")
+    data = (tmp_path / "data" / "run.mcap").read_bytes()
+    assert data.startswith(b"\x89MCAP")
+    assert data.endswith(b"MCAP0\r\n"), "it was not finished"
 
 
 def test_a_recorder_that_was_killed_is_told_and_another_can_begin(server, tmp_path, capfd):

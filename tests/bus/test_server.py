@@ -28,13 +28,6 @@ def server():
         yield running
 
 
-@pytest.fixture
-def client(server):
-    with TwinClient(server.endpoint, sender="tester") as connected:
-        until(lambda: connected.tick() and connected.status(), "nothing was received")
-        yield connected
-
-
 def refused(client, name, payload):
     (answer,) = client.query(name, payload)
     answer = json.loads(answer)

@@ -11,7 +11,6 @@ from fake_twin import FakeTwin, fake_scene, fake_tick
 from running import real_server
 from waiting import asked, until, until_paused
 
-from motm_twin.bus.client import TwinClient
 from motm_twin.bus.commands import (
     AddObstacle,
     Branch,
@@ -27,7 +26,6 @@ from motm_twin.bus.commands import (
     Speed,
     Step,
 )
-from motm_twin.bus.connection import open_client
 from motm_twin.bus.encode import tick_message
 from motm_twin.bus.events import EventLog, EventWatch
 from motm_twin.bus.messages import (
@@ -50,17 +48,9 @@ def server():
 
 
 @pytest.fixture
-def client(server):
-    with TwinClient(server.endpoint, sender="tester") as connected:
-        until(lambda: connected.tick() and connected.status(), "nothing was received")
-        yield connected
-        done(connected, Pause())
-
-
-@pytest.fixture
-def session(server):
-    with open_client(server.endpoint) as plain:
-        yield plain
+def client(client):
+    yield client
+    done(client, Pause())
 
 
 def done(client, *commands):

@@ -2,8 +2,7 @@
 
 import json
 import tempfile
-import time
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 import pytest
@@ -74,15 +73,24 @@ def place(request, tmp_path_factory):
 TICK, ORDERS, PRIVATE = "motm/mine/tick", "motm/mine/plant/command", "private/thing"
 
 
+def comes(condition, wait):
+    """Whether it comes true within this time [s]."""
+    with suppress(AssertionError):
+        return bool(until(condition, timeout=wait))
+    return False
+
+
 def heard(place, session, *keys):
     """Of the keys that the server sends on, those that a subscriber hears, within the time that others need to."""
     got = set()
     subscribers = [session.declare_subscriber(key, lambda sample: got.add(str(sample.key_expr))) for key in keys]
-    until = time.monotonic() + 2.0
-    while len(got) < len(keys) and time.monotonic() < until:
+
+    def all_come():
         for key in keys:
             place.publishers[key].put(b"news")
-        time.sleep(0.02)
+        return len(got) == len(keys)
+
+    comes(all_come, 2.0)
     for subscriber in subscribers:
         subscriber.undeclare()
     return got
@@ -95,11 +103,13 @@ def answers(session, key):
 def arrives(place, session, *keys):
     """Of these keys, those on which the server receives what is put."""
     place.arrived.clear()
-    until = time.monotonic() + 0.5
-    while not set(keys) <= set(place.arrived) and time.monotonic() < until:
+
+    def all_arrive():
         for key in keys:
             session.put(key, b"from outside")
-        time.sleep(0.02)
+        return set(keys) <= set(place.arrived)
+
+    comes(all_arrive, 0.5)
     return set(keys) & set(place.arrived)
 
 
@@ -274,10 +284,8 @@ def test_ros_2_is_for_programs_on_the_machine_itself_only(place, monkeypatch, fo
         stack.callback(outlets.close)
         latched = next(topic for topic in PUBLISHED if topic.name == "robot_description")
         outlets.put(latched, {"data": "<robot/>"})
-        expected, until = len(PUBLISHED) + len(ACCEPTED) + 1, time.monotonic() + 5.0
-        while (found := len(tokens(other, form))) < expected and time.monotonic() < until:
-            time.sleep(0.02)
-        assert found == expected
+        expected = len(PUBLISHED) + len(ACCEPTED) + 1
+        assert comes(lambda: len(tokens(other, form)) == expected, 5.0)
         assert late(other, named.key(latched))
         driver = stack.enter_context(place.visitor(monkeypatch, place.folder.of("driver", "bob")))
         assert tokens(driver, form) == set()
@@ -290,9 +298,7 @@ def late(session, key, wait=5.0):
     subscriber = zenoh.ext.declare_advanced_subscriber(
         session, key, got.append, history=zenoh.ext.HistoryConfig(detect_late_publishers=True)
     )
-    until = time.monotonic() + wait
-    while not got and time.monotonic() < until:
-        time.sleep(0.02)
+    comes(lambda: got, wait)
     subscriber.undeclare()
     return bool(got)
 
