@@ -6,7 +6,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from pathlib import Path
 
@@ -16,19 +16,9 @@ import zenoh
 from fake_twin import fake_server
 from waiting import until
 
+from motm_twin.bus import connection
 from motm_twin.bus.client import TwinClient
 from motm_twin.bus.commands import COMMAND_NAMES, Load, Step
-from motm_twin.bus.connection import (
-    LOOPBACK,
-    SHIPPED,
-    VARIABLE,
-    ConfigError,
-    free_port,
-    open_client,
-    open_member,
-    open_server,
-    session_config,
-)
 from motm_twin.bus.messages import StatusMessage
 from motm_twin.bus.schemas import names
 
@@ -41,7 +31,7 @@ def routers(tmp_path):
     (shown,) = re.findall(r"```json5\n(.*?)```", DOCS.read_text(encoding="utf-8"), re.S)
     sessions, endpoints = [], []
     for number in range(2):
-        endpoint = f"tcp/127.0.0.1:{free_port()}"
+        endpoint = f"tcp/127.0.0.1:{connection.free_port()}"
         link = f'connect: {{ endpoints: ["{endpoints[-1]}"] }},' if endpoints else ""
         file = tmp_path / f"router-{number}.json5"
         file.write_text(
@@ -56,12 +46,12 @@ def routers(tmp_path):
 
 def test_twins_at_one_router_are_read_and_commanded_through_it_and_through_another(routers, tmp_path, monkeypatch):
     site, viewer = tmp_path / "site.json5", tmp_path / "viewer.json5"
-    shipped = SHIPPED.read_text(encoding="utf-8")
+    shipped = connection.SHIPPED.read_text(encoding="utf-8")
     site.write_text(shipped.replace("connect: { endpoints: [] }", f'connect: {{ endpoints: ["{routers[0]}"] }}'))
     viewer.write_text(shipped.replace('mode: "peer"', 'mode: "client"'))
-    monkeypatch.setenv(VARIABLE, str(site))
+    monkeypatch.setenv(connection.VARIABLE, str(site))
     made = [fake_server(playing=False, twin=name) for name in ("anna", "bert")]
-    monkeypatch.setenv(VARIABLE, str(viewer))
+    monkeypatch.setenv(connection.VARIABLE, str(viewer))
     with made[0] as anna, made[1]:
         for endpoint in routers:
             for name in ("anna", "bert"):
@@ -72,7 +62,7 @@ def test_twins_at_one_router_are_read_and_commanded_through_it_and_through_anoth
                     answer = client.command(Step(), sender="visitor")
                     assert answer.ok, answer.reason
                     until(lambda client=client, index=index: client.tick().index == index + 1, f"{name} does not step")
-        monkeypatch.delenv(VARIABLE)
+        monkeypatch.delenv(connection.VARIABLE)
         with TwinClient(anna.endpoint, "anna") as near:
             until(near.tick, "its own port does not answer")
 
@@ -91,13 +81,13 @@ with zenoh.open(config):
 
 
 def test_a_client_waits_a_moment_for_a_router_that_is_just_starting(tmp_path, monkeypatch):
-    viewer, endpoint = tmp_path / "viewer.json5", f"tcp/127.0.0.1:{free_port()}"
-    viewer.write_text(SHIPPED.read_text(encoding="utf-8").replace('mode: "peer"', 'mode: "client"'))
-    monkeypatch.setenv(VARIABLE, str(viewer))
+    viewer, endpoint = tmp_path / "viewer.json5", f"tcp/127.0.0.1:{connection.free_port()}"
+    viewer.write_text(connection.SHIPPED.read_text(encoding="utf-8").replace('mode: "peer"', 'mode: "client"'))
+    monkeypatch.setenv(connection.VARIABLE, str(viewer))
     command = [sys.executable, "-c", LATE, endpoint]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as router:
         assert router.stdout and router.stdout.readline() == "ready\n"
-        with open_client(endpoint) as session:
+        with connection.open_client(endpoint) as session:
             assert session.info.routers_zid()
         router.communicate("")
 
@@ -111,9 +101,11 @@ TIMEOUT = 10.0  # [s]
 @pytest.fixture(scope="module")
 def endpoint(tmp_path_factory):
     """Of the router."""
-    port = free_port()
-    router = zenoh.open(session_config(listen=[f"tcp/{LOOPBACK}:{port}"], connect=[], mode="router"))
-    yield f"tcp/{LOOPBACK}:{port}"
+    port = connection.free_port()
+    router = zenoh.open(
+        connection.session_config(listen=[f"tcp/{connection.LOOPBACK}:{port}"], connect=[], mode="router")
+    )
+    yield f"tcp/{connection.LOOPBACK}:{port}"
     router.close()
 
 
@@ -121,12 +113,12 @@ def endpoint(tmp_path_factory):
 def at_router(endpoint, tmp_path_factory):
     """Opens what is to meet at the router."""
     site = tmp_path_factory.mktemp("site") / "site.json5"
-    shipped = SHIPPED.read_text(encoding="utf-8")
+    shipped = connection.SHIPPED.read_text(encoding="utf-8")
     site.write_text(shipped.replace("connect: { endpoints: [] }", f'connect: {{ endpoints: ["{endpoint}"] }}'))
 
     def opened(make):
         with pytest.MonkeyPatch.context() as patch:
-            patch.setenv(VARIABLE, str(site))
+            patch.setenv(connection.VARIABLE, str(site))
             return make()
 
     return opened
@@ -144,7 +136,7 @@ def twins(at_router):
 
 @pytest.fixture(scope="module")
 def session(endpoint, twins):
-    with open_member(endpoint, wait=TIMEOUT) as plain:
+    with connection.open_member(endpoint, wait=TIMEOUT) as plain:
         for key in (*VALUES, *(f"cmd/{name}" for name in COMMAND_NAMES)):  # it hears of one after the other
             until(lambda key=key: len(answers(plain, f"motm/*/{key}")) == len(TWINS), f"the twins do not meet: {key}")
         yield plain
@@ -200,75 +192,52 @@ def test_whoever_asks_for_everything_hears_from_each_twin_on_keys_without_a_wild
     assert not [key for key in found if "*" in key]
 
 
-@pytest.fixture
-def port() -> Iterator[int]:
-    """A free port."""
-    yield free_port()
-
-
-def test_a_member_gives_up_with_a_sentence_when_nobody_answers(port: int) -> None:
+def test_a_member_gives_up_with_a_sentence_when_nobody_answers():
     with pytest.raises(TimeoutError, match="nobody answers at tcp"):
-        open_member(f"tcp/{LOOPBACK}:{port}", wait=0.0)
+        connection.open_member(f"tcp/{connection.LOOPBACK}:{connection.free_port()}", wait=0.0)
 
 
-def test_a_member_does_not_wait_at_an_endpoint_that_is_none() -> None:
-    with pytest.raises(ConfigError, match="endpoint 'foo' is none of Zenoh: write it as tcp/"):
-        open_member("foo")
+def test_a_member_does_not_wait_at_an_endpoint_that_is_none():
+    with pytest.raises(connection.ConfigError, match="endpoint 'foo' is none of Zenoh: write it as tcp/"):
+        connection.open_member("foo")
 
 
-def test_a_member_that_waits_is_stopped(port: int) -> None:
+def test_a_member_that_waits_is_stopped():
     stop = threading.Event()
-    ended = threading.Event()
-
-    def wait() -> None:
-        with pytest.raises(TimeoutError):
-            open_member(f"tcp/{LOOPBACK}:{port}", stop=stop)
-        ended.set()
-
-    thread = threading.Thread(target=wait)
-    thread.start()
-    stop.set()
-    thread.join(20.0)
-    assert ended.is_set()
+    with ThreadPoolExecutor() as pool:
+        waiting = pool.submit(connection.open_member, f"tcp/{connection.LOOPBACK}:{connection.free_port()}", stop=stop)
+        stop.set()
+        with pytest.raises(TimeoutError, match="nobody answers at tcp"):
+            waiting.result(20.0)
 
 
-def test_members_see_each_other_through_a_server_that_comes_late_and_is_started_again(port: int) -> None:
-    members: dict[str, zenoh.Session] = {}
+def test_members_see_each_other_through_a_server_that_comes_late_and_is_started_again():
+    port, got = connection.free_port(), []
+    with ThreadPoolExecutor() as pool:
+        joining = [pool.submit(connection.open_member, f"tcp/{connection.LOOPBACK}:{port}") for _ in range(2)]
+        server = connection.open_server(port)
+        giver, taker = (member.result(20.0) for member in joining)
+    with (
+        giver,
+        taker,
+        taker.declare_subscriber("t/value", lambda sample: got.append(sample.payload.to_string())),
+        giver.declare_queryable("t/question", lambda query: query.reply("t/question", "answer")),
+        giver.liveliness().declare_token("t/alive"),
+        giver.declare_publisher("t/value") as publisher,
+    ):
 
-    def join(name: str) -> None:
-        members[name] = open_member(f"tcp/{LOOPBACK}:{port}")
+        def arrived(life):
+            publisher.put(life)
+            return life in got
 
-    threads = [threading.Thread(target=join, args=(name,)) for name in ("giver", "taker")]
-    for thread in threads:
-        thread.start()
-    server = open_server(port)
-    for thread in threads:
-        thread.join(20.0)
-    giver, taker = members["giver"], members["taker"]
-    got: list[str] = []
-    subscriber = taker.declare_subscriber("t/value", lambda sample: got.append(sample.payload.to_string()))
-    queryable = giver.declare_queryable("t/question", lambda query: query.reply("t/question", "answer"))
-    token = giver.liveliness().declare_token("t/alive")
-    publisher = giver.declare_publisher("t/value")
-    try:
+        def answered():
+            return [r.ok.payload.to_string() for r in taker.get("t/question", timeout=1.0) if r.ok] == ["answer"]
+
         for life in ("first", "second"):
-
-            def arrived(life: str = life) -> bool:
-                publisher.put(life)
-                return life in got
-
-            def answered() -> bool:
-                return [r.ok.payload.to_string() for r in taker.get("t/question", timeout=1.0) if r.ok] == ["answer"]
-
-            until(arrived)
+            until(lambda life=life: arrived(life))
             until(answered)
             until(lambda: any(True for _ in taker.liveliness().get("t/*", timeout=1.0)))
             if life == "first":
                 server.close()
-                server = open_server(port)
-    finally:
-        for declared in (subscriber, queryable, token, publisher):
-            declared.undeclare()
-        giver.close()
-        taker.close()
-        server.close()
+                server = connection.open_server(port)
+    server.close()
