@@ -204,16 +204,18 @@ def _write_field(out: bytearray, field: Field, value: Any) -> None:
 def _flat(base: str) -> Any:
     """Function, alignment and names by which a message is written at once: most of what is sent are points and poses.
 
-    None unless it is nothing but numbers of one type, or messages that are.
+    None unless it is nothing but numbers of one size, or messages that are.
     """
     names = [field for field in fields(base) if field.base not in DEFINITIONS]
     nested = [(field.name, fields(field.base)) for field in fields(base) if field.base in DEFINITIONS]
     leaves = [*names, *(leaf for _, inner in nested for leaf in inner)]
     arrays = any(field.count != NONE for field in (*fields(base), *leaves))
-    code = _CODES.get(leaves[0].base)
-    if arrays or code is None or (names and nested) or len({leaf.base for leaf in leaves}) > 1:
+    if arrays or (names and nested) or not {leaf.base for leaf in leaves} <= set(_CODES):
         return None
-    how = struct.Struct(f"<{len(leaves)}{code}").pack, struct.calcsize(code)
+    sizes = {_NUMBERS[leaf.base].size for leaf in leaves}
+    if len(sizes) > 1:
+        return None
+    how = struct.Struct("<" + "".join(_CODES[leaf.base] for leaf in leaves)).pack, sizes.pop()
     return how, [field.name for field in names], [(name, [leaf.name for leaf in inner]) for name, inner in nested]
 
 
