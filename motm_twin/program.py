@@ -98,7 +98,7 @@ def clean_exit() -> Iterator[None]:
     time (exit code 2), and Ctrl-C (130). Every other exception passes, with its traceback.
     """
     from motm_twin.bus.commands import Refused
-    from motm_twin.bus.zenoh_config import ConfigError
+    from motm_twin.bus.connection import ConfigError
     from motm_twin.client.discover import NoTwin
     from motm_twin.model.names import MethodError
     from motm_twin.model.scene_error import SceneError

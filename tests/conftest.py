@@ -1,4 +1,4 @@
-"""For all tests: their helpers by name (twin_steps), and an order that leaves no worker alone with the long ones.
+"""For all tests: their helpers by name (here and in bus), and an order that leaves no worker alone with the long ones.
 
 Hypothesis draws the same examples in every run, so that a change is judged by what it changes; MOTM_EXAMPLES=fresh
 draws new ones. How long one takes is no finding on a busy machine: pytest's timeout ends what hangs.
@@ -19,7 +19,7 @@ import pytest
 from hypothesis import settings
 from rich.console import Console
 
-sys.path.insert(0, str(Path(__file__).parent))
+sys.path[:0] = [str(Path(__file__).parent), str(Path(__file__).parent / "bus")]
 
 os.environ.setdefault("NUMBA_OPT", "1")  # before numba is imported; the same bits
 

@@ -6,8 +6,7 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from motm_twin.bus.commands import EDITS, SERVER_COMMANDS, Refused, command_name
-from motm_twin.bus.gate import CommandGate
+from motm_twin.bus.commands import EDITS, SERVER_COMMANDS, CommandGate, Refused, command_name
 from motm_twin.model.bounds import Between, Count, Length, Listed, OneOf, Text, bounds_of
 from motm_twin.model.edits import WORLD_EDITS, Edit
 from motm_twin.model.joint_limits import DQ_MAX, Q_MAX, Q_MIN

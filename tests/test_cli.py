@@ -1,6 +1,7 @@
 """The command line, as a user calls it."""
 
 import builtins
+import io
 import itertools
 import json
 import os
@@ -17,10 +18,13 @@ from subprocess import PIPE
 import msgspec
 import pytest
 from mcap.writer import Writer
+from rich.console import Console
 
 import motm_twin
 from motm_twin.__main__ import main as start
 from motm_twin.bus.connection import free_port
+from motm_twin.cli.serve import BAD_INPUT, OK, _Supervisor, serve
+from motm_twin.cli.settings import ServeSettings
 from motm_twin.model.data_dirs import scenes_dir
 from motm_twin.sessions.session import load_session, save_session
 from motm_twin.trial import run_scene
@@ -212,7 +216,7 @@ def test_a_file_that_cannot_be_written_is_refused_before_anything_is_computed(ca
         "/proc/out.json": "/proc cannot be written to: give another folder",  # even root cannot
     }
     computed = []
-    for module in ("cli.run.run_scene", "cli.rerun.rerun", "cli.what_if.compare"):
+    for module in ("cli.run.run_scene", "cli.rerun.rerun", "cli.rerun.compare"):
         monkeypatch.setattr(f"motm_twin.{module}", lambda *given, **named: computed.append(given))
     commands = (("run", "exp1"), ("rerun", str(RECORDED)), ("what-if", str(RECORDED), "--set", "bezier=off"))
     for arguments, (report, said) in itertools.product(commands, reports.items()):
@@ -301,3 +305,48 @@ def test_a_shipped_scene_checks_and_the_schema_is_json(call):
 def test_version_is_that_of_the_package(call):
     result = call("--version")
     assert (result.returncode, result.stdout) == (0, f"motm-twin {motm_twin.__version__}\n")
+
+
+@pytest.mark.parametrize(
+    ("state", "text", "line"),
+    [
+        ("paused", "", "paused"),
+        ("paused", "the robot was lost", "paused: the robot was lost"),
+        ("playing", "", "playing: the robot moves"),
+    ],
+)
+def test_a_state_is_told_once(state, text, line):
+    said = io.StringIO()
+    supervisor = _Supervisor(Console(file=said, soft_wrap=True), "frankie", 7447, None)
+    supervisor._tell({"event": "state", "state": state, "text": text})
+    assert said.getvalue().rstrip("\n").partition(" s  ")[2] == line
+
+
+@pytest.mark.parametrize(
+    ("option", "place", "words"),
+    [
+        ("record", "/proc/x.mcap", "--record /proc/x.mcap: /proc cannot be written to: give another folder"),
+        ("record", "no/folder/x.mcap", "in a folder that exists"),
+        ("record", "file/x.mcap", "file is a file: give a folder"),
+        ("data", "/proc/1/x", "--data /proc/1/x: /proc/1 cannot be written to: give another folder"),
+        ("data", "file", "file is a file: give a folder"),
+        ("data", "file/x", "file is a file: give a folder"),
+    ],
+)
+def test_where_nothing_can_be_written_is_refused_before_anything_begins(
+    option, place, words, tmp_path, monkeypatch, capsys
+):
+    (tmp_path / "file").write_text("a file where the folder should be")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(_Supervisor, "run", lambda _: pytest.fail("it began"))
+    assert serve(ServeSettings(headless=True, zenoh_port=0, **{option: Path(place)})) == BAD_INPUT
+    assert words in capsys.readouterr().out
+
+
+def test_folders_that_can_be_written_need_not_exist_and_are_left_as_they_are(tmp_path, monkeypatch):
+    monkeypatch.setattr(_Supervisor, "run", lambda _: OK)
+    assert (
+        serve(ServeSettings(headless=True, zenoh_port=0, data=tmp_path / "new" / "data", record=tmp_path / "x.mcap"))
+        == OK
+    )
+    assert list(tmp_path.iterdir()) == []

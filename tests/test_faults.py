@@ -7,8 +7,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from motm_twin.bus.commands import Refused
-from motm_twin.bus.gate import CommandGate
+from motm_twin.bus.commands import CommandGate, Refused
 from motm_twin.model import bounds
 from motm_twin.model.edits import InjectFault, PushRobot
 from motm_twin.model.faults import DELAY, JOINT, KINDS, SECONDS, table

@@ -8,7 +8,7 @@ import pytest
 from motm_twin.bus.encode import tick_message
 from motm_twin.bus.events import EventLog, EventWatch
 from motm_twin.bus.messages import CutInMessage
-from motm_twin.gym.reward import RewardWeights, Score, reward, score_of
+from motm_twin.gym.env import RewardWeights, Score, reward, score_of
 from motm_twin.model.plant import Contact, Truth
 from motm_twin.model.scene_file import load_scene
 from motm_twin.sim.plant import SimulatedPlant

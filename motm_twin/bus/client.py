@@ -50,18 +50,14 @@ class Grid:
     cells: NDArray[np.uint8]
 
 
+@dataclass
 class _Slot:
     """The newest payload of one key; older ones are overwritten."""
 
-    def __init__(self) -> None:
-        self.payload: bytes | None = None
-        self.attachment: bytes | None = None
-        self.count = 0
-        self.at = NEVER  # [s] monotonic
-
-    def put(self, payload: bytes, attachment: bytes | None) -> None:
-        self.payload, self.attachment, self.at = payload, attachment, time.monotonic()
-        self.count += 1
+    payload: bytes | None = None
+    attachment: bytes | None = None
+    count: int = 0
+    at: float = NEVER  # [s] monotonic
 
 
 class _When(msgspec.Struct):
@@ -104,7 +100,7 @@ class TwinClient:
 
     def tick(self) -> messages.TickMessage | None:
         """The newest tick; None before the first."""
-        return self._newest(self.keys.tick, _decode_tick)
+        return self._newest(self.keys.tick, decode_tick)
 
     def status(self) -> messages.StatusMessage | None:
         """The newest status; None before the first."""
@@ -124,11 +120,11 @@ class TwinClient:
 
     def robot(self) -> messages.RobotStateMessage | None:
         """The newest state of the robot; None before the first. It is received from the first call on."""
-        return self._followed(self.keys.robot, _decode_robot)
+        return self._followed(self.keys.robot, decode_robot)
 
     def scan(self) -> messages.ScanMessage | None:
         """The newest sweep of the lidar, as `robot`."""
-        return self._followed(self.keys.scan, _decode_scan)
+        return self._followed(self.keys.scan, decode_scan)
 
     def metrics(self) -> messages.MetricsMessage | None:
         """The newest metrics, as `robot`."""
@@ -263,7 +259,8 @@ class TwinClient:
             slot = self._slots[key]
             if unless_after is not None and slot.count > unless_after:
                 return
-            slot.put(payload, attached)
+            slot.payload, slot.attachment, slot.at = payload, attached, time.monotonic()
+            slot.count += 1
             self._changed.notify_all()
             for listener in list(self._listeners.get(key, ())):
                 try:
@@ -348,21 +345,25 @@ class TwinClient:
 
 
 def _decoder(kind: Any, known: str) -> Callable[..., Any]:
+    """Function that decodes a message of a known version; raises OtherVersion."""
     decode = msgspec.json.Decoder(kind).decode
 
     def decoded(payload: bytes, _attachment: bytes | None = None, _at: float = 0.0) -> Any:
         message = decode(payload)
-        _require(message.version, known)
+        if message.version != known:
+            sent = f"the server sends {message.version!r}, this client reads {known!r}"
+            raise OtherVersion(f"{sent}: update the older of the two")
         return message
 
     return decoded
 
 
-_decode_tick = _decoder(messages.TickMessage, messages.TICK_VERSION)
+decode_tick = _decoder(messages.TickMessage, messages.TICK_VERSION)
 _decode_any_status = _decoder(messages.StatusMessage, messages.STATUS_VERSION)
-_decode_robot = _decoder(messages.RobotStateMessage, messages.ROBOT_VERSION)
-_decode_scan = _decoder(messages.ScanMessage, messages.SCAN_VERSION)
+decode_robot = _decoder(messages.RobotStateMessage, messages.ROBOT_VERSION)
+decode_scan = _decoder(messages.ScanMessage, messages.SCAN_VERSION)
 _decode_metrics = _decoder(messages.MetricsMessage, messages.METRICS_VERSION)
+decode_grid_info = _decoder(messages.GridInfo, messages.GRID_VERSION)
 _decode_events = _decoder(messages.EventsMessage, messages.EVENTS_VERSION)
 
 
@@ -373,12 +374,6 @@ def _decode_scene(payload: bytes, attachment: bytes | None, _at: float) -> tuple
 
 
 def _decode_grid(payload: bytes, attachment: bytes | None, _at: float) -> Grid:
-    info = msgspec.json.decode(attachment or b"null", type=messages.GridInfo)
-    _require(info.version, messages.GRID_VERSION)
+    info = decode_grid_info(attachment or b"null")
     cells = np.frombuffer(payload, dtype=np.uint8).reshape(info.height, info.width)
     return Grid(info=info, cells=cells)
-
-
-def _require(version: str, known: str) -> None:
-    if version != known:
-        raise OtherVersion(f"the server sends {version!r}, this client reads {known!r}: update the older of the two")

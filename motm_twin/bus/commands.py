@@ -1,4 +1,4 @@
-"""Commands that the twin server takes, their envelope, and its answers.
+"""Commands that the twin server takes, their envelope, its answers, and the gate that checks every command.
 
 A command is a query on ``motm/<twin>/cmd/<type>`` whose payload is an `Envelope` as JSON::
 
@@ -9,6 +9,7 @@ this is Unix time). The answer is an `Answer` as JSON.
 """
 
 import traceback
+from collections.abc import Callable
 from typing import Annotated, Literal
 
 import msgspec
@@ -37,6 +38,7 @@ from motm_twin.model.edits import (  # noqa: F401 - edits are commands, too: the
     SetBehaviour,
     SetParameter,
 )
+from motm_twin.model.names import hint
 
 COMMAND_VERSION = "motm.command/1"
 ANSWER_VERSION = "motm.answer/1"
@@ -206,3 +208,74 @@ def reason_of(error: Exception) -> str:
 def command_name(command: Command) -> str:
     """The type tag of a command, which is also the last part of its key."""
     return str(command.__struct_config__.tag)
+
+
+MAX_SENDERS = 1000
+MAX_LIFETIME = 60.0  # [s] a later expiry would not bound replay attacks
+ORDER = 16  # a number this far below a sender's last one is refused, seen or not
+MAX_SEEN = 4096  # numbers of one sender that have not expired
+
+
+class _Sender:
+    """Sequence numbers admitted from one sender. An outlier, perhaps forged, blocks no others."""
+
+    def __init__(self) -> None:
+        self.last, self._seen = -1, dict[int, float]()  # expiry [s] of each number
+        self.forget_at = 0.0  # [s]
+
+    def admit(self, envelope: Envelope, now: float) -> None:
+        """Remember its number; raise Refused for one that was seen, or overtaken."""
+        seq, name = envelope.seq, envelope.sender
+        if seq in self._seen or self.last - ORDER < seq <= self.last:
+            raise Refused(f"replayed: seq {seq} of {name!r}, {self.last} was seen already")
+        if len(self._seen) >= MAX_SEEN:
+            self._seen = {number: until for number, until in self._seen.items() if until > now}
+            if len(self._seen) >= MAX_SEEN:
+                raise Refused(f"more than {MAX_SEEN} commands of {name!r} within {MAX_LIFETIME:.0f} s")
+        self.last, self._seen[seq], self.forget_at = seq, envelope.expires, now + MAX_LIFETIME
+
+
+class CommandGate:
+    """Checks envelopes; remembers the sequence numbers of each sender. ``now`` is the server's clock [s]."""
+
+    def __init__(self, now: Callable[[], float]) -> None:
+        self._now = now
+        self._decoder = msgspec.json.Decoder(Envelope, strict=True)
+        self._senders: dict[str, _Sender] = {}
+
+    def admit(self, name: str, payload: bytes) -> Envelope:
+        """The envelope of a command sent to ``cmd/<name>``. Raises Refused."""
+        if name not in COMMAND_NAMES:
+            raise Refused(f"unknown command {name[:MAX_NAME]!r}; {hint(name, COMMAND_NAMES)}")
+        if len(payload) > MAX_COMMAND_BYTES:
+            raise Refused(f"oversized: {len(payload)} bytes, at most {MAX_COMMAND_BYTES}")
+        try:
+            envelope = self._decoder.decode(payload)
+        except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
+            raise Refused(f"malformed: {error}") from error
+        if command_name(envelope.command) != name:
+            raise Refused(f"malformed: a {command_name(envelope.command)!r} command was sent to the key of {name!r}")
+        check_command(envelope.command)
+        self._check_order(envelope)
+        return envelope
+
+    def _check_order(self, envelope: Envelope) -> None:
+        now = self._now()
+        if not 1 <= len(envelope.sender) <= MAX_NAME or not envelope.sender.isprintable():
+            raise Refused(f"malformed: the sender needs 1 to {MAX_NAME} printable characters")
+        if not 0 <= envelope.seq < 2**63:
+            raise Refused("malformed: seq must be 0 to 2^63 - 1")
+        if len(envelope.name) > NAME_MAX or not envelope.name.isprintable():
+            raise Refused(f"malformed: the name of a person has at most {NAME_MAX} printable characters")
+        if envelope.expires <= now:
+            raise Refused(f"stale: expired {now - envelope.expires:.3f} s ago")
+        if envelope.expires > now + MAX_LIFETIME:
+            raise Refused(f"expires in {envelope.expires - now:.0f} s; at most {MAX_LIFETIME:.0f} s ahead is taken")
+        sender = self._senders.get(envelope.sender)
+        if sender is None:
+            if len(self._senders) >= MAX_SENDERS:
+                self._senders = {name: known for name, known in self._senders.items() if known.forget_at > now}
+                if len(self._senders) >= MAX_SENDERS:
+                    raise Refused(f"more than {MAX_SENDERS} senders within {MAX_LIFETIME:.0f} s")
+            sender = self._senders[envelope.sender] = _Sender()
+        sender.admit(envelope, now)

@@ -1,5 +1,6 @@
 """The driver: one person or program at a time, for as long as its lease; bodies that it holds are let go at the end."""
 
+import math
 from collections.abc import Callable
 from contextlib import suppress
 from typing import Any
@@ -35,23 +36,16 @@ class Lease:
         if sender == self.driver:
             self._until = max(self._until, now + SILENCE)
 
-    def take(self, sender: str, name: str, now: float) -> None:
-        """After `require`: a command that changed something makes its sender the driver."""
-        self._set(sender, name.strip() or sender, now)
-
-    def hand_over(self, to: str, name: str, now: float) -> None:
-        """After `require`: another sender drives, "" leaves the wheel free."""
-        self._set(to, name.strip() or to, now)
+    def give(self, to: str, name: str, now: float) -> None:
+        """After `require`: a sender that changed something drives, or one to whom this is handed over; "": nobody."""
+        until = now + SILENCE if to else 0.0
+        self._until = max(self._until, until) if to and to == self.driver else until
+        self.driver, self.name = to, (name.strip() or to)[:NAME_MAX] if to else ""
 
     def expire(self, now: float) -> None:
         """End the lease when the driver has been silent for too long."""
         if self.driver and now >= self._until:
-            self._set("", "", now)
-
-    def _set(self, driver: str, name: str, now: float) -> None:
-        until = now + SILENCE if driver else 0.0
-        self._until = max(self._until, until) if driver and driver == self.driver else until
-        self.driver, self.name = driver, name[:NAME_MAX] if driver else ""
+            self.give("", "", now)
 
 
 NAMES_KEPT = 1000  # senders
@@ -86,9 +80,9 @@ class Wheel:
             case Inspect() | Audience():
                 return
             case HandOver(to=to, name=name):
-                self.lease.hand_over(to, name.strip() or self._names.get(to, ""), arrived)
+                self.lease.give(to, name.strip() or self._names.get(to, ""), arrived)
             case _:
-                self.lease.take(envelope.sender, envelope.name, arrived)
+                self.lease.give(envelope.sender, envelope.name, arrived)
         self._tell(before)
 
     def turn_if_free(self, envelope: Envelope, now: float) -> None:
@@ -121,37 +115,24 @@ class Wheel:
         if before == after:
             return
         if before[0] not in ("", after[0]):
-            for release in self.holds.all():
+            for release in self.holds.expired():
                 self._release(release)
         self._changed()
 
 
-class Holds:
-    """Bodies that are being dragged, with the time until which the grip lasts."""
-
-    def __init__(self) -> None:
-        self._until: dict[str, float] = {}
+class Holds(dict[str, float]):
+    """Bodies that are being dragged, with the time [s] until which the grip lasts."""
 
     def note(self, edit: Edit, now: float) -> None:
         """Follow an edit that was accepted at ``now`` [s]."""
         if isinstance(edit, MoveBody) and edit.held:
-            self._until[edit.name] = now + HELD_FOR
+            self[edit.name] = now + HELD_FOR
         elif isinstance(edit, MoveBody | ReleaseBody | RemoveBody):
-            self._until.pop(edit.name, None)
+            self.pop(edit.name, None)
 
-    def expired(self, now: float) -> list[ReleaseBody]:
-        """Releases for those who fell silent; they are forgotten."""
-        silent = [name for name, until in self._until.items() if until <= now]
+    def expired(self, now: float = math.inf) -> list[ReleaseBody]:
+        """Releases for those who fell silent, by default for all; they are forgotten."""
+        silent = [name for name, until in self.items() if until <= now]
         for name in silent:
-            del self._until[name]
+            del self[name]
         return [ReleaseBody(name=name) for name in silent]
-
-    def all(self) -> list[ReleaseBody]:
-        """Releases for everything that is held; it is forgotten."""
-        releases = [ReleaseBody(name=name) for name in self._until]
-        self._until.clear()
-        return releases
-
-    def clear(self) -> None:
-        """A new run: nothing is held."""
-        self._until.clear()

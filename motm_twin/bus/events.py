@@ -10,23 +10,14 @@ import msgspec
 import zenoh
 from msgspec.structs import replace
 
-from motm_twin.bus.messages import (
-    EVENT_VERSION,
-    EVENTS_VERSION,
-    ContactMessage,
-    CutInMessage,
-    EventsMessage,
-    NumberedEvent,
-    StatusMessage,
-    TickMessage,
-)
+from motm_twin.bus import messages
 from motm_twin.model.edits import Drive, Edit, MoveBody
 from motm_twin.model.period import PERIOD
 
 HISTORY = 1000  # events that can be asked for
 SAME_DRAG = 1.0  # [s] simulated time within which repeated moves of a held body, or twists by hand, make one event
 
-Emit = Callable[[NumberedEvent], None]
+Emit = Callable[[messages.NumberedEvent], None]
 
 
 class EventLog:
@@ -37,15 +28,15 @@ class EventLog:
         self._now, self._emit = now, emit
         self._since = now()
         self._lock = threading.Lock()
-        self._kept: deque[NumberedEvent] = deque(maxlen=HISTORY)
+        self._kept: deque[messages.NumberedEvent] = deque(maxlen=HISTORY)
         self._seq = 0
 
     def add(self, *, run: int, index: int, time: float, kind: str, text: str, **about: object) -> None:
         """Number an event and send it."""
         with self._lock:
             self._seq += 1
-            event = NumberedEvent(
-                version=EVENT_VERSION,
+            event = messages.NumberedEvent(
+                version=messages.EVENT_VERSION,
                 seq=self._seq,
                 numbered_since=self._since,
                 run=run,
@@ -59,7 +50,7 @@ class EventLog:
             self._kept.append(event)
             self._emit(event)
 
-    def tell_again(self, event: NumberedEvent) -> None:
+    def tell_again(self, event: messages.NumberedEvent) -> None:
         """Send an earlier event of another log again, numbered by this one."""
         with self._lock:
             self._seq += 1
@@ -77,8 +68,8 @@ class EventLog:
         if wanted is None:
             return msgspec.json.encode(kept[-1]) if kept else None
         events = [event for event in kept if event.seq >= int(wanted)]
-        told = EventsMessage(
-            version=EVENTS_VERSION,
+        told = messages.EventsMessage(
+            version=messages.EVENTS_VERSION,
             numbered_since=self._since,
             oldest=newest - len(kept) + 1,
             newest=newest,
@@ -106,14 +97,14 @@ class EventWatch:
         """A scene is about to run."""
         self._loaded = name
 
-    def status(self, status: StatusMessage) -> None:
+    def status(self, status: messages.StatusMessage) -> None:
         """The run ended, or broke."""
         before, self._state = self._state, status.state
         if status.state != before and status.state in ("done", "error"):
             self._last = max(self._last, status.time) if status.run == self._run else status.time
             self._log.add(run=status.run, index=self._index, time=self._last, kind=status.state, text=status.text)
 
-    def tick(self, message: TickMessage) -> None:
+    def tick(self, message: messages.TickMessage) -> None:
         """A period; previews of a paused twin make no events."""
         if message.run == self._run and message.index <= self._index:
             return
@@ -133,14 +124,14 @@ class EventWatch:
         self._stop(message)
         self._tell(message)
 
-    def _tell(self, message: TickMessage) -> None:
+    def _tell(self, message: messages.TickMessage) -> None:
         """Number what was found, in the order of its times; what was told late has the time of the event before."""
         for time, kind, text, about in sorted(self._found, key=lambda one: one[0]):
             self._last = max(self._last, time)
             self._log.add(run=message.run, index=message.index, time=self._last, kind=kind, text=text, **about)
         self._found = []
 
-    def _new_run(self, message: TickMessage) -> None:
+    def _new_run(self, message: messages.TickMessage) -> None:
         scene, self._last = self._loaded, -math.inf
         if scene is not None:
             self._add(message, "loaded", f"loaded {scene}")
@@ -153,7 +144,7 @@ class EventWatch:
         self._contacts = {_key(contact) for contact in contacts if contact.time < message.first * PERIOD}
         self._cut_ins = {(cut_in.time, cut_in.agent) for cut_in in cut_ins if cut_in.time < message.first * PERIOD}
 
-    def _contact(self, message: TickMessage, contact: ContactMessage) -> None:
+    def _contact(self, message: messages.TickMessage, contact: messages.ContactMessage) -> None:
         if _key(contact) in self._contacts:
             return
         self._contacts.add(_key(contact))
@@ -168,7 +159,7 @@ class EventWatch:
             caused_by_robot=contact.caused_by_robot,
         )
 
-    def _cut_in(self, message: TickMessage, cut_in: CutInMessage) -> None:
+    def _cut_in(self, message: messages.TickMessage, cut_in: messages.CutInMessage) -> None:
         key = (cut_in.time, cut_in.agent)
         if key in self._cut_ins:
             return
@@ -176,14 +167,14 @@ class EventWatch:
         text = f"cut in on {cut_in.agent}, {cut_in.gap:.2f} m before it"
         self._add(message, "cut_in", text, time=cut_in.time, other=cut_in.agent)
 
-    def _stop(self, message: TickMessage) -> None:
+    def _stop(self, message: messages.TickMessage) -> None:
         key = () if message.why is None else message.why.key  # a changing distance does not make a new reason
         if key == self._stopped:
             return
         self._stopped = key
         self._add(message, *(("stop", message.stop_reason) if key else ("go", "goes on")))
 
-    def _edit(self, message: TickMessage, edit: Edit) -> None:
+    def _edit(self, message: messages.TickMessage, edit: Edit) -> None:
         name = str(getattr(edit, "name", ""))
         if isinstance(edit, MoveBody | Drive):
             last, self._dragged[name] = self._dragged.get(name), message.time
@@ -194,16 +185,18 @@ class EventWatch:
         kind = str(edit.__struct_config__.tag).replace("_", " ")
         self._add(message, "edit", f"{kind} {name}".rstrip(), other=name)
 
-    def _add(self, message: TickMessage, kind: str, text: str, *, time: float | None = None, **about: object) -> None:
+    def _add(
+        self, message: messages.TickMessage, kind: str, text: str, *, time: float | None = None, **about: object
+    ) -> None:
         at = message.time if time is None else time
         self._found.append((round(at, 6), kind, text, about))
 
 
-def _key(contact: ContactMessage) -> tuple[float, str, str]:
+def _key(contact: messages.ContactMessage) -> tuple[float, str, str]:
     return contact.time, contact.body, contact.other
 
 
-def _named(text: str, message: TickMessage) -> str:
+def _named(text: str, message: messages.TickMessage) -> str:
     """The first object, or else target, that a text names."""
     names = [belief.name for belief in message.beliefs] + [task.target for task in message.tasks]
     words = ((name, re.search(rf"(?<!\w){re.escape(name)}(?!\w)", text)) for name in names if name)

@@ -19,15 +19,6 @@ TIMEOUT = 3.0  # [s]
 HEALTH_PATH = "/healthz"
 
 
-def server_state(endpoint: str, twin: str) -> str | None:
-    """The state that a twin server reports; None when it does not answer."""
-    keys = Keys(twin)
-    with open_client(endpoint) as session:
-        for answer in answers(session.get(keys.status, timeout=TIMEOUT), keys.status):
-            return msgspec.json.decode(answer.payload.to_bytes(), type=StatusMessage).state
-    return None
-
-
 def page_answers(port: int) -> bool:
     """The page is served on this machine, by either version of IP."""
     for host in (LOOPBACK, LOOPBACK_6):
@@ -40,11 +31,13 @@ def page_answers(port: int) -> bool:
 
 def check(endpoint: str, twin: str, page_port: int | None) -> str:
     """The problem in one sentence; '' when there is none."""
-    state = server_state(endpoint, twin)
-    if state is None:
-        return f"no twin server answers at {endpoint}"
-    if state == "error":
-        return f"the twin at {endpoint} stopped with an error"
+    key = Keys(twin).status
+    with open_client(endpoint) as session:
+        answer = next(answers(session.get(key, timeout=TIMEOUT), key), None)
+        if answer is None:
+            return f"no twin server answers at {endpoint}"
+        if msgspec.json.decode(answer.payload.to_bytes(), type=StatusMessage).state == "error":
+            return f"the twin at {endpoint} stopped with an error"
     if page_port is not None and not page_answers(page_port):
         return f"no page answers at port {page_port}"
     return ""

@@ -3,6 +3,8 @@
 No command names other files.
 """
 
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,6 +20,7 @@ from motm_twin.model.scene_load import find_scene, is_made, load_document
 
 if TYPE_CHECKING:
     from motm_twin.control.method import Method
+    from motm_twin.twin import Twin
 
 Marks = dict[Path, tuple[int, int]]  # time of the last change [ns] and size [bytes] of each file
 
@@ -177,3 +180,21 @@ class SceneSource:
             return self._library.load(command.scene, command.variant, command.seed)
         except ValueError as error:
             raise Refused(str(error)) from error
+
+
+MakeTwin = Callable[..., "Twin"]  # (scene, *, method): the twin at its start
+
+
+@dataclass(frozen=True, kw_only=True)
+class TwinSetup:
+    """Setup of a server: its scenes and methods, the first to load, and the factory of twins."""
+
+    library: FileLibrary
+    make_twin: MakeTwin
+    first: Load
+    playing: bool = True
+    hold: bool = False  # a run waits at its start until a page shows it
+    again: bool = False  # after a run that nobody drives, the next seed starts
+    methods: MethodLibrary | None = None  # None: the shipped ones
+    reference_tour: Callable[[Scene], float] | None = None  # [s] lower bound of a scene
+    plant: str = "simulated"  # simulated, zenoh or mirror, as the twins that ``make_twin`` makes will be

@@ -7,13 +7,13 @@ table, fall into a bin or are taken out of the fingers. The running plant is not
 import traceback
 from collections import deque
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 import msgspec
 
 from motm_twin.bus.commands import AddObstacle, Inspect, Refused
 from motm_twin.bus.encode import bodies, numbers, tick_message
-from motm_twin.bus.interfaces import MakeTwin, SessionReply, Sink
+from motm_twin.bus.library import MakeTwin
 from motm_twin.bus.messages import InspectedMessage, SessionInfo, TaskMessage, TickMessage
 from motm_twin.control.tick import Tick
 from motm_twin.control.tuning import parameter
@@ -102,6 +102,26 @@ def tasks_previewed(
 MAX_ADDED = 30
 SESSION_INTERVAL = 0.25  # [s] between two sessions written while playing: each costs the loop 2 ms, mostly for the hash
 MOST_ASKERS = 1000  # that may wait
+
+
+class Sink(Protocol):
+    """Receiver of the loop's results; called from the loop's thread."""
+
+    def tick(self, message: TickMessage, tick: Tick, last: bool) -> None:
+        """A new period; ``last``: no other follows for now."""
+        ...
+
+    def scene(self, scene: Scene, run: int) -> None:
+        """Another scene was loaded, whose first run will be ``run``."""
+        ...
+
+    def status(self) -> None:
+        """The status changed."""
+        ...
+
+    def event(self, *, run: int, index: int, time: float, kind: str, text: str) -> None:
+        """An event that no period shows."""
+        ...
 
 
 class LiveTwin:
@@ -279,8 +299,9 @@ class LiveTwin:
         self._pending = []
         self.parameters, self.recorded = dict(twin.parameters), len(twin.edits)
         self._asked = False
-        if not _all_done(self.tick):
-            self._ended = None
+        places = sum(task.kind == "place" for task in self.tick.tasks)
+        if not self.tick.done or (self.tick.truth is not None and self.tick.truth.places < places):
+            self._ended = None  # until every task has ended, and every object to be placed is in its bin
         elif self._ended is None:
             self._ended = round(self.tick.time, 6)
         now = self._server_time()
@@ -368,18 +389,15 @@ class LiveTwin:
         return InspectedMessage(candidate=wish.candidate, path=path, next_path=next_path), staa_path
 
 
-def _all_done(tick: Tick) -> bool:
-    """Every task has ended, and every object to be placed is in its bin: the time of `motm-twin run`."""
-    places = sum(task.kind == "place" for task in tick.tasks)
-    return tick.done and (tick.truth is None or tick.truth.places >= places)
-
-
 def _with(parameters: dict[str, ParameterValue], edit: SetParameter) -> dict[str, ParameterValue]:
     """The changed parameters after one more edit."""
     others = {name: value for name, value in parameters.items() if name != edit.name}
     if edit.value is None or edit.value == parameter(edit.name).default:
         return others
     return {**others, edit.name: edit.value}
+
+
+SessionReply = Callable[[bytes, bytes, str], None]  # session and SessionInfo as JSON, or why there are none
 
 
 class SessionDesk:

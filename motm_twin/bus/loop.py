@@ -12,12 +12,11 @@ import msgspec
 from motm_twin.bus import commands
 from motm_twin.bus.data_folder import DataFolder
 from motm_twin.bus.driver import Holds, Wheel
-from motm_twin.bus.interfaces import Reply, SessionReply, Sink, TwinSetup
-from motm_twin.bus.library import MethodLibrary, SceneSource
-from motm_twin.bus.live import LiveTwin, SessionDesk
+from motm_twin.bus.library import MethodLibrary, SceneSource, TwinSetup
+from motm_twin.bus.live import LiveTwin, SessionDesk, SessionReply, Sink
 from motm_twin.bus.messages import STATUS_VERSION, StatusMessage
 from motm_twin.bus.pacing import Pacer, RealTime
-from motm_twin.bus.queries import Idle
+from motm_twin.bus.queries import Idle, Reply
 from motm_twin.completion import SETTLE_PERIODS
 from motm_twin.model.bounds import SEED
 from motm_twin.model.period import PERIOD
@@ -112,7 +111,8 @@ class TwinLoop:
         """Load the first scene and run until `stop`."""
         self._guarded(lambda: self._load(self._source.loaded, self._play_at_start)())  # noqa: PLW0108 - it may raise
         while not self._stop.is_set():
-            self._take_requests(min(self._until_due(), self._until_shown()))
+            shown = max(0.0, self._stood_at + STANDING_INTERVAL - time.monotonic()) if self._outdated else IDLE_WAIT
+            self._take_requests(min(self._until_due(), shown))
             self._look_after(time.monotonic())
             self._guarded(self._show_standing)
             if self._until_due() == 0.0:
@@ -129,10 +129,6 @@ class TwinLoop:
         if self._state == "playing":
             return 0.0 if self._live.real_time else self._pacer.wait(time.monotonic())
         return 0.0 if self._state == "paused" and (self._steps > 0 or self._first_due) else math.inf
-
-    def _until_shown(self) -> float:
-        """Seconds until a preview may be sent, or the clock must be checked."""
-        return max(0.0, self._stood_at + STANDING_INTERVAL - time.monotonic()) if self._outdated else IDLE_WAIT
 
     def _take_requests(self, wait: float) -> None:
         try:
@@ -275,12 +271,8 @@ class TwinLoop:
 
     def _look_after(self, now: float) -> None:
         self._wheel.look_after(now)
-        if (
-            self._again
-            and self._state == "done"
-            and now >= self._ended + AGAIN
-            and not self._wheel.shown(now)["driver"]
-        ):
+        ended = self._again and self._state == "done" and now >= self._ended + AGAIN
+        if ended and not self._wheel.lease.driver:
             self._guarded(self._next_seed)
         self._sessions.serve(now, self._state == "playing")
         if self._reload.is_set():
@@ -354,7 +346,7 @@ class TwinLoop:
             holds = Holds()
             for entry in move():
                 holds.note(entry.edit, 0.0)
-            for release in holds.all():  # nobody holds it any more
+            for release in holds.expired():  # nobody holds it any more
                 self._live.post(release)
             self._begin(play)
 

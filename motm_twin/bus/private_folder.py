@@ -52,7 +52,8 @@ def own_secret(path: Path, otherwise: str) -> str:
         if found := _kept(path):
             return found
         try:  # also in place of one that is empty, a link, or readable by others
-            _write(path, made := secrets.token_urlsafe(_BYTES))
+            made = secrets.token_urlsafe(_BYTES)
+            write_private(path, made.encode())
         except OSError as error:
             raise OSError(f"{path} cannot be made: {otherwise}") from error
         return made
@@ -153,7 +154,7 @@ def guard(port: int, endpoint: str, others: Iterable[str] = ()) -> Path:
     own = own_credentials()
     announce(port, endpoint, own)
     lines = [*(line for line in others if line.partition(":")[0] != USER), ":".join(own)]
-    return _write(folder() / f"zenoh-{port}.users", "\n".join(lines) + "\n")
+    return write_private(folder() / f"zenoh-{port}.users", ("\n".join(lines) + "\n").encode())
 
 
 def announce(port: int, endpoint: str, own: Credentials | None) -> None:
@@ -168,7 +169,7 @@ def announce(port: int, endpoint: str, own: Credentials | None) -> None:
     for path in folder().glob("zenoh-*.json5"):
         if _announced(other := int(path.stem.removeprefix("zenoh-"))) is None:  # its process is gone
             forget(other)
-    _write(client_file(port), json.dumps(settings, indent=2) + "\n")
+    write_private(client_file(port), (json.dumps(settings, indent=2) + "\n").encode())
 
 
 def forget(port: int) -> bool:
@@ -191,8 +192,14 @@ def known_at(endpoint: str) -> dict[str, str | None] | None:
 
 def to_come(endpoint: str) -> bool:
     """True when nobody listens there yet: a twin of this user may, and will ask for the password."""
-    port = _local_port(endpoint)
-    return port is not None and not _somebody_listens(endpoint, port)
+    if (port := _local_port(endpoint)) is None:
+        return False
+    host = endpoint.removeprefix("tcp/").rpartition(":")[0].strip("[]")
+    try:
+        socket.create_connection((host, port), _LOOK).close()
+    except (OSError, OverflowError):
+        return True
+    return False
 
 
 def _local_port(endpoint: str) -> int | None:
@@ -209,18 +216,10 @@ def _announced(port: int) -> dict[str, Any] | None:
     return found if lives(found["metadata"]["pid"]) else None
 
 
-def _somebody_listens(endpoint: str, port: int) -> bool:
-    host = endpoint.removeprefix("tcp/").rpartition(":")[0].strip("[]")
-    try:
-        socket.create_connection((host, port), _LOOK).close()
-    except (OSError, OverflowError):
-        return False
-    return True
-
-
-def _write(path: Path, text: str) -> Path:
-    """Write atomically, never readable by others."""
+def write_private(path: Path, data: bytes, mode: int = 0o600) -> Path:
+    """Write atomically; until ``mode`` says otherwise nobody else can read it."""
     descriptor, new = tempfile.mkstemp(dir=path.parent)
-    with os.fdopen(descriptor, "w", encoding="utf-8") as file:
-        file.write(text)
+    with os.fdopen(descriptor, "wb") as file:
+        file.write(data)
+        os.fchmod(descriptor, mode)
     return Path(new).replace(path)

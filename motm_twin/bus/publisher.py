@@ -248,11 +248,8 @@ class Publisher:
 
     def metrics(self) -> None:
         """Hand over the metrics."""
-
-        def send() -> None:
-            self._values.put(self._keys.metrics, self._encode(self._metrics.message(self._status())))
-
-        self._state.post(send)
+        key, message = self._keys.metrics, self._metrics.message
+        self._state.post(lambda: self._values.put(key, self._encode(message(self._status()))))
 
     def close(self) -> None:
         """Send what can be sent at once, and withdraw everything."""

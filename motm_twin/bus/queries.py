@@ -13,14 +13,13 @@ import time
 import traceback
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
+from typing import Protocol
 
 import msgspec
 import zenoh
 
-from motm_twin.bus.commands import COMMAND_NAMES, Answer, Envelope, Refused
+from motm_twin.bus.commands import COMMAND_NAMES, Answer, CommandGate, Envelope, Refused
 from motm_twin.bus.connection import direct
-from motm_twin.bus.gate import CommandGate
-from motm_twin.bus.interfaces import Reply
 from motm_twin.bus.keys import Keys
 from motm_twin.bus.schemas import names, schema
 
@@ -137,6 +136,14 @@ class DeferredQueryable:
 def schemas() -> dict[str, bytes]:
     """All schemas as JSON, cached: 0.02 s of the interpreter, 0.3 s the first time."""
     return {name: msgspec.json.encode(schema(name)) for name in names()}
+
+
+class Reply(Protocol):
+    """Callback for the outcome of a command, called once."""
+
+    def __call__(self, reason: str, index: int, path: str = "", /) -> None:
+        """Take the refusal ("" = done), the last period before, and the written file."""
+        ...
 
 
 class Answering:

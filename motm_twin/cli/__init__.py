@@ -7,7 +7,7 @@ import sys
 import tyro
 
 from motm_twin import __version__
-from motm_twin.bus.zenoh_config import ConfigError
+from motm_twin.bus.connection import ConfigError
 from motm_twin.cli.commands import COMMANDS
 from motm_twin.cli.outputs import kernel_problem
 from motm_twin.model.names import MethodError, hint

@@ -89,10 +89,13 @@ RUNS: dict[str, Run] = {
 OF_EXTRA = "physics"  # group that needs an extra
 ALL = (*(name for name in GROUPS if name != OF_EXTRA), task.NAME)  # of the name "all"
 TRIAL = 0.12  # [min] of one trial on one of two processes
-MINUTES = {  # of the others, on two cores
-    "period": 5, "page": 10, "bus": 6, "soak": 45, "scale": 12, "efficiency": 6, "growth": 5, "anytime": 7,
-    "solvers": 1, "task": 40, "faults": 120, "surprise": 12, "screening": 900, "grasp_rule": 6,
-    **{name: study.minutes for name, study in grasping.STUDIES.items()},
+ABOUT = {  # of the others: minutes on two cores, and title
+    "period": (5, period.TITLE), page.NAME: (10, page.TITLE), bus.NAME: (6, bus.TITLE), soak.NAME: (45, soak.TITLE),
+    scale.NAME: (12, scale.TITLE), pool.NAME: (6, pool.TITLE), growth.NAME: (5, growth.TITLE),
+    anytime.NAME: (7, anytime.TITLE), period.SOLVERS_NAME: (1, period.SOLVERS_TITLE), task.NAME: (40, task.TITLE),
+    faults.NAME: (120, faults.TITLE), surprise.NAME: (12, surprise.TITLE), screening.NAME: (900, screening.TITLE),
+    GRASP_RULE: (6, GRASP_RULE_TITLE),
+    **{name: (study.minutes, study.title) for name, study in grasping.STUDIES.items()},
 }  # fmt: skip
 ALONE = (barn.NAME, people.NAME, tracker.NAME)  # named first, with arguments of their own
 ONLY_EXPERIMENTS = tuple(name for name in EXPERIMENTS if name not in RUNS)
@@ -129,12 +132,7 @@ def _list_groups(console: Console) -> None:
     """Print what can be measured, and how long it takes."""
     table = Table("group", "about", "what", title="motm-twin bench GROUP [GROUP ...]; all: those above the line")
     whole = {name: (round(len(GROUPS[name].trials) * TRIAL) or 1, GROUPS[name].title) for name in GROUPS}
-    titles = {GRASP_RULE: GRASP_RULE_TITLE, "period": period.TITLE, "solvers": period.SOLVERS_TITLE} | {
-        module.NAME: module.TITLE
-        for module in (page, bus, soak, scale, pool, growth, anytime, task, faults, surprise, screening)
-    }
-    titles |= {name: study.title for name, study in grasping.STUDIES.items()}
-    whole |= {name: (minutes, titles[name]) for name, minutes in MINUTES.items()}
+    whole |= ABOUT
     for name in (*ALL, *(name for name in whole if name not in ALL)):
         table.add_row(name, f"{whole[name][0]} min", whole[name][1], end_section=name == ALL[-1])
     table.add_row(barn.NAME, "", f"{barn.TITLE}; then scene files, or --worlds N")

@@ -8,20 +8,16 @@ import tyro
 from tyro.conf import Positional
 
 from motm_twin import __version__
+from motm_twin.cli.client import send, twins, watch
 from motm_twin.cli.doctor import doctor
 from motm_twin.cli.paper import paper
-from motm_twin.cli.record import info, record, recover, replay, rerun
+from motm_twin.cli.record import info, record, recover, replay, rerun, what_if
 from motm_twin.cli.robot import robot
 from motm_twin.cli.security import security
 from motm_twin.cli.settings import RunSettings, Seed, ServeSettings
 from motm_twin.interrupts import interruptible
 from motm_twin.model.scene_error import SceneError
 from motm_twin.studies.settings import BenchSettings
-
-Flag = Annotated[bool, tyro.conf.FlagCreatePairsOff]
-Endpoint = Annotated[str | None, tyro.conf.arg(metavar="ENDPOINT")]
-Twin = Annotated[str | None, tyro.conf.arg(metavar="NAME")]
-Changes = Annotated[tyro.conf.UseAppendAction[tuple[str, ...]], tyro.conf.arg(name="set", metavar="NAME=VALUE")]
 
 
 def run(settings: Annotated[RunSettings, tyro.conf.arg(name="")]) -> int:
@@ -39,32 +35,6 @@ def serve(settings: Annotated[ServeSettings, tyro.conf.arg(name="")]) -> int:
     from motm_twin.cli.serve import serve as serve_twin
 
     return serve_twin(settings)
-
-
-def what_if(
-    file: Annotated[Positional[str], tyro.conf.arg(metavar="FILE")],
-    /,
-    changes: Changes = (),
-    seconds: Annotated[float, tyro.conf.arg(name="from", metavar="SECONDS")] = 0.0,
-    json: Annotated[str | None, tyro.conf.arg(name="json", metavar="FILE|-")] = None,
-    stream: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,
-    method: Annotated[str | None, tyro.conf.arg(metavar="FILE.py:NAME")] = None,
-) -> int:
-    """Run a saved session as it was and with other parameters, both to the end of the task.
-
-    Exit code 0: both were run; 1: one broke; 2: bad input.
-
-    Args:
-        file: A saved session.
-        changes: Set a parameter (docs/zenoh.md lists them) to a value; may be repeated.
-        seconds: Simulated time from which the changes hold; 0 for the whole run.
-        json: Write the report to a file, or to standard output with '-'.
-        stream: Instead, write the poses of both robots at 10 Hz and their outcomes as JSON lines.
-        method: File of your own method, if the session was made with one.
-    """
-    from motm_twin.cli.what_if import what_if as compare
-
-    return compare(file, list(changes), seconds=seconds, report=json, lines=stream, method=method)
 
 
 def scene(
@@ -111,72 +81,6 @@ def bench(settings: Annotated[BenchSettings, tyro.conf.arg(name="")]) -> int:
     from motm_twin.cli.bench import run_bench
 
     return run_bench(settings)
-
-
-def watch(
-    key: Annotated[Positional[str], tyro.conf.arg(metavar="[KEY]")] = "tick",
-    /,
-    once: Flag = False,
-    json: Annotated[Flag, tyro.conf.arg(name="json")] = False,
-    field: Annotated[str | None, tyro.conf.arg(metavar="PATH")] = None,
-    endpoint: Endpoint = None,
-    twin: Twin = None,
-) -> int:
-    """Print what a running twin publishes, one line each, until Ctrl-C: the newest state, and every event.
-
-    Exit code 0: ended; 1: no twin answers; 2: bad input.
-
-    Args:
-        key: One of tick, robot, scan, grid, event, metrics, status, scene.
-        once: Print only the newest value.
-        json: Print the messages themselves, as JSON.
-        field: Print one field, as JSON; its path with dots: robot.pose.0.
-        endpoint: Address of the twin server; without it, that of MOTM_ZENOH_CONFIG, or the twin on this machine.
-        twin: Name of the twin.
-    """
-    from motm_twin.cli.watch import watch as watch_key
-
-    return watch_key(key, once=once, as_json=json, field=field, endpoint=endpoint, twin=twin)
-
-
-def send(
-    command: Annotated[Positional[str], tyro.conf.arg(metavar="COMMAND")],
-    fields: Annotated[Positional[tuple[str, ...]], tyro.conf.arg(metavar="NAME=VALUE")] = (),
-    /,
-    json: Annotated[str | None, tyro.conf.arg(name="json", metavar="{...}")] = None,
-    timeout: float = 2.0,
-    endpoint: Endpoint = None,
-    twin: Twin = None,
-) -> int:
-    """Send a command to a running twin, print its answer as JSON, and let others drive again.
-
-    Exit code 0: done; 1: refused, or no twin answers; 2: bad input.
-
-    Args:
-        command: Name of the command, such as play or add_obstacle; docs/zenoh.md lists them.
-        fields: Fields of the command: name=crate x=1.0 y=-0.5 size=0.3,0.3,0.4
-        json: Fields as JSON instead.
-        timeout: Time to wait for the answer [s].
-        endpoint: Address of the twin server; without it, that of MOTM_ZENOH_CONFIG, or the twin on this machine.
-        twin: Name of the twin.
-    """
-    from motm_twin.cli.send import send as send_command
-
-    return send_command(command, list(fields), json=json, timeout=timeout, endpoint=endpoint, twin=twin)
-
-
-def twins(endpoint: Endpoint = None, json: Annotated[Flag, tyro.conf.arg(name="json")] = False) -> int:
-    """List the twins that run on this machine, or behind an endpoint (or that of MOTM_ZENOH_CONFIG).
-
-    Exit code 0: there is one that answers; 1: there is none.
-
-    Args:
-        endpoint: Address of a twin server or router.
-        json: Print JSON, one line each.
-    """
-    from motm_twin.cli.watch import twins as list_twins
-
-    return list_twins(endpoint, as_json=json)
 
 
 def demo() -> int:

@@ -1,6 +1,5 @@
 """`motm-twin paper`: the experiments, the figures and tables, and the report, in one command."""
 
-from collections.abc import Collection
 from pathlib import Path
 from typing import Annotated
 
@@ -9,7 +8,7 @@ from rich.console import Console
 
 from motm_twin.cli.outputs import folder_problem
 from motm_twin.model.names import hint
-from motm_twin.program import BAD_INPUT, INTERRUPTED
+from motm_twin.program import BAD_INPUT, INTERRUPTED, plain_console
 from motm_twin.studies.settings import PaperSettings
 
 WARN_HOURS = 3.0  # beyond this, --yes is required
@@ -25,7 +24,7 @@ def paper(settings: Annotated[PaperSettings, tyro.conf.arg(name="")]) -> int:
     """
     from motm_twin.studies.paper.plan import PLANS
 
-    given, console = settings, Console(highlight=False, soft_wrap=True)
+    given, console = settings, plain_console()
     if problem := _problem(given):
         return _refused(problem)
     plan = PLANS[given.plan]()
@@ -54,11 +53,6 @@ def _problem(given: PaperSettings) -> str:
         return f"--workers {given.workers}: at least 1"
     problem = folder_problem(given.out)
     return f"--out {given.out}: {problem}" if problem else ""
-
-
-def duration_text(hours: float) -> str:
-    """A duration in words."""
-    return f"{hours:.1f} h" if hours >= 1.0 else f"{60.0 * hours:.0f} min"
 
 
 def _records_in_folder(given: PaperSettings, plan) -> dict:
@@ -108,12 +102,13 @@ def _announce(given: PaperSettings, wanted, console: Console) -> None:
     from motm_twin.studies.paper.plan import hours
 
     left, count = missing(given.out, wanted, retry_failed=given.retry_failed)
-    expected = duration_text(hours(left, given.workers))
+    expected_h = hours(left, given.workers)
+    expected = f"{expected_h:.1f} h" if expected_h >= 1.0 else f"{60.0 * expected_h:.0f} min"
     console.print(
         f"{len(left)} of {count} trials to run, expected to take {expected} with {given.workers} processes on this "
         "machine; then the figures"
     )
-    if hours(left, given.workers) > WARN_HOURS and not given.yes and not _begun(given):
+    if expected_h > WARN_HOURS and not given.yes and not _begun(given):
         raise ValueError(f"that is long: add --yes to start, more --workers, or --backend ray; expected {expected}")
 
 
@@ -132,9 +127,11 @@ def _write(given: PaperSettings, plan, records: dict, console: Console) -> Path:
     from motm_twin.studies.paper import report
     from motm_twin.studies.paper.data import Store, origin
     from motm_twin.studies.paper.parts import NAMES, Context
+    from motm_twin.studies.paper.plan import PLANS
 
     ran = origin((record for these in records.values() for record in these), given.command())
-    shown = _largest(ran.plans, plan) if given.draw else plan
+    known = [name for name in PLANS if name in ran.plans]  # the largest plan that ran the trials comes last
+    shown = PLANS[known[-1]]() if given.draw and known else plan
     trials = {name: [record.result for record in these] for name, these in records.items()}
     context = Context(Store(trials), given.out, console, not given.no_page, shown.name, ran.sources)
     given.out.mkdir(parents=True, exist_ok=True)
@@ -143,14 +140,6 @@ def _write(given: PaperSettings, plan, records: dict, console: Console) -> Path:
     return report.write(context, ran, given.command(), given.only or NAMES, shown.notes)
 
 
-def _largest(names: Collection[str], otherwise):
-    """The largest of the plans that ran the trials of a folder."""
-    from motm_twin.studies.paper.plan import PLANS
-
-    known = [name for name in PLANS if name in names]
-    return PLANS[known[-1]]() if known else otherwise
-
-
 def _refused(why: str) -> int:
-    Console(stderr=True, highlight=False, soft_wrap=True).print(f"motm-twin paper: {why}", markup=False)
+    plain_console(stderr=True).print(f"motm-twin paper: {why}", markup=False)
     return BAD_INPUT

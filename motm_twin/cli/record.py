@@ -1,4 +1,4 @@
-"""`motm-twin record | replay | rerun | info | recover`: recordings on the command line."""
+"""`motm-twin record | replay | rerun | what-if | info | recover`: recordings on the command line."""
 
 import json as json_module
 import signal
@@ -13,7 +13,7 @@ import tyro
 from rich.console import Console
 from tyro.conf import Positional
 
-from motm_twin.cli.settings import ReplaySettings
+from motm_twin.cli.settings import Changes, ReplaySettings
 from motm_twin.program import BAD_INPUT, FAILED, OK, plain_console
 from motm_twin.sessions.session import SessionError
 
@@ -132,6 +132,32 @@ def rerun(file: _File, /, update: _Flag = False, json: _Json = None, method: _Me
     from motm_twin.cli.rerun import rerun_file
 
     return rerun_file(file, update=update, report=json, method=method)
+
+
+def what_if(
+    file: _File,
+    /,
+    changes: Changes = (),
+    seconds: Annotated[float, tyro.conf.arg(name="from", metavar="SECONDS")] = 0.0,
+    json: _Json = None,
+    stream: _Flag = False,
+    method: _Method = None,
+) -> int:
+    """Run a saved session as it was and with other parameters, both to the end of the task.
+
+    Exit code 0: both were run; 1: one broke; 2: bad input.
+
+    Args:
+        file: A saved session.
+        changes: Set a parameter (docs/zenoh.md lists them) to a value; may be repeated.
+        seconds: Simulated time from which the changes hold; 0 for the whole run.
+        json: Write the report to a file, or to standard output with '-'.
+        stream: Instead, write the poses of both robots at 10 Hz and their outcomes as JSON lines.
+        method: File of your own method, if the session was made with one.
+    """
+    from motm_twin.cli.rerun import what_if as compare
+
+    return compare(file, list(changes), seconds=seconds, report=json, lines=stream, method=method)
 
 
 def info(file: _File, /, json: _Json = None) -> int:

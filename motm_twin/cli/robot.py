@@ -1,14 +1,13 @@
 """`motm-twin robot`: the reference robot, our simulated plant with its referee as a program of its own."""
 
-import json as json_module
 import sys
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 from tyro.conf import FlagCreatePairsOff, Positional, arg
 
+from motm_twin.cli.outputs import write_json
 from motm_twin.cli.settings import Seed
 from motm_twin.program import BAD_INPUT, FAILED, OK
 
@@ -73,6 +72,8 @@ def robot(settings: Annotated[RobotSettings, arg(name="")]) -> int:
     Runs until Ctrl-C or SIGTERM and then prints the referee's counts. Standard error says where it waits for its twin
     and when they have met. Exit code 0: the robot caused no contact; 1: it caused one; 2: bad input.
     """
+    from motm_twin.bus.connection import LOOPBACK, configured_endpoint
+    from motm_twin.bus.keys import DEFAULT_PORT
     from motm_twin.bus.processes import leave
 
     def say(text: str) -> None:
@@ -81,7 +82,8 @@ def robot(settings: Annotated[RobotSettings, arg(name="")]) -> int:
 
     twin = settings.twin
     try:
-        endpoint = _endpoint(settings)
+        leads = configured_endpoint()  # a file that cannot be used is refused in any case
+        endpoint = settings.endpoint or leads or f"tcp/{LOOPBACK}:{DEFAULT_PORT}"
         server = _server(settings, endpoint, lambda: say(f"has met the twin {twin!r} at {endpoint}"))
     except ValueError as error:
         print(f"motm-twin robot: {error}", file=sys.stderr)
@@ -92,27 +94,14 @@ def robot(settings: Annotated[RobotSettings, arg(name="")]) -> int:
         say(f"no twin {twin!r} was met at {endpoint}")
     counted = server.robot.report()
     server.close()
-    text = json_module.dumps(counted, indent=2)
-    if settings.json == "-":
-        print(text, flush=True)
-    else:
-        Path(settings.json).write_text(text + "\n", encoding="utf-8")
+    write_json(counted, settings.json)
     leave(FAILED if counted["contacts_caused_by_robot"] or counted["dropped"] else OK)
     return OK
 
 
-def _endpoint(settings: RobotSettings) -> str:
-    from motm_twin.bus.connection import LOOPBACK
-    from motm_twin.bus.keys import DEFAULT_PORT
-    from motm_twin.bus.zenoh_config import configured_endpoint
-
-    leads = configured_endpoint()  # a file that cannot be used is refused in any case
-    return settings.endpoint or leads or f"tcp/{LOOPBACK}:{DEFAULT_PORT}"
-
-
 def _server(settings: RobotSettings, endpoint: str, on_met: Callable[[], None]) -> "RobotServer":
     from motm_twin.bus.processes import stop_event
-    from motm_twin.external.emulator import LinkSpec
+    from motm_twin.external.robot import LinkSpec
     from motm_twin.external.robot_server import RobotServer
     from motm_twin.model.scene_file import load_scene
     from motm_twin.plants import with_plant

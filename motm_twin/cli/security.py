@@ -63,7 +63,7 @@ def security(settings: Annotated[SecuritySettings, arg(name="")]) -> int:
     console, place = plain_console(), Folder(settings.folder)
     try:
         if settings.action == "list":
-            for role, name in _listed(place):
+            for role, name in _each(place.known().names):
                 console.print(f"{role} {name}: {place.of(role, name)}", markup=False)
             return OK
         _change(place, settings)
@@ -78,15 +78,6 @@ def security(settings: Annotated[SecuritySettings, arg(name="")]) -> int:
         file, use = place.of(role, name), USES[role].format(name=name)
         console.print(f"Hand over: {file}  (use: MOTM_ZENOH_CONFIG={file.name} {use})", markup=False)
     return OK
-
-
-def _listed(place: "Folder") -> list[tuple[str, str]]:
-    from motm_twin.security.folder import SecurityError
-
-    people = place.people()
-    if people is None:
-        raise SecurityError(f"{place.path} has no people.json: make the folder first with motm-twin security make")
-    return _each(people.names)
 
 
 def _change(place: "Folder", settings: SecuritySettings) -> None:

@@ -13,12 +13,11 @@ from typing import Any
 
 from rich.console import Console
 
-from motm_twin.bus.connection import LOOPBACK, free_port, require_free_port
+from motm_twin.bus.connection import LOOPBACK, VARIABLE, check_endpoint, free_port, require_free_port
 from motm_twin.bus.keys import Keys
 from motm_twin.bus.library import MethodLibrary
 from motm_twin.bus.private_folder import Running, announce, client_file, forget, keep_young, note, own_credentials
 from motm_twin.bus.processes import Child, end_all, setter
-from motm_twin.bus.zenoh_config import VARIABLE, check_endpoint
 from motm_twin.cli.outputs import folder_problem
 from motm_twin.cli.settings import PageSettings, ReplaySettings, ServeSettings
 from motm_twin.model.scene_file import load_scene
@@ -61,7 +60,6 @@ def serve(given: ServeSettings) -> int:
 
 def _checked(given: ServeSettings) -> PageSettings:
     """Check all but the scene and the method; the page with its token. Raises ValueError, OSError."""
-    Keys(given.twin)
     if given.paused and given.play:
         raise ValueError("--paused and --play exclude each other")
     if given.loop and given.external:
@@ -72,8 +70,7 @@ def _checked(given: ServeSettings) -> PageSettings:
         if not given.external:
             raise ValueError("--connect is where twin and robot meet: it needs --plant zenoh or --plant mirror")
         check_endpoint(given.connect)
-    page = given.page if given.headless else _checked_page(given.page)
-    own_credentials()  # or the reason why they cannot be kept
+    page = _checked_addresses(given, "is another twin running?")
     if (path := given.record) is not None:
         if path.suffix != ".mcap":
             raise ValueError(f"--record {path}: give a name that ends in .mcap")
@@ -83,13 +80,17 @@ def _checked(given: ServeSettings) -> PageSettings:
             raise ValueError(f"--record {path}: give a new file in a folder that exists")
     if given.data is not None and (problem := folder_problem(given.data)):
         raise ValueError(f"--data {given.data}: {problem}")
-    hint = "is another twin running? Choose another one with --zenoh-port (0: any)"
-    require_free_port(LOOPBACK, given.zenoh_port, hint)
     return page
 
 
-def _checked_page(page: PageSettings) -> PageSettings:
-    """The page with the token that is asked for, if any. Raises ValueError, OSError."""
+def _checked_addresses(given: ServeSettings | ReplaySettings, hint: str) -> PageSettings:
+    """Check name, ports and passwords; the page with the token that is asked for. Raises ValueError, OSError."""
+    Keys(given.twin)
+    own_credentials()  # or the reason why they cannot be kept
+    require_free_port(LOOPBACK, given.zenoh_port, f"{hint} Choose another one with --zenoh-port (0: any)")
+    page = given.page
+    if given.headless:
+        return page
     if page.visitors < 1:
         raise ValueError(f"--visitors {page.visitors}: at least one page must be possible")
     token = chosen_token(page.token, none=page.no_token)
@@ -102,11 +103,7 @@ def serve_recording(given: ReplaySettings) -> int:
     """Play a recording under the keys of a twin, with its page; exit codes as of `serve`."""
     console = plain_console()
     try:
-        Keys(given.twin)
-        page = given.page if given.headless else _checked_page(given.page)
-        own_credentials()  # or the reason why they cannot be kept
-        hint = "is a twin running? Choose another one with --zenoh-port (0: any)"
-        require_free_port(LOOPBACK, given.zenoh_port, hint)
+        page = _checked_addresses(given, "is a twin running?")
     except (OSError, ValueError) as error:
         console.print(f"motm-twin replay: {error.args[-1]}", style="red", markup=False)
         return BAD_INPUT
@@ -201,12 +198,9 @@ class _Supervisor:
         match event["event"]:
             case "listening":
                 self._print(f"{after}  Zenoh: {event['endpoint']}, keys motm/{self._twin}/**")
-                let_in = (
-                    "anybody on this machine"
-                    if self._open_bus
-                    else f"your programs, and others with {client_file(self.zenoh_port)}"
-                )
-                self._print(f"{after}  Zenoh accepts {let_in}", markup=False)
+                yours = f"your programs, and others with {client_file(self.zenoh_port)}"
+                who = "anybody on this machine" if self._open_bus else yours
+                self._print(f"{after}  Zenoh accepts {who}", markup=False)
                 if why := event.get("no_real_time"):
                     self._print(f"{after}  no real-time scheduling: {why} (docs/install.md)", markup=False)
             case "page":

@@ -29,14 +29,29 @@ Seed = Annotated[
 ]
 
 
+Changes = Annotated[UseAppendAction[tuple[str, ...]], arg(name="set", metavar="NAME=VALUE")]
+
+
 @dataclass(frozen=True, kw_only=True)
-class RunSettings:
-    """Scene, method and files of a headless run.
+class SceneSettings:
+    """The scene.
 
     Args:
         scene: Shipped scene (`motm-twin scene list`), path to a scene file, generated:SEED@DIFFICULTY or barn:SEED.
         variant: Named variant of the scene; without it the scene's default.
         seed: Seed of noise and random arrangements; without it the scene's.
+    """
+
+    scene: Annotated[Positional[str], arg(metavar="[SCENE]")] = "exp1"
+    variant: Annotated[str | None, arg(metavar="NAME")] = None
+    seed: Seed = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunSettings(SceneSettings):
+    """Scene, method and files of a headless run.
+
+    Args:
         json: Write the report to a file, or to standard output with '-'.
         save: Write the session to a new file, for `rerun` and `what-if`; after Ctrl-C it holds the run so far.
         plot: Write a figure (.png, .svg or .pdf): speed along the path, and each leg beside the reference tour.
@@ -45,15 +60,12 @@ class RunSettings:
         changes: Set a parameter (docs/zenoh.md lists them) to a value, on top of the method's; may be repeated.
     """
 
-    scene: Annotated[Positional[str], arg(metavar="[SCENE]")] = "exp1"
-    variant: Annotated[str | None, arg(metavar="NAME")] = None
-    seed: Seed = None
     json: Annotated[str | None, arg(name="json", metavar="FILE|-")] = None
     save: Annotated[str | None, arg(metavar="FILE")] = None
     plot: Annotated[Path | None, arg(metavar="FILE")] = None
     method: str = DEFAULT_METHOD
     plant: Literal["simulated", "mujoco"] = "simulated"
-    changes: Annotated[UseAppendAction[tuple[str, ...]], arg(name="set", metavar="NAME=VALUE")] = ()
+    changes: Changes = ()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -85,13 +97,10 @@ class PageSettings:
 
 
 @dataclass(frozen=True, kw_only=True)
-class ServeSettings:
+class ServeSettings(SceneSettings):
     """Scene, robot and page of a served twin.
 
     Args:
-        scene: Shipped scene (`motm-twin scene list`), path to a scene file, generated:SEED@DIFFICULTY or barn:SEED.
-        variant: Named variant of the scene; without it the scene's default.
-        seed: Seed of noise and random arrangements; without it the scene's.
         page: Page of the twin.
         headless: Start only the Zenoh server, no page.
         zenoh_port: TCP port of Zenoh, on loopback; 0 takes any free one. Your own programs may connect.
@@ -113,9 +122,6 @@ class ServeSettings:
             bit, however slow the machine is.
     """
 
-    scene: Annotated[Positional[str], arg(metavar="[SCENE]")] = "exp1"
-    variant: Annotated[str | None, arg(metavar="NAME")] = None
-    seed: Seed = None
     page: Annotated[PageSettings, arg(name="")] = field(default_factory=PageSettings)
     headless: bool = False
     zenoh_port: int = 7447

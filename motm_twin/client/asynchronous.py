@@ -3,23 +3,15 @@
 import asyncio
 from collections.abc import AsyncGenerator, Awaitable, Callable
 from contextlib import aclosing, asynccontextmanager, suppress
-from functools import partial
-from typing import Any
+from functools import partial, wraps
+from typing import Any, TypeVar
 
-from motm_twin.bus.client import Grid
+from motm_twin.bus import messages
 from motm_twin.bus.commands import Answer, Command
-from motm_twin.bus.messages import (
-    MetricsMessage,
-    NumberedEvent,
-    RobotStateMessage,
-    ScanMessage,
-    StatusMessage,
-    TickMessage,
-)
 from motm_twin.client.commanding import Commanding
-from motm_twin.client.events import LOOK, EventReader
-from motm_twin.client.twin import Twin, connect
-from motm_twin.model.scene import Scene
+from motm_twin.client.twin import LOOK, EventReader, Twin, connect
+
+T = TypeVar("T")
 
 
 @asynccontextmanager
@@ -34,6 +26,16 @@ async def connect_async(
         await handle.close()
 
 
+def _at_once(method: Callable[[Twin], T]) -> Callable[["AsyncTwin"], T]:
+    """A method of a twin that does not wait."""
+    return wraps(method)(lambda self: method(self.twin))
+
+
+def _in_thread(method: Callable[[Twin], T]) -> Callable[["AsyncTwin"], Awaitable[T]]:
+    """A method of a twin that is awaited, as it may wait for an answer."""
+    return wraps(method)(lambda self: asyncio.to_thread(method, self.twin))
+
+
 class AsyncTwin(Commanding[Awaitable[Answer]]):
     """As `Twin`; commands, iterators and waits are awaited, the newest state needs no await."""
 
@@ -46,47 +48,20 @@ class AsyncTwin(Commanding[Awaitable[Answer]]):
         """As `Twin.send`."""
         return await asyncio.to_thread(self.twin.send, command, timeout)
 
-    def latest_tick(self) -> TickMessage | None:
-        """As `Twin.latest_tick`."""
-        return self.twin.latest_tick()
+    latest_tick, status = _at_once(Twin.latest_tick), _at_once(Twin.status)
+    grid, scene = _at_once(Twin.grid), _at_once(Twin.scene)
+    robot, scan, metrics = _in_thread(Twin.robot), _in_thread(Twin.scan), _in_thread(Twin.metrics)  # they subscribe
+    session = _in_thread(Twin.session)
 
-    def status(self) -> StatusMessage | None:
-        """As `Twin.status`."""
-        return self.twin.status()
-
-    async def robot(self) -> RobotStateMessage | None:
-        """As `Twin.robot`; the first call subscribes."""
-        return await asyncio.to_thread(self.twin.robot)
-
-    async def scan(self) -> ScanMessage | None:
-        """As `Twin.scan`; the first call subscribes."""
-        return await asyncio.to_thread(self.twin.scan)
-
-    async def metrics(self) -> MetricsMessage | None:
-        """As `Twin.metrics`; the first call subscribes."""
-        return await asyncio.to_thread(self.twin.metrics)
-
-    def grid(self) -> Grid | None:
-        """As `Twin.grid`."""
-        return self.twin.grid()
-
-    def scene(self) -> Scene | None:
-        """As `Twin.scene`."""
-        return self.twin.scene()
-
-    async def session(self) -> bytes:
-        """As `Twin.session`."""
-        return await asyncio.to_thread(self.twin.session)
-
-    def ticks(self) -> AsyncGenerator[TickMessage, None]:
+    def ticks(self) -> AsyncGenerator[messages.TickMessage, None]:
         """As `Twin.ticks`."""
         return self._newest(self.twin.client.keys.tick, self.twin.latest_tick)
 
-    def robots(self) -> AsyncGenerator[RobotStateMessage, None]:
+    def robots(self) -> AsyncGenerator[messages.RobotStateMessage, None]:
         """As `Twin.robots`."""
         return self._newest(self.twin.client.keys.robot, self.twin.robot)
 
-    async def events(self, since: int | None = None) -> AsyncGenerator[NumberedEvent, None]:
+    async def events(self, since: int | None = None) -> AsyncGenerator[messages.NumberedEvent, None]:
         """As `Twin.events`; listening begins when the first one is awaited."""
         wake, notify = self._wake()
         reader = await asyncio.to_thread(EventReader, self.twin.client, since, notify)
@@ -100,7 +75,9 @@ class AsyncTwin(Commanding[Awaitable[Answer]]):
             self._wakes.discard(wake)
             reader.close()
 
-    async def wait_until(self, condition: Callable[[TickMessage], bool], *, timeout: float) -> TickMessage:
+    async def wait_until(
+        self, condition: Callable[[messages.TickMessage], bool], *, timeout: float
+    ) -> messages.TickMessage:
         """As `Twin.wait_until`."""
         async with asyncio.timeout(timeout), aclosing(self.ticks()) as ticks:
             async for tick in ticks:

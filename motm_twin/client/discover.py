@@ -7,11 +7,10 @@ from typing import TypeVar
 import msgspec
 import zenoh
 
-from motm_twin.bus.connection import answers, open_client
+from motm_twin.bus.connection import answers, configured_endpoint, open_client
 from motm_twin.bus.keys import PREFIX, Keys, is_name
 from motm_twin.bus.messages import StatusMessage
 from motm_twin.bus.private_folder import all_running
-from motm_twin.bus.zenoh_config import configured_endpoint
 
 TIMEOUT = 2.0  # [s]
 AGAIN = 0.05  # [s] between two questions

@@ -5,21 +5,10 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from motm_twin.bus.plant_messages import (
-    HOLD,
-    VERSION,
-    EditRequest,
-    Info,
-    ResetRequest,
-    RobotCommand,
-    RobotState,
-    TaskNotice,
-    from_message,
-)
+from motm_twin.bus import plant_messages
 from motm_twin.control.predictor import Motion, Predictor
 from motm_twin.external.messages import NAMES, detection_of, scan_of, truth_of
-from motm_twin.external.robot_link import RESET_ANSWER, Obedience, RobotLink
-from motm_twin.external.timing import ClockOffset, Lead
+from motm_twin.external.robot_link import RESET_ANSWER, ClockOffset, Lead, Obedience, RobotLink
 from motm_twin.model.edits import WorldEdit
 from motm_twin.model.geometry import Array, compose, inverse
 from motm_twin.model.joint_limits import DQ_MAX
@@ -31,65 +20,6 @@ class NotPossible(ValueError):
     """This robot can not do that; the message says what and why."""
 
 
-class RemoteRehearsal:
-    """Edits that wait to be applied, tried by the robot."""
-
-    def __init__(self, link: RobotLink) -> None:
-        self._link, self._accepted = link, list[WorldEdit]()
-
-    def accept(self, edit: WorldEdit) -> None:
-        """Take an edit after those that were accepted before; raises ValueError when the world will not take it."""
-        request = EditRequest(version=VERSION, check=True, before=tuple(self._accepted), edit=edit)
-        answer = self._link.ask(self._link.keys.edit, request)
-        if not answer.ok:
-            raise ValueError(answer.reason)
-        self._accepted.append(edit)
-
-
-class RemoteWorld:
-    """Ground truth and edits."""
-
-    def __init__(self, link: RobotLink) -> None:
-        self.link, self.mirror = link, link.listen_only
-        self._info: Info | None = None
-
-    def truth(self) -> Truth | None:
-        """Ground truth of a robot that tells it."""
-        data = self.link.newest("truth")
-        return None if data is None else truth_of(data)
-
-    def rehearsal(self) -> "RemoteRehearsal":
-        """Asks the robot about edits, one after another. Raises NotPossible."""
-        self._require_editable()
-        return RemoteRehearsal(self.link)
-
-    def apply(self, edit: WorldEdit) -> None:
-        """Change the world of a simulated robot; raises ValueError when it can not be."""
-        self._require_editable()
-        answer = self.link.ask(self.link.keys.edit, EditRequest(version=VERSION, check=False, edit=edit))
-        if not answer.ok:
-            raise ValueError(answer.reason)
-
-    def expect_tasks(self, tasks: Sequence[Task]) -> None:
-        """Tell the referee of a simulated robot the task list of now."""
-        self._notify(TaskNotice(version=VERSION, tasks=tuple(tasks)))
-
-    def expect_map(self, announced: Mapping[str, PlanarPose]) -> None:
-        """Tell the referee of a simulated robot where furniture was announced."""
-        self._notify(TaskNotice(version=VERSION, announced=dict(announced)))
-
-    def _notify(self, notice: TaskNotice) -> None:
-        if self._info is not None and "truth" in self._info.can and not self.mirror:
-            self.link.ask(self.link.keys.tasks, notice)
-
-    def _require_editable(self) -> None:
-        if self.mirror:
-            raise NotPossible("a mirror only shows the robot: it changes nothing")
-        if self._info is None or "edit" not in self._info.can:
-            name = "there is no robot" if self._info is None else f"robot {self._info.name!r} is not simulated"
-            raise NotPossible(f"{name}: its world can not be changed from here: move the real things")
-
-
 GONE = 1.0  # [s] without a state after which the robot is waited for
 AGAIN = 0.5  # [s] after which a grant that had no answer is sent again
 SILENT_WAIT = 0.05  # [s] that a step waits for a robot that has not answered the one before
@@ -99,17 +29,36 @@ ROUNDING = 1e-6  # [s]
 FIRST_STATES = 100  # steps of a shared clock in which a robot must have shown itself
 
 
-class ZenohPlant(RemoteWorld):
+class RemoteRehearsal:
+    """Edits that wait to be applied, tried by the robot."""
+
+    def __init__(self, link: RobotLink) -> None:
+        self._link, self._accepted = link, list[WorldEdit]()
+
+    def accept(self, edit: WorldEdit) -> None:
+        """Take an edit after those that were accepted before; raises ValueError when the world will not take it."""
+        _request(self._link, edit, check=True, before=tuple(self._accepted))
+        self._accepted.append(edit)
+
+
+def _request(link: RobotLink, edit: WorldEdit, *, check: bool, before: tuple[WorldEdit, ...] = ()) -> None:
+    request = plant_messages.EditRequest(version=plant_messages.VERSION, check=check, before=before, edit=edit)
+    answer = link.ask(link.keys.edit, request)
+    if not answer.ok:
+        raise ValueError(answer.reason)
+
+
+class ZenohPlant:
     """Drives one robot. With ``mirror`` it only shows it: nothing is ever sent."""
 
     def __init__(self, link: RobotLink, scene: Scene, *, sender: str = "twin") -> None:
         """A robot that can be reset is put to the start of the scene before it is driven."""
-        super().__init__(link)
-        self.scene = scene
+        self.link, self.mirror, self.scene = link, link.listen_only, scene
+        self._info: plant_messages.Info | None = None
         self._sender, self._reset_wanted = sender, not self.mirror
         self._seq = time.time_ns() // 1000  # rises also when this program starts again
         self._newest_sent = -1  # number of the newest command to the robot that is taken up
-        self._predictor = Predictor(scene.robot, HOLD)
+        self._predictor = Predictor(scene.robot, plant_messages.HOLD)
         self._clock_sets = 0  # of the link, as far as is known here
         self._origin: float | None = None  # robot's clock at time 0 of the run
         self._to_odometry: Array | None = None  # of a robot that was started again: its odometry in the run's
@@ -130,6 +79,40 @@ class ZenohPlant(RemoteWorld):
     def shared(self) -> bool:
         """The robot's time passes when it is granted."""
         return self._info is not None and self._info.clock == "shared"
+
+    def truth(self) -> Truth | None:
+        """Ground truth of a robot that tells it."""
+        data = self.link.newest("truth")
+        return None if data is None else truth_of(data)
+
+    def rehearsal(self) -> RemoteRehearsal:
+        """Asks the robot about edits, one after another. Raises NotPossible."""
+        self._require_editable()
+        return RemoteRehearsal(self.link)
+
+    def apply(self, edit: WorldEdit) -> None:
+        """Change the world of a simulated robot; raises ValueError when it can not be."""
+        self._require_editable()
+        _request(self.link, edit, check=False)
+
+    def expect_tasks(self, tasks: Sequence[Task]) -> None:
+        """Tell the referee of a simulated robot the task list of now."""
+        self._notify(plant_messages.TaskNotice(version=plant_messages.VERSION, tasks=tuple(tasks)))
+
+    def expect_map(self, announced: Mapping[str, PlanarPose]) -> None:
+        """Tell the referee of a simulated robot where furniture was announced."""
+        self._notify(plant_messages.TaskNotice(version=plant_messages.VERSION, announced=dict(announced)))
+
+    def _notify(self, notice: plant_messages.TaskNotice) -> None:
+        if self._info is not None and "truth" in self._info.can and not self.mirror:
+            self.link.ask(self.link.keys.tasks, notice)
+
+    def _require_editable(self) -> None:
+        if self.mirror:
+            raise NotPossible("a mirror only shows the robot: it changes nothing")
+        if self._info is None or "edit" not in self._info.can:
+            name = "there is no robot" if self._info is None else f"robot {self._info.name!r} is not simulated"
+            raise NotPossible(f"{name}: its world can not be changed from here: move the real things")
 
     def ready(self) -> bool:
         """True when there is a robot to observe now; takes up one that has come. Call it between periods."""
@@ -159,7 +142,7 @@ class ZenohPlant(RemoteWorld):
         """One sentence about the robot."""
         if self._info is None or self._origin is None:
             return f"waiting for robot on {self.link.keys.root}/**{self._lacking()}"
-        state: RobotState | None = self.link.newest("state")
+        state: plant_messages.RobotState | None = self.link.newest("state")
         now = time.monotonic()
         quiet = now - self.link.last_sign
         if quiet > GONE and (self._silent_since or self.mirror or not self.shared):
@@ -192,12 +175,12 @@ class ZenohPlant(RemoteWorld):
 
     def observe(self) -> Observation:
         """The robot at the time at which a command that is given now acts."""
-        state: RobotState | None = self.link.newest("state")
+        state: plant_messages.RobotState | None = self.link.newest("state")
         assert state is not None and self._origin is not None, "observe comes after ready"
         arrived, self._arrived = self._arrived, []
         for seq, at in arrived:
             self._lead.heard(seq, at)
-        motion: Motion = from_message(state, Motion)
+        motion: Motion = plant_messages.from_message(state, Motion)
         if self.mirror:
             now = until = max(motion.stamp, self._acts_at)
         else:
@@ -234,8 +217,8 @@ class ZenohPlant(RemoteWorld):
             actuation.twist, [-limits.reverse_speed, -limits.yaw_rate], [limits.forward_speed, limits.yaw_rate]
         )
         self._seq += 1
-        command = RobotCommand(
-            version=VERSION,
+        command = plant_messages.RobotCommand(
+            version=plant_messages.VERSION,
             life=self._info.life,
             sender=self._sender,
             seq=self._seq,
@@ -243,7 +226,7 @@ class ZenohPlant(RemoteWorld):
             twist=twist.tolist(),
             joint_velocity=np.clip(actuation.joint_velocity, -DQ_MAX, DQ_MAX).tolist(),
             gripper=actuation.gripper,
-            lifetime=HOLD,
+            lifetime=plant_messages.HOLD,
         )
         self._newest_sent = self._seq
         self._predictor.sent(self._acts_at, actuation)
@@ -280,13 +263,13 @@ class ZenohPlant(RemoteWorld):
     def begin(self, scene: Scene) -> None:
         """Another run: a robot that can be reset begins again in this scene, another goes on from where it is."""
         if scene.robot != self.scene.robot:
-            self._predictor = Predictor(scene.robot, HOLD)
+            self._predictor = Predictor(scene.robot, plant_messages.HOLD)
         self.scene = scene
         self._reset_wanted = not self.mirror
         self._origin, self._to_odometry = None, None
         self._latest, self._interrupted = None, False
 
-    def _on_state(self, state: RobotState, received: float) -> None:
+    def _on_state(self, state: plant_messages.RobotState, received: float) -> None:
         """In Zenoh's thread. The clock of a robot that is not taken up yet says nothing about that of the run."""
         if not self._is_taken_up(state.life):
             return
@@ -302,7 +285,7 @@ class ZenohPlant(RemoteWorld):
         offset = self._clock.offset
         return self._at if offset is None else time.monotonic() + offset
 
-    def _age(self, state: RobotState) -> float:
+    def _age(self, state: plant_messages.RobotState) -> float:
         if self.shared:  # time that was not granted does not pass: a silent robot is waited for, by `_fresh`
             clock = self.link.newest("clock") if self.mirror else None
             return max(0.0, (self._at if clock is None else clock.stamp) - state.stamp)
@@ -376,7 +359,7 @@ class ZenohPlant(RemoteWorld):
         self._reset_wanted = False
         return self._settle()
 
-    def _adopt(self, info: Info) -> None:
+    def _adopt(self, info: plant_messages.Info) -> None:
         """Another robot, or the same one after it was started again or its clock was set: forget the one before."""
         self.link.live(info.life)
         self._info, self._clock_sets = info, self.link.clock_sets
@@ -390,7 +373,7 @@ class ZenohPlant(RemoteWorld):
         self._at, self._acts_at = 0.0, -np.inf
 
     def _reset(self) -> bool:
-        request = ResetRequest(version=VERSION, scene=self.scene)
+        request = plant_messages.ResetRequest(version=plant_messages.VERSION, scene=self.scene)
         answer = self.link.ask(self.link.keys.reset, request, RESET_ANSWER)
         if not answer.ok or self._info is None:
             return False
@@ -414,7 +397,7 @@ class ZenohPlant(RemoteWorld):
                 self._grant(self._at + 0.01)
         if not self._shown() or not self._fresh() or (self._clock.offset is None and not self.shared):
             return False
-        state: RobotState = self.link.newest("state")
+        state: plant_messages.RobotState = self.link.newest("state")
         if not self.shared or self.mirror:
             self._at = state.stamp if self.mirror else max(state.stamp, self._robot_now())
         before = self._latest

@@ -13,8 +13,7 @@ import zenoh
 from motm_twin.bus.connection import direct, open_member
 from motm_twin.bus.keys import PlantKeys, spoken_on
 from motm_twin.bus.plant_messages import VERSION, ClockGrant, EditRequest, PlantAnswer, ResetRequest, TaskNotice
-from motm_twin.external.emulator import LinkSpec
-from motm_twin.external.robot import ReferenceRobot, encode
+from motm_twin.external.robot import LinkSpec, ReferenceRobot, encode
 from motm_twin.model.scene import Scene
 from motm_twin.sim.plant import SUBSTEP
 

@@ -3,10 +3,9 @@
 Needs the extra `[gym]`. docs/gym.md has the actions, the observations and the reward.
 """
 
-from motm_twin.gym.env import MotmEnv
+from motm_twin.gym.env import MotmEnv, RewardWeights
 from motm_twin.gym.expert import Expert
 from motm_twin.gym.observation import gymnasium
-from motm_twin.gym.reward import RewardWeights
 
 __all__ = ["ENVIRONMENTS", "Expert", "MotmEnv", "RewardWeights"]
 

@@ -1,6 +1,7 @@
 """The twin as a Gymnasium environment: one step is one control period (50 ms) of the loop of `run`."""
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from types import EllipsisType
 from typing import Any
 
@@ -12,7 +13,6 @@ from motm_twin.control.tick import Tick
 from motm_twin.gym.actions import ArmAction, BaseAction, agent_method
 from motm_twin.gym.observation import AgentView, ObservationReader, Observed, gymnasium, spaces, view_of
 from motm_twin.gym.picture import TopView
-from motm_twin.gym.reward import RewardWeights, Score, reward, score_of
 from motm_twin.methods.registry import find_method
 from motm_twin.model.joint_limits import DQ_MAX
 from motm_twin.model.plant import Truth
@@ -21,6 +21,65 @@ from motm_twin.model.scene import Scene
 from motm_twin.model.scene_file import load_scene
 from motm_twin.model.scene_load import load_document
 from motm_twin.twin import Twin
+
+
+@dataclass(frozen=True, kw_only=True)
+class RewardWeights:
+    """Weight of each event. Objects count once: lifting the same one again earns nothing."""
+
+    second: float = -1.0  # for every second that passes
+    pick: float = 10.0  # an object lifted for the first time
+    place: float = 10.0  # an object in a bin where the task list wants it, for the first time
+    drop: float = -10.0  # an object fell elsewhere
+    contact: float = -20.0  # an episode of contact that the robot caused
+    given_up: float = -10.0  # a task that failed
+
+
+@dataclass(frozen=True, kw_only=True)
+class Score:
+    """Events since the reset."""
+
+    time: float = 0.0  # [s]
+    picked: frozenset[str] = frozenset()  # objects that were lifted at least once
+    placed: frozenset[str] = frozenset()  # objects that were in a right bin at least once
+    lifts: int = 0
+    landings: int = 0
+    drops: int = 0
+    contacts: int = 0
+    caused: int = 0  # of the contacts, by the robot
+    dropped: frozenset[str] = frozenset()  # objects that fell elsewhere and were not picked up and placed since
+    given_up: int = 0
+
+
+def score_of(before: Score, tick: Tick, truth: Truth, time: float) -> Score:
+    """The score at the end of a period, at ``time`` [s]."""
+    held = {item.name for item in truth.objects if item.state == "held"} if truth.picks > before.lifts else set()
+    binned = {item.name for item in truth.objects if item.state.startswith("binned:")}
+    return Score(
+        time=time,
+        picked=before.picked | held,
+        placed=before.placed | binned if truth.places > before.landings else before.placed,
+        lifts=truth.picks,
+        landings=truth.places,
+        drops=truth.drops,
+        contacts=len(truth.contacts),
+        caused=sum(contact.caused_by_robot for contact in truth.contacts),
+        dropped=frozenset(truth.dropped),
+        given_up=sum(task.status == "failed" for task in tick.tasks),
+    )
+
+
+def reward(weights: RewardWeights, before: Score, now: Score) -> float:
+    """Reward of the change from one score to the next."""
+    return (
+        weights.second * (now.time - before.time)
+        + weights.pick * (len(now.picked) - len(before.picked))
+        + weights.place * (len(now.placed) - len(before.placed))
+        + weights.drop * (now.drops - before.drops)
+        + weights.contact * (now.caused - before.caused)
+        + weights.given_up * (now.given_up - before.given_up)
+    )
+
 
 MOST_SEED = 2**31  # scene seeds are drawn below this when a reset names none
 Action = NDArray[np.float32]
@@ -71,7 +130,9 @@ class MotmEnv(gymnasium.Env[Observed, Action]):
         self.render_mode = render_mode
         self.weights = weights or RewardWeights()
         self._name, self._time_limit = scene, time_limit
-        self._variant = _arrangement(scene) if variant is ... else variant
+        if variant is ...:  # random arrangements where the scene has them
+            variant = "random" if "random" in load_document(scene).variants() else None
+        self._variant = variant
         self._stop_on_contact, self._on_tick = stop_on_contact, on_tick
         self._method = agent_method(actions, find_method(arm), guard=guard)
         self.whole_body = actions == "whole_body"
@@ -138,7 +199,9 @@ class MotmEnv(gymnasium.Env[Observed, Action]):
         twin = self.twin
         truth = twin.plant.truth()
         assert truth is not None
-        return self._picture.draw(truth, self._view, self._score)
+        score = self._score
+        done = f"picked {len(score.picked)}, placed {len(score.placed)}"
+        return self._picture.draw(truth, self._view, f"{done}, contacts {score.caused} caused of {score.contacts}")
 
     def snapshot(self) -> dict[str, Any]:
         """Copy of the whole state, random generators included, for `restore`."""
@@ -211,8 +274,3 @@ class MotmEnv(gymnasium.Env[Observed, Action]):
 
 def _places(tick: Tick) -> int:
     return sum(task.kind == "place" for task in tick.tasks)
-
-
-def _arrangement(scene: str) -> str | None:
-    """Default variant of the environment: random arrangements where the scene has them."""
-    return "random" if "random" in load_document(scene).variants() else None

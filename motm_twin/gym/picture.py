@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
 from motm_twin.gym.observation import AgentView
-from motm_twin.gym.reward import Score
 from motm_twin.model.arm_kernels import TCP, fk_arm
 from motm_twin.model.geometry import Array, from_frame, rectangle
 from motm_twin.model.plant import BodyTruth, Truth
@@ -45,8 +44,8 @@ class TopView:
         if not self._trail or math.dist(here, self._trail[-1]) > 0.03:
             self._trail = [*self._trail[-TRAIL_POINTS:], here]
 
-    def draw(self, truth: Truth, view: AgentView, score: Score) -> NDArray[np.uint8]:
-        """The picture of now, shape (height, width, 3)."""
+    def draw(self, truth: Truth, view: AgentView, counts: str) -> NDArray[np.uint8]:
+        """The picture of now, shape (height, width, 3); ``counts``: words for its line of text."""
         image = self._backdrop.copy()
         pen = ImageDraw.Draw(image)
         self._scan(pen, truth, view)
@@ -61,7 +60,7 @@ class TopView:
             self._body(pen, body, NAMED["red"] if body.state != "held" else NAMED["orange"])
         if view.target is not None:
             self._disc(pen, view.target.position, 0.12, outline=TARGET, width=2 * FINER)
-        self._header(pen, view, score)
+        self._header(pen, view, counts)
         small = image.resize((self._size[0] // FINER, self._size[1] // FINER), Image.Resampling.BOX)
         return np.asarray(small, dtype=np.uint8)
 
@@ -140,14 +139,11 @@ class TopView:
         x, y = line[-1]
         pen.ellipse((x - 4 * FINER, y - 4 * FINER, x + 4 * FINER, y + 4 * FINER), outline=WAY_THERE, width=2 * FINER)
 
-    def _header(self, pen: ImageDraw.ImageDraw, view: AgentView, score: Score) -> None:
+    def _header(self, pen: ImageDraw.ImageDraw, view: AgentView, counts: str) -> None:
         target = view.target
         task = "no task" if target is None else f"{target.kind} {target.name}"
         phase = "" if view.tick is None else f" ({view.tick.arm[-1].phase})"
-        text = (
-            f"{view.observation.time:6.2f} s   {task}{phase}   picked {len(score.picked)}, placed {len(score.placed)}, "
-            f"contacts {score.caused} caused of {score.contacts}"
-        )
+        text = f"{view.observation.time:6.2f} s   {task}{phase}   {counts}"
         pen.rectangle((0, 0, self._size[0], FINER * HEADER), fill=(255, 255, 255))
         pen.text((FINER * 8, FINER * 4), text, fill=INK, font=self._font)
 

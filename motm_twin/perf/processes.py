@@ -19,8 +19,8 @@ from motm_twin.bus.commands import Command, HandOver, Pause, Play, Reset, Speed
 from motm_twin.bus.connection import LOOPBACK, free_port, open_server
 from motm_twin.bus.health import page_answers
 from motm_twin.bus.messages import TickMessage
-from motm_twin.external.emulator import LinkSpec
 from motm_twin.external.plant import ZenohPlant
+from motm_twin.external.robot import LinkSpec
 from motm_twin.external.robot_link import RobotLink
 from motm_twin.methods import DEFAULT_METHOD
 from motm_twin.methods.registry import find_method

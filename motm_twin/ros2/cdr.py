@@ -6,7 +6,6 @@ Sequences of numbers may be anything that NumPy takes.
 """
 
 import struct
-from collections.abc import Callable
 from functools import cache
 from typing import Any, NamedTuple
 
@@ -93,6 +92,7 @@ class Field(NamedTuple):
     count: int
 
 
+@cache
 def fields(message: str) -> tuple[Field, ...]:
     """The fields of a message in order; raises KeyError for an unsupported one."""
     found = []
@@ -110,6 +110,15 @@ def dds_name(message: str) -> str:
     return f"{package}::{kind}::dds_::{name}_"
 
 
+@cache
+def blank(base: str) -> Any:
+    """A value of a type with nothing in it: zeros, empty texts and sequences; not to be changed."""
+    if base not in DEFINITIONS:
+        return "" if base == "string" else 0
+    empty = {field.name: blank(field.base) for field in fields(base)}
+    return empty | {field.name: [empty[field.name]] * max(0, field.count) for field in fields(base) if field.count}
+
+
 HEADER = b"\x00\x01\x00\x00"  # CDR, little endian
 _BIG_ENDIAN = b"\x00\x00"
 _LITTLE_ENDIAN = b"\x00\x01"
@@ -119,9 +128,9 @@ _CODES = {
     "int64": "q", "uint64": "Q", "float32": "f", "float64": "d",
 }  # fmt: skip
 
+_NUMBERS = {base: struct.Struct("<" + code) for base, code in _CODES.items()}
+
 Message = dict[str, Any]
-Write = Callable[[bytearray, Any], None]
-Read = Callable[["_Reader"], Any]
 
 
 class CdrError(ValueError):
@@ -132,7 +141,7 @@ def encode(message: str, value: Message) -> bytes:
     """The bytes of a message of the given type ("std_msgs/msg/String"). Raises CdrError."""
     out = bytearray()
     try:
-        _writer(message)(out, value)
+        _write(out, message, value)
     except (AttributeError, KeyError, TypeError, ValueError, OverflowError, struct.error) as error:
         raise CdrError(f"{message}: {type(error).__name__}: {error}") from error
     return HEADER + bytes(out)
@@ -143,114 +152,71 @@ def decode(message: str, data: bytes) -> Message:
     if len(data) < len(HEADER) or data[:2] not in (_LITTLE_ENDIAN, _BIG_ENDIAN):
         raise CdrError(f"{message}: no CDR header of version 1")
     reader = _Reader(data[4:], "<" if data[:2] == _LITTLE_ENDIAN else ">")
-    value = _reader(message)(reader)
+    value = _read(reader, message)
     if len(reader.data) - reader.at > _PADDING:
         raise CdrError(f"{message}: {len(reader.data) - reader.at} bytes too many")
     return value
 
 
-@cache
-def _writer(base: str) -> Write:
-    """Function that appends one value of a type."""
+def _write(out: bytearray, base: str, value: Any) -> None:
+    """Append one value of a type."""
     if base == "string":
-        return _write_string
-    if base not in DEFINITIONS:
-        return _write_number(base)
-    kind = _flat(base)
-    if kind is not None:
-        return _write_flat(base, kind)
-    members = [(field.name, _field_writer(field)) for field in fields(base)]
-
-    def write(out: bytearray, value: Message) -> None:
-        for name, member in members:
-            member(out, value[name])
-
-    return write
-
-
-def _field_writer(field: Field) -> Write:
-    if field.count == NONE:
-        return _writer(field.base)
-    if field.base in _CODES:
-        return _write_numbers(field.base, field.count)
-    element, length, fixed = _writer(field.base), _writer("uint32"), field.count
-
-    def write(out: bytearray, values: Any) -> None:
-        if fixed == SEQUENCE:
-            length(out, len(values))
-        elif len(values) != fixed:
-            raise CdrError(f"{field.name}: {len(values)} elements, {fixed} are needed")
-        for value in values:
-            element(out, value)
-
-    return write
-
-
-def _write_number(base: str) -> Write:
-    pack = struct.Struct("<" + _CODES[base])
-    size, packed = pack.size, pack.pack
-
-    def write(out: bytearray, value: float) -> None:
-        out.extend(bytes(-len(out) % size))
-        out.extend(packed(value))
-
-    return write
-
-
-def _flat(base: str) -> str | None:
-    """The one type of all numbers of a message that is nothing but numbers, two levels deep at most; else None."""
-    kinds = set()
-    for field in fields(base):
-        leaves = fields(field.base) if field.base in DEFINITIONS else (field,)
-        if field.count != NONE or any(leaf.count != NONE or leaf.base not in _CODES for leaf in leaves):
-            return None
-        kinds |= {leaf.base for leaf in leaves}
-    return kinds.pop() if len(kinds) == 1 else None
-
-
-def _write_flat(base: str, kind: str) -> Write:
-    """All numbers at once: most of what is sent are points and poses."""
-    names = [field.name for field in fields(base) if field.base not in DEFINITIONS]
-    nested = [(field.name, [f.name for f in fields(field.base)]) for field in fields(base) if field.base in DEFINITIONS]
-    if names and nested:
-        raise ValueError(f"{base}: numbers beside messages are not written at once")
-    count = len(names) + sum(len(inner) for _, inner in nested)
-    pack, size = struct.Struct(f"<{count}{_CODES[kind]}").pack, struct.calcsize(_CODES[kind])
-
-    def write(out: bytearray, value: Message) -> None:
+        text = value.encode()
+        if b"\x00" in text:
+            raise CdrError("text with a zero character")
+        _write(out, "uint32", len(text) + 1)
+        out.extend(text + b"\x00")
+    elif base in _CODES:
+        number = _NUMBERS[base]
+        out.extend(bytes(-len(out) % number.size))
+        out.extend(number.pack(value))
+    elif (flat := _flat(base)) is not None:
+        (pack, size), names, nested = flat
         numbers = [value[name] for name in names]
         for outer, inner in nested:
             numbers += [value[outer][name] for name in inner]
         out.extend(bytes(-len(out) % size))
         out.extend(pack(*numbers))
-
-    return write
-
-
-def _write_string(out: bytearray, value: str) -> None:
-    text = value.encode()
-    if b"\x00" in text:
-        raise CdrError("text with a zero character")
-    out.extend(bytes(-len(out) % 4))
-    out.extend(struct.pack("<I", len(text) + 1))
-    out.extend(text)
-    out.append(0)
+    else:
+        for field in fields(base):
+            _write_field(out, field, value[field.name])
 
 
-def _write_numbers(base: str, fixed: int) -> Write:
-    dtype, size, length = np.dtype(f"<{_CODES[base]}"), struct.calcsize(_CODES[base]), _writer("uint32")
+def _write_field(out: bytearray, field: Field, value: Any) -> None:
+    if field.count == NONE:
+        _write(out, field.base, value)
+        return
+    array = _as(value, np.dtype(f"<{_CODES[field.base]}")) if field.base in _CODES else None
+    count = len(value) if array is None else array.size
+    if field.count == SEQUENCE:
+        _write(out, "uint32", count)
+    elif count != field.count:
+        raise CdrError(f"{field.name}: {count} elements, {field.count} are needed")
+    if array is None:
+        for item in value:
+            _write(out, field.base, item)
+    elif count:
+        out.extend(bytes(-len(out) % array.itemsize))
+        out.extend(array.tobytes())
 
-    def write(out: bytearray, values: Any) -> None:
-        array = _as(values, dtype)
-        if fixed == SEQUENCE:
-            length(out, array.size)
-        elif array.size != fixed:
-            raise CdrError(f"{array.size} numbers, {fixed} are needed")
-        if array.size:
-            out.extend(bytes(-len(out) % size))
-            out.extend(array.tobytes())
 
-    return write
+@cache
+def _flat(base: str) -> Any:
+    """Function, alignment and names by which a message is written at once: most of what is sent are points and poses.
+
+    None unless it is nothing but numbers of one size, or messages that are.
+    """
+    names = [field for field in fields(base) if field.base not in DEFINITIONS]
+    nested = [(field.name, fields(field.base)) for field in fields(base) if field.base in DEFINITIONS]
+    leaves = [*names, *(leaf for _, inner in nested for leaf in inner)]
+    arrays = any(field.count != NONE for field in (*fields(base), *leaves))
+    if arrays or (names and nested) or not {leaf.base for leaf in leaves} <= set(_CODES):
+        return None
+    sizes = {_NUMBERS[leaf.base].size for leaf in leaves}
+    if len(sizes) > 1:
+        return None
+    how = struct.Struct("<" + "".join(_CODES[leaf.base] for leaf in leaves)).pack, sizes.pop()
+    return how, [field.name for field in names], [(name, [leaf.name for leaf in inner]) for name, inner in nested]
 
 
 def _as(values: Any, dtype: np.dtype) -> np.ndarray:
@@ -280,43 +246,27 @@ class _Reader:
         return self.data[start:end]
 
 
-@cache
-def _reader(base: str) -> Read:
-    """Function that reads one value of a type."""
+def _read(reader: _Reader, base: str) -> Any:
+    """The next value of a type."""
     if base == "string":
-        return _read_string
-    if base not in DEFINITIONS:
-        return _read_number(base)
-    members = [(field.name, _field_reader(field)) for field in fields(base)]
-    return lambda reader: {name: member(reader) for name, member in members}
+        text = reader.take(_read(reader, "uint32"), 1)
+        if text and text[-1]:
+            raise CdrError("text without its end")
+        try:
+            return text[:-1].decode()
+        except UnicodeDecodeError as error:
+            raise CdrError(f"text that is no UTF-8: {error}") from error
+    if base in _CODES:
+        size = _NUMBERS[base].size
+        return struct.unpack(reader.order + _CODES[base], reader.take(size, size))[0]
+    return {field.name: _read_field(reader, field) for field in fields(base)}
 
 
-def _field_reader(field: Field) -> Read:
-    element, length, fixed = _reader(field.base), _reader("uint32"), field.count
-    if fixed == NONE:
-        return element
-
-    def read(reader: _Reader) -> list:
-        count = length(reader) if fixed == SEQUENCE else fixed
-        if count > len(reader.data) - reader.at:  # every element has a byte at least
-            raise CdrError(f"{field.name}: {count} elements in {len(reader.data) - reader.at} bytes")
-        return [element(reader) for _ in range(count)]
-
-    return read
-
-
-def _read_number(base: str) -> Read:
-    code = _CODES[base]
-    size = struct.calcsize(code)
-    return lambda reader: struct.unpack(reader.order + code, reader.take(size, size))[0]
-
-
-def _read_string(reader: _Reader) -> str:
-    length = _reader("uint32")(reader)
-    text = reader.take(length, 1)
-    if text and text[-1]:
-        raise CdrError("text without its end")
-    try:
-        return text[:-1].decode()
-    except UnicodeDecodeError as error:
-        raise CdrError(f"text that is no UTF-8: {error}") from error
+def _read_field(reader: _Reader, field: Field) -> Any:
+    if field.count == NONE:
+        return _read(reader, field.base)
+    count = _read(reader, "uint32") if field.count == SEQUENCE else field.count
+    left = len(reader.data) - reader.at
+    if count > left:  # every element has a byte at least
+        raise CdrError(f"{field.name}: {count} elements in {left} bytes")
+    return [_read(reader, field.base) for _ in range(count)]

@@ -4,6 +4,8 @@ import math
 import xml.etree.ElementTree as ET
 from dataclasses import dataclass
 
+from scipy.spatial.transform import Rotation
+
 from motm_twin.model.data_dirs import web_assets_dir
 from motm_twin.model.profile import RobotProfile
 
@@ -106,26 +108,18 @@ def _joint(element: ET.Element) -> _Joint:
     if parent is None or child is None:
         raise ValueError(f"joint {element.get('name')} of frankie.urdf has no parent or no child: restore the file")
     xyz, rpy = ((0.0, 0.0, 0.0),) * 2 if origin is None else (_numbers(origin, "xyz"), _numbers(origin, "rpy"))
+    rx, ry, rz, rw = Rotation.from_euler("xyz", rpy).as_quat().tolist()  # fixed axes: roll, then pitch, then yaw
     return _Joint(
         name=element.get("name", ""),
         kind=element.get("type", ""),
         axis=(0.0, 0.0, 1.0) if axis is None else _numbers(axis, "xyz"),
-        origin=Transform(parent.get("link", ""), child.get("link", ""), xyz, _from_rpy(rpy)),
+        origin=Transform(parent.get("link", ""), child.get("link", ""), xyz, (rx, ry, rz, rw)),
     )
 
 
 def _numbers(element: ET.Element, name: str) -> Vector:
     x, y, z = (float(text) for text in element.get(name, "0 0 0").split())
     return (x, y, z)
-
-
-def _from_rpy(rpy: Vector) -> Quaternion:
-    """Fixed axes: roll, then pitch, then yaw."""
-    roll, pitch, yaw = (0.5 * angle for angle in rpy)
-    about_x = (math.sin(roll), 0.0, 0.0, math.cos(roll))
-    about_y = (0.0, math.sin(pitch), 0.0, math.cos(pitch))
-    about_z = (0.0, 0.0, math.sin(yaw), math.cos(yaw))
-    return product(about_z, product(about_y, about_x))
 
 
 def _place_mount(robot: ET.Element, profile: RobotProfile) -> None:

@@ -9,7 +9,6 @@ import base64
 import datetime
 import ipaddress
 import json
-import os
 import re
 import secrets
 from collections.abc import Sequence
@@ -24,8 +23,8 @@ from cryptography.hazmat.primitives import hashes, serialization
 from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
-from motm_twin.bus.private_folder import USER
-from motm_twin.bus.zenoh_config import SHIPPED
+from motm_twin.bus.connection import SHIPPED
+from motm_twin.bus.private_folder import USER, write_private
 
 AUTHORITY_DAYS = 3650
 BACKDATED = datetime.timedelta(minutes=5)  # clocks of machines differ
@@ -40,7 +39,7 @@ class Identity:
 
 
 class Authority:
-    """Signs certificates; `create` one, or `load` the one of a folder."""
+    """Signs certificates."""
 
     def __init__(self, certificate: x509.Certificate, key: ec.EllipticCurvePrivateKey) -> None:
         self._certificate, self._key = certificate, key
@@ -55,15 +54,6 @@ class Authority:
         builder = builder.add_extension(_key_usage(signs_certificates=True), critical=True)
         builder = builder.add_extension(x509.SubjectKeyIdentifier.from_public_key(key.public_key()), critical=False)
         return cls(builder.sign(key, hashes.SHA256()), key)
-
-    @classmethod
-    def load(cls, certificate: Path, key: Path) -> "Authority":
-        """The one in two PEM files. Raises ValueError when they do not fit, OSError when they can not be read."""
-        private = serialization.load_pem_private_key(key.read_bytes(), password=None)
-        found = x509.load_pem_x509_certificate(certificate.read_bytes())
-        if not isinstance(private, ec.EllipticCurvePrivateKey) or private.public_key() != found.public_key():
-            raise ValueError(f"{key} is not the key of {certificate}")
-        return cls(found, private)
 
     @property
     def certificate(self) -> bytes:
@@ -278,11 +268,11 @@ class Folder:
         """Zenoh configuration of a client."""
         return self.path / f"{identity(role, name)}.json5"
 
-    def people(self) -> People | None:
-        """Known people; None in a new folder. Raises SecurityError."""
+    def known(self) -> People:
+        """Known people. Raises SecurityError."""
         file = self.path / "people.json"
         if not file.exists():
-            return None
+            raise SecurityError(f"{self.path} has no people.json: make the folder first with motm-twin security make")
         try:
             people = msgspec.json.decode(file.read_bytes(), type=People)
         except (msgspec.DecodeError, UnicodeDecodeError, OSError) as error:
@@ -292,7 +282,7 @@ class Folder:
 
     def ready(self) -> "Folder":
         """This folder, when a server can use it. Raises SecurityError."""
-        self._known()
+        self.known()
         missing = [file.name for file in (self.server, self.here) if not file.is_file()]
         if missing:
             raise SecurityError(f"{self.path} lacks {', '.join(missing)}: make the folder anew")
@@ -318,7 +308,7 @@ class Folder:
 
     def add(self, role: str, name: str, *, days: int = DAYS) -> Path:
         """Admit one more client; returns its file. Takes effect when the server restarts. Raises SecurityError."""
-        people = self._known()
+        people = self.known()
         if role == "twin" and not people.names.get("twin"):
             raise SecurityError(f"{self.path} is of a twin, not of a router: make a new folder with --twin")
         people.names.setdefault(role, [])
@@ -332,7 +322,7 @@ class Folder:
 
     def remove(self, role: str, name: str) -> None:
         """Revoke all rights of a client, from the next start of the server on. Raises SecurityError."""
-        people = self._known()
+        people = self.known()
         if name not in people.names.get(role, []):
             known = ", ".join(f"{role} {name}" for role, names in people.names.items() for name in names)
             raise SecurityError(f"there is no {role} {name[:60]!r}; there are: {known or 'none'}")
@@ -342,12 +332,6 @@ class Folder:
         if users.pop(identity(role, name), None) is not None:
             self._write_users(users)
         self._server(people)
-
-    def _known(self) -> People:
-        people = self.people()
-        if people is None:
-            raise SecurityError(f"{self.path} has no people.json: make it with motm-twin security make")
-        return people
 
     def _server(self, people: People) -> None:
         """Write what depends on who is known."""
@@ -399,9 +383,13 @@ class Folder:
 
     def _authority(self) -> Authority:
         try:
-            return Authority.load(self.path / "ca.crt", self.path / "ca.key")
+            key = serialization.load_pem_private_key((self.path / "ca.key").read_bytes(), password=None)
+            certificate = x509.load_pem_x509_certificate((self.path / "ca.crt").read_bytes())
+            if not isinstance(key, ec.EllipticCurvePrivateKey) or key.public_key() != certificate.public_key():
+                raise ValueError("ca.key is not the key of ca.crt")
         except (OSError, ValueError) as error:
             raise SecurityError(f"the authority of {self.path} can not be used: {error}") from error
+        return Authority(certificate, key)
 
     def _users(self) -> dict[str, str]:
         file = self.path / "users.txt"
@@ -412,12 +400,7 @@ class Folder:
         self._write("users.txt", "".join(f"{user}:{word}\n" for user, word in users.items()).encode(), _SECRET)
 
     def _write(self, name: str, data: bytes, mode: int) -> None:
-        """Write atomically, never readable by others."""
-        target, temporary = self.path / name, self.path / f".{name}.new"
-        temporary.unlink(missing_ok=True)
-        with os.fdopen(os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL, mode), "wb") as file:
-            file.write(data)
-        temporary.replace(target)
+        write_private(self.path / name, data, mode)
 
 
 def _settings(*, tls: Json | None = None, usrpwd: Json | None = None, **sections: Any) -> bytes:

@@ -10,7 +10,7 @@ import msgspec
 import numpy as np
 from rich.console import Console
 
-from motm_twin.external.emulator import LinkSpec
+from motm_twin.external.robot import LinkSpec
 from motm_twin.perf.report import Limit, Sheet, goal_table, machine, number, write_report
 from motm_twin.plants import PLANTS
 from motm_twin.studies.pool import Lost, local_pool, outcomes

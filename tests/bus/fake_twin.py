@@ -9,7 +9,7 @@ import typing
 import numpy as np
 
 from motm_twin.bus.commands import Load
-from motm_twin.bus.interfaces import TwinSetup
+from motm_twin.bus.library import TwinSetup
 from motm_twin.bus.messages import SceneChoice
 from motm_twin.bus.server import TwinServer
 from motm_twin.control.arm.types import ArmStep, ProgramStatus
@@ -52,20 +52,11 @@ def fake_scene(name="fake", variant="a", seed=0):
     bins = (Bin(name="drop1", centre=(4.25, -1.29)), Bin(name="drop2", centre=(0.1, 2.13)))
     tasks = tuple(t for i in range(4) for t in (Pick(object=f"cube{i + 1}"), Place(bin=f"drop{i % 2 + 1}")))
     return Scene(
-        name=name,
-        variant=variant,
-        seed=seed,
-        title="A circle round a table",
-        robot=RobotProfile(),
-        start=(0.0, 0.0, 0.0),
-        solids=solids,
-        objects=objects,
-        bins=bins,
-        agents=(Agent(name="temi1", start=(2.0, -0.8, 0.0)),),
-        tasks=tasks,
-        noise=Noise(),
+        name=name, variant=variant, seed=seed, title="A circle round a table", robot=RobotProfile(),
+        start=(0.0, 0.0, 0.0), solids=solids, objects=objects, bins=bins,
+        agents=(Agent(name="temi1", start=(2.0, -0.8, 0.0)),), tasks=tasks, noise=Noise(),
         bounds=(-1.5, -2.5, 7.0, 4.0),
-    )
+    )  # fmt: skip
 
 
 class FakeLibrary:
@@ -176,16 +167,9 @@ def fake_map(scene, time, added):
     occupied = (distance <= 0).astype(np.uint8)
     proximity = np.clip(1.0 - distance / 0.6, 0, 1).astype(np.float32) ** 1.5
     return WorldMap(
-        stamp=time,
-        resolution=res,
-        origin=np.array([x0, y0]),
-        occupied=occupied,
-        distance=distance.astype(np.float32),
-        proximity=proximity,
-        polygons=(),
-        seen_points=np.zeros((0, 2)),
-        seen_static=np.zeros(0, dtype=bool),
-    )
+        stamp=time, resolution=res, origin=np.array([x0, y0]), occupied=occupied, distance=distance.astype(np.float32),
+        proximity=proximity, polygons=(), seen_points=np.zeros((0, 2)), seen_static=np.zeros(0, dtype=bool),
+    )  # fmt: skip
 
 
 def fake_placement(cube, time):
@@ -203,19 +187,10 @@ def fake_placement(cube, time):
     chosen = int(np.argmin(cost)) if np.isfinite(cost).any() else -1
     goal = np.array(poses[chosen])
     return Placement(
-        mode="ring",
-        radius=0.6,
-        poses=np.array(poses),
-        cost_current=cost * 0.6,
-        cost_next=cost * 0.4 / 1.05,
-        cost=cost,
-        rejected=tuple(rejected),
-        chosen=chosen,
-        goal=goal,
-        goal_has_heading=True,
-        why=Reason(kind=Kind.RING, other="0.60 m", value=4.0, limit=2.0),
-        next_goal=np.array([4.25, -0.6, 0.0]),
-    )
+        mode="ring", radius=0.6, poses=np.array(poses), cost_current=cost * 0.6, cost_next=cost * 0.4 / 1.05, cost=cost,
+        rejected=tuple(rejected), chosen=chosen, goal=goal, goal_has_heading=True,
+        why=Reason(kind=Kind.RING, other="0.60 m", value=4.0, limit=2.0), next_goal=np.array([4.25, -0.6, 0.0]),
+    )  # fmt: skip
 
 
 def fake_tick(twin, edits):
@@ -226,55 +201,25 @@ def fake_tick(twin, edits):
         [1.5 * math.sin(time * 0.3), 0.2 * math.sin(time * 0.7), 0, 0.2 * math.sin(time * 0.5), 0, 0, 0]
     )
     observation = Observation(
-        time=time,
-        pose=pose,
-        odometry=pose,
-        twist=np.array([0.4, 0.2]),
-        q=q,
-        dq=np.zeros(7),
-        gripper_width=0.08,
-        gripper_moving=False,
-        scan=None,
-        detections=(),
-    )
+        time=time, pose=pose, odometry=pose, twist=np.array([0.4, 0.2]), q=q, dq=np.zeros(7), gripper_width=0.08,
+        gripper_moving=False, scan=None, detections=(),
+    )  # fmt: skip
     cube = np.array(scene.objects[0].position)
     placement = fake_placement(cube, time)
     times = np.arange(0, 3.0, 0.375)
     local = np.array([(*circle(time + t), 0.4, 0.2) for t in times])
     plan = BasePlan(
-        acceleration=np.zeros(2),
-        status="goal",
+        acceleration=np.zeros(2), status="goal",
         global_path=np.array([pose[:2], (pose[:2] + placement.goal[:2]) / 2 + 0.3, placement.goal[:2]]),
-        next_path=np.array([placement.goal[:2], [4.25, -0.6]]),
-        intermediate_goal=placement.goal,
-        local_poses=local,
-        local_times=times,
-        bezier=local[3:, :2],
-        expansions=120,
-        cut_by_clock=False,
-        t_h=4.0,
-        k=1.0,
-        time_to_range=2.0,
-    )
+        next_path=np.array([placement.goal[:2], [4.25, -0.6]]), intermediate_goal=placement.goal, local_poses=local,
+        local_times=times, bezier=local[3:, :2], expansions=120, cut_by_clock=False, t_h=4.0, k=1.0, time_to_range=2.0,
+    )  # fmt: skip
     step = ArmStep(
-        time=time,
-        phase="transit",
-        actuation=Actuation(twist=np.zeros(2), joint_velocity=np.zeros(7), gripper="open"),
-        reference=np.zeros(3),
-        error=0.1,
-        tilt=0.0,
-        slack=np.zeros(6),
-        manipulability=0.08,
-        active=(),
-        limiter="",
-        obstacle_distance=math.inf,
-        allowed_approach=math.inf,
-        program=ProgramStatus.SOLVED,
-        holding=False,
-        engaged=False,
-        dwell=1.0,
-        outcome="",
-    )
+        time=time, phase="transit", actuation=Actuation(twist=np.zeros(2), joint_velocity=np.zeros(7), gripper="open"),
+        reference=np.zeros(3), error=0.1, tilt=0.0, slack=np.zeros(6), manipulability=0.08, active=(), limiter="",
+        obstacle_distance=math.inf, allowed_approach=math.inf, program=ProgramStatus.SOLVED, holding=False,
+        engaged=False, dwell=1.0, outcome="",
+    )  # fmt: skip
     agents = tuple(
         BodyTruth(name=name, kind="temi", position=(x, y, 0.0), yaw=heading, state=state, size=(0.5, 0.5, 1.0))
         for name, (x, y, heading, state) in twin.agents.items()
@@ -288,20 +233,9 @@ def fake_tick(twin, edits):
         for o in scene.objects
     )
     truth = Truth(
-        pose=pose,
-        objects=objects,
-        agents=agents,
-        obstacles=obstacles,
-        contacts=(),
-        picks=1,
-        places=1,
-        drops=0,
-        min_base_clearance=0.2,
-        min_arm_clearance=0.1,
-        min_ee_obstacle=0.4,
-        ee_obstacle=0.6,
-        plant_faults=(),
-    )
+        pose=pose, objects=objects, agents=agents, obstacles=obstacles, contacts=(), picks=1, places=1, drops=0,
+        min_base_clearance=0.2, min_arm_clearance=0.1, min_ee_obstacle=0.4, ee_obstacle=0.6, plant_faults=(),
+    )  # fmt: skip
     tasks = tuple(
         TaskState(
             kind="pick" if isinstance(t, Pick) else "place",
@@ -313,27 +247,16 @@ def fake_tick(twin, edits):
     )
     done = index >= twin.periods
     return Tick(
-        index=index,
-        time=time,
-        observation=observation,
-        map=fake_map(scene, time, twin.added),
-        tasks=tasks,
+        index=index, time=time, observation=observation, map=fake_map(scene, time, twin.added), tasks=tasks,
         task_index=2,
         beliefs=tuple(
             ObjectBelief(name=o.name, position=np.array(o.position), yaw=0.0, position_sd=0.03, seen=False, held=False)
             for o in scene.objects
         ),
-        placement=placement,
-        plan=plan,
-        arm=(step,) * 5,
-        why=None,
-        events=(Event(time=time, kind="picked", text="picked cube1"),) if index == 0 else (),
-        edits=edits,
-        stage_ms={"plan": 3.0},
-        truth=truth,
-        done=done,
-        success=done,
-    )
+        placement=placement, plan=plan, arm=(step,) * 5, why=None,
+        events=(Event(time=time, kind="picked", text="picked cube1"),) if index == 0 else (), edits=edits,
+        stage_ms={"plan": 3.0}, truth=truth, done=done, success=done,
+    )  # fmt: skip
 
 
 def fake_server(*, first=None, playing=True, methods=None, **options):

@@ -7,8 +7,7 @@ from fake_twin import FakeLibrary, FakeTwin
 from waiting import until
 
 from motm_twin.bus.commands import Envelope, Load, Step
-from motm_twin.bus.interfaces import TwinSetup
-from motm_twin.bus.library import FileLibrary
+from motm_twin.bus.library import FileLibrary, TwinSetup
 from motm_twin.bus.loop import TwinLoop
 from motm_twin.bus.server import TwinServer
 from motm_twin.twin import Twin

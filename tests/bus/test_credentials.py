@@ -21,9 +21,7 @@ from motm_twin.bus import connection
 from motm_twin.bus import private_folder as running
 from motm_twin.bus.client import TwinClient
 from motm_twin.bus.commands import Step
-from motm_twin.bus.connection import TRIES, free_port, open_client, open_member, open_server
 from motm_twin.bus.private_folder import FILE, announce, client_file, forget, known_at, own_credentials
-from motm_twin.bus.zenoh_config import SHIPPED, VARIABLE, ConfigError
 from motm_twin.cli import serve as cli_serve
 from motm_twin.client import connect
 from motm_twin.client.discover import NoTwin, running_twins
@@ -55,7 +53,7 @@ def serving(**options):
 
 def plain(endpoint, *, mode="client", user=None, password=None):
     """A session of Zenoh alone."""
-    config = zenoh.Config.from_file(str(SHIPPED))
+    config = zenoh.Config.from_file(str(connection.SHIPPED))
     config.insert_json5("mode", json.dumps(mode))
     config.insert_json5("connect/endpoints", json.dumps([endpoint]))
     if user is not None:
@@ -70,20 +68,21 @@ def is_let_in(server, session):
     robot = server._session.declare_subscriber("motm/frankie/plant/state", arrived.append)
     now = server.loop.status().server_time
     envelope = {"sender": "stranger", "seq": 1, "expires": now + 30.0, "command": {"type": "step"}}
-    found, deadline = {}, time.monotonic() + 2.0
-    while time.monotonic() < deadline:
+
+    def replies(key, asked=session.get, **payload):
+        return any(reply.ok for reply in asked(key, timeout=0.3, **payload))
+
+    checks = {
+        "hears": lambda: bool(heard),
+        "is answered": lambda: replies(server.keys.status),
+        "sees it": lambda: replies(server.keys.alive, session.liveliness().get),
+        "drives": lambda: replies("motm/frankie/cmd/step", payload=json.dumps(envelope)),
+        "speaks": lambda: bool(arrived),
+    }
+    found, deadline = dict.fromkeys(checks, False), time.monotonic() + 2.0
+    while not all(found.values()) and time.monotonic() < deadline:
         session.put("motm/frankie/plant/state", b"{}")
-        found |= {
-            "hears": found.get("hears") or bool(heard),
-            "is answered": found.get("is answered") or any(r.ok for r in session.get(server.keys.status, timeout=0.3)),
-            "sees it": found.get("sees it")
-            or any(reply.ok for reply in session.liveliness().get(server.keys.alive, timeout=0.3)),
-            "drives": found.get("drives")
-            or any(r.ok for r in session.get("motm/frankie/cmd/step", payload=json.dumps(envelope), timeout=0.3)),
-            "speaks": found.get("speaks") or bool(arrived),
-        }
-        if all(found.values()):
-            break
+        found = {name: found[name] or check() for name, check in checks.items()}
         time.sleep(0.05)
     if found["drives"]:
         leaving = {**envelope, "seq": 2, "command": {"type": "hand_over"}}
@@ -123,17 +122,17 @@ def test_the_file_of_the_port_is_the_whole_configuration_of_a_program():
 
 def test_own_programs_are_let_in_by_themselves_and_those_of_others_are_not(tmp_path, monkeypatch):
     with serving() as server:
-        for opened in (open_client, open_member):
+        for opened in (connection.open_client, connection.open_member):
             with opened(server.endpoint) as session:
                 assert is_let_in(server, session)
         with connect(server.endpoint, "frankie") as twin:
             twin.step()
             twin.hand_over()
         with another_user(tmp_path, monkeypatch):
-            with open_client(server.endpoint) as session:
+            with connection.open_client(server.endpoint) as session:
                 assert not is_let_in(server, session)
             with pytest.raises(TimeoutError):
-                open_member(server.endpoint, wait=0.0)
+                connection.open_member(server.endpoint, wait=0.0)
             with pytest.raises(NoTwin):
                 connect(server.endpoint, "frankie", timeout=1.0)
             assert running_twins(server.endpoint) == []
@@ -144,7 +143,7 @@ def test_another_user_to_whom_the_file_was_given_is_let_in(tmp_path, monkeypatch
         given = tmp_path / "given.json5"
         given.write_bytes(client_file(server.port).read_bytes())
         with another_user(tmp_path, monkeypatch):
-            monkeypatch.setenv(VARIABLE, str(given))
+            monkeypatch.setenv(connection.VARIABLE, str(given))
             with connect() as twin:
                 twin.step()
 
@@ -163,34 +162,37 @@ def test_a_bus_can_be_open_to_all(tmp_path, monkeypatch):
 
 
 def test_a_client_that_came_first_meets_the_twin_and_again_when_that_was_started_anew():
-    port = free_port()
+    port = connection.free_port()
     with TwinClient(f"tcp/127.0.0.1:{port}", "frankie") as client:
+        assert client.command(Step(), timeout=0.3).reason.startswith("the twin server does not answer")
+        assert not client.alive
         for _ in range(2):
-            with serving(port=port):
+            with serving(port=port) as server:
                 until(lambda: client.alive and client.status(), "they never met")
-                assert client.command(Step()).ok
+                until(lambda: client.command(Step(), timeout=0.5).ok, "no command got through")
+                until(lambda s=server: client.tick() and client.tick().time == s.loop.status().time, "old state")
             until(lambda: not client.alive, "it is still heard")
 
 
 def test_a_router_without_a_password_is_met_as_before():
-    port = free_port()
-    config = zenoh.Config.from_file(str(SHIPPED))
+    port = connection.free_port()
+    config = zenoh.Config.from_file(str(connection.SHIPPED))
     config.insert_json5("mode", '"router"')
     config.insert_json5("listen/endpoints", json.dumps([f"tcp/127.0.0.1:{port}"]))
-    with zenoh.open(config), open_member(f"tcp/127.0.0.1:{port}", wait=5.0):
+    with zenoh.open(config), connection.open_member(f"tcp/127.0.0.1:{port}", wait=5.0):
         pass
 
 
 def test_a_port_is_forgotten_with_its_process(private):
-    port = free_port()
+    port = connection.free_port()
     endpoint = f"tcp/127.0.0.1:{port}"
     code = f"from motm_twin.bus.private_folder import guard; guard({port}, {endpoint!r})"
     subprocess.run([sys.executable, "-c", code], env={**os.environ, "TMPDIR": str(private.parent)}, check=True)
     assert client_file(port).exists()
     assert known_at(endpoint) is None
-    with open_server(other := free_port()):
+    with connection.open_server(other := connection.free_port()):
         assert not client_file(port).exists()
-        with open_server(port):
+        with connection.open_server(port):
             assert known_at(endpoint) == known_at(f"tcp/127.0.0.1:{other}") == own_credentials()._asdict()
     forget(port)
     forget(other)
@@ -207,10 +209,10 @@ def test_a_port_that_another_living_program_announced_is_not_free(private, monke
     program = [sys.executable, "-c", "import sys; sys.stdin.read()"]
     with subprocess.Popen(program, stdin=subprocess.PIPE) as other, monkeypatch.context() as as_other:
         as_other.setattr(os, "getpid", lambda: other.pid)
-        announce(taken := free_port(), f"tcp/127.0.0.1:{taken}", own_credentials())
+        announce(taken := connection.free_port(), f"tcp/127.0.0.1:{taken}", own_credentials())
         as_other.undo()
-        monkeypatch.setattr(connection, "FREE", (taken, taken + TRIES))
-        found = {free_port() for _ in range(5 * TRIES)}
+        monkeypatch.setattr(connection, "FREE", (taken, taken + connection.TRIES))
+        found = {connection.free_port() for _ in range(5 * connection.TRIES)}
         assert taken not in found
         assert len(found) > 5
         other.communicate(b"")
@@ -230,15 +232,17 @@ def test_a_folder_of_somebody_else_is_a_sentence(monkeypatch):
         raise PermissionError("it belongs to somebody else")
 
     monkeypatch.setattr(running, "folder", somebody_elses)
-    with pytest.raises(ConfigError, match="the password for Zenoh cannot be kept: it belongs to somebody else"):
-        open_server(free_port())
+    with pytest.raises(
+        connection.ConfigError, match="the password for Zenoh cannot be kept: it belongs to somebody else"
+    ):
+        connection.open_server(connection.free_port())
 
 
 def test_private_files_do_not_grow_old_while_a_twin_is_served(private, monkeypatch):
     own_credentials()
     os.utime(private / FILE, (0, 0))
     monkeypatch.setattr(cli_serve, "YOUNG", 0.0)
-    supervisor = cli_serve._Supervisor(Console(), "frankie", free_port())
+    supervisor = cli_serve._Supervisor(Console(), "frankie", connection.free_port())
     threading.Timer(0.3, supervisor._stop.set).start()
     assert supervisor._watch() == cli_serve.OK
     assert time.time() - (private / FILE).stat().st_mtime < 60.0

@@ -1,10 +1,16 @@
-"""The session of the live twin, written for whoever asks."""
+"""What a standing twin shows of edits that wait for its next period; the session, written for whoever asks."""
+
+import time
 
 import pytest
 
 from motm_twin.bus import live
-from motm_twin.bus.commands import Refused
-from motm_twin.bus.live import SESSION_INTERVAL, SessionDesk
+from motm_twin.bus.commands import AddObstacle, Announce, FreezeBody, MoveBody, Refused, SendAgent
+from motm_twin.bus.live import SESSION_INTERVAL, LiveTwin, SessionDesk
+from motm_twin.methods.registry import MOTM
+from motm_twin.model.furniture import pieces
+from motm_twin.model.scene_file import load_scene
+from motm_twin.twin import Twin
 
 
 class Writer:
@@ -81,3 +87,51 @@ def test_more_than_a_limit_are_refused_and_the_others_answered(desk, monkeypatch
         ask(desk)
     desk.serve(10.0, True)
     assert len(desk.answers) == 2
+
+
+@pytest.fixture(scope="module")
+def standing():
+    scene = load_scene("exp1", "trial1", 0)
+    twin = LiveTwin(Twin, time.time)
+    twin.clear(scene)
+    twin.build(scene, MOTM)
+    twin.advance(by_the_clock=False)
+    return twin
+
+
+def state(standing, name):
+    """Of an added body, as a standing twin shows it."""
+    message, _ = standing.shown()
+    return next(body.state for body in message.obstacles if body.name == name)
+
+
+def test_a_body_that_was_added_while_time_stands_is_shown_frozen_and_going_on_before_the_next_period(standing):
+    for frozen in (True, False):
+        name = f"temi {frozen}"
+        standing.post(AddObstacle(name=name, shape="temi", x=-1.0, y=-1.2 + frozen))
+        assert state(standing, name) == "standing"
+        standing.post(FreezeBody(name=name, frozen=True))
+        assert state(standing, name) == "frozen"
+        standing.post(SendAgent(name=name, x=-0.2, y=-1.2) if frozen else FreezeBody(name=name, frozen=False))
+        assert state(standing, name) == "standing"
+        standing.post(FreezeBody(name=name, frozen=True))
+        assert state(standing, name) == "frozen"
+        message, _ = standing.advance(by_the_clock=False)
+        assert [body.state for body in message.obstacles if body.name == name] == ["frozen"]
+        standing.post(FreezeBody(name=name, frozen=False))
+        assert state(standing, name) == "standing"
+        standing.advance(by_the_clock=False)
+
+
+def test_a_tick_says_where_the_robot_was_told_that_furniture_stands(standing):
+    name, piece = next(
+        (name, piece) for name, piece in pieces(standing.scene).items() if piece.mapped and not piece.bins
+    )
+    x, y = piece.centre
+    standing.post(MoveBody(name=name, x=x + 0.05, y=y, heading=0.1, held=False))
+    assert standing.advance(by_the_clock=False)[0].announced == {}
+    standing.post(Announce(name=name))
+    message, _ = standing.advance(by_the_clock=False)
+    assert message.announced == {name: [pytest.approx(x + 0.05, abs=1e-4), pytest.approx(y, abs=1e-4), 0.1]}
+    standing.reset()
+    assert standing.advance(by_the_clock=False)[0].announced == {}

@@ -34,14 +34,6 @@ from motm_twin.completion import SETTLE_PERIODS
 from motm_twin.perf.fuzz import EXAMPLES
 
 
-def test_a_paused_twin_stands_and_steps_exactly_as_often_as_told():
-    with Running() as running:
-        assert (running.loop.status().state, running.last.index) == ("paused", 0)
-        running.step(7)
-        running.step()
-        assert running.last.index == 8
-
-
 def test_a_paused_twin_stands_however_late_its_clock_is_read(monkeypatch):
     """What is to be shown may become due between two looks at the clock; that is no reason for a period."""
     reads = itertools.accumulate(itertools.cycle(np.linspace(0.1, 0.7, 13) * STANDING_INTERVAL))
@@ -53,28 +45,26 @@ def test_a_paused_twin_stands_however_late_its_clock_is_read(monkeypatch):
         assert running.last.index == 0
 
 
-def test_play_pause_and_reset():
-    with Running() as running:
-        assert running.ask(Play()) == ""
-        until(lambda: running.last.index > 3, "time does not run")
-        assert running.ask(Pause()) == ""
-        stands_at = running.last.index
-        running.step()
-        assert running.last.index == stands_at + 1
-        run = running.loop.status().run
-        assert running.ask(Reset()) == ""
-        assert (running.last.index, running.loop.status().run) == (0, run + 1)
-        assert running.loop.status().state == "paused"
+def test_play_pause_step_and_reset(running):
+    assert (running.loop.status().state, running.last.index) == ("paused", 0)
+    assert running.ask(Play()) == ""
+    until(lambda: running.last.index > 3, "time does not run")
+    assert running.ask(Pause()) == ""
+    running.step(7)
+    running.step()  # exactly as often as told
+    run = running.loop.status().run
+    assert running.ask(Reset()) == ""
+    assert (running.last.index, running.loop.status().run) == (0, run + 1)
+    assert running.loop.status().state == "paused"
 
 
-def test_an_edit_that_the_twin_does_not_take_is_refused_in_its_words_and_forgotten():
-    with Running() as running:
-        assert running.ask(AddObstacle(name="x", x=0.0, y=0.0)) == ""
-        assert running.ask(AddObstacle(name="y", x=95.0, y=0.0)) == "that is outside the world"
-        assert [body.name for body in running.last.obstacles] == ["x"]
-        for number in range(MAX_ADDED - 1):
-            assert running.ask(AddObstacle(name=f"x{number}", x=0.0, y=0.0)) == ""
-        assert "remove one first" in running.ask(AddObstacle(name="one more", x=0.0, y=0.0))
+def test_an_edit_that_the_twin_does_not_take_is_refused_in_its_words_and_forgotten(running):
+    assert running.ask(AddObstacle(name="x", x=0.0, y=0.0)) == ""
+    assert running.ask(AddObstacle(name="y", x=95.0, y=0.0)) == "that is outside the world"
+    assert [body.name for body in running.last.obstacles] == ["x"]
+    for number in range(MAX_ADDED - 1):
+        assert running.ask(AddObstacle(name=f"x{number}", x=0.0, y=0.0)) == ""
+    assert "remove one first" in running.ask(AddObstacle(name="one more", x=0.0, y=0.0))
 
 
 def test_an_error_in_a_period_stops_time_and_is_told_and_reset_recovers(capsys):
@@ -98,14 +88,13 @@ def test_a_run_ends_after_settling_and_play_starts_it_again():
         assert running.loop.status().state == "playing"
 
 
-def test_another_scene_can_be_loaded_and_a_wrong_one_changes_nothing():
-    with Running() as running:
-        assert "did you mean fake" in running.ask(Load(scene="fakke"))
-        assert (running.loop.status().scene, running.loop.status().run) == ("fake", 1)
-        assert running.ask(Load(scene="other", variant="c", seed=4)) == ""
-        status = running.loop.status()
-        assert (status.scene, status.variant, status.seed, status.run) == ("other", "c", 4, 2)
-        assert [scene.name for scene in running.sink.scenes] == ["fake", "other"]
+def test_another_scene_can_be_loaded_and_a_wrong_one_changes_nothing(running):
+    assert "did you mean fake" in running.ask(Load(scene="fakke"))
+    assert (running.loop.status().scene, running.loop.status().run) == ("fake", 1)
+    assert running.ask(Load(scene="other", variant="c", seed=4)) == ""
+    status = running.loop.status()
+    assert (status.scene, status.variant, status.seed, status.run) == ("other", "c", 4, 2)
+    assert [scene.name for scene in running.sink.scenes] == ["fake", "other"]
 
 
 def test_a_first_scene_that_fails_is_told_and_another_can_be_loaded():
@@ -132,46 +121,37 @@ def test_a_held_body_is_let_go_when_its_holder_falls_silent(monkeypatch):
         until(lambda: released == ["temi1"], "nobody let go")
 
 
-@pytest.mark.parametrize("factor", [0.5, 8.0])
-def test_the_wanted_speed_is_told(factor):
-    with Running() as running:
-        assert running.ask(Speed(factor=factor)) == ""
-        assert running.loop.status().speed == factor
+def test_one_drives_others_look_until_the_wheel_is_handed_over(running):
+    assert running.ask(Speed(factor=2.0)) == ""
+    status = running.loop.status()
+    assert (status.driver, status.driver_name) == ("ann", "Ann")
+    assert 0.0 < status.driver_left <= 10.0
+    assert "Ann is driving" in running.ask(Speed(factor=4.0), sender="bob", name="Bob")
+    assert running.loop.status().speed == 2.0
+    assert running.ask(Inspect(candidate=3), sender="bob", name="Bob") == ""
+    assert running.ask(HandOver(to="bob", name="Bob")) == ""
+    assert "Bob is driving" in running.ask(Play())
+    assert running.ask(Speed(factor=0.5), sender="bob", name="Bob") == ""
+    assert running.loop.status().speed == 0.5
+    assert running.ask(HandOver(), sender="bob", name="Bob") == ""
+    assert running.loop.status().driver == ""
 
 
-def test_one_drives_others_look_until_the_wheel_is_handed_over():
-    with Running() as running:
-        assert running.ask(Speed(factor=2.0)) == ""
-        status = running.loop.status()
-        assert (status.driver, status.driver_name) == ("ann", "Ann")
-        assert 0.0 < status.driver_left <= 10.0
-        assert "Ann is driving" in running.ask(Speed(factor=4.0), sender="bob", name="Bob")
-        assert running.loop.status().speed == 2.0
-        assert running.ask(Inspect(candidate=3), sender="bob", name="Bob") == ""
-        assert running.ask(HandOver(to="bob", name="Bob")) == ""
-        assert "Bob is driving" in running.ask(Play())
-        assert running.ask(Speed(factor=4.0), sender="bob", name="Bob") == ""
-        assert running.ask(HandOver(), sender="bob", name="Bob") == ""
-        assert running.loop.status().driver == ""
+def test_a_wheel_that_is_handed_over_without_a_name_shows_the_one_that_was_heard(running):
+    assert running.ask(Speed(factor=2.0)) == ""
+    assert "Ann is driving" in running.ask(Play(), sender="bob", name="Bob")
+    assert running.ask(HandOver(to="bob")) == ""
+    assert running.loop.status().driver_name == "Bob"
+    assert running.ask(HandOver(to="cid"), sender="bob", name="Bob") == ""
+    assert running.loop.status().driver_name == "cid"  # nobody has heard of him
 
 
-def test_a_wheel_that_is_handed_over_without_a_name_shows_the_one_that_was_heard():
-    with Running() as running:
-        assert running.ask(Speed(factor=2.0)) == ""
-        assert "Ann is driving" in running.ask(Play(), sender="bob", name="Bob")
-        assert running.ask(HandOver(to="bob")) == ""
-        assert running.loop.status().driver_name == "Bob"
-        assert running.ask(HandOver(to="cid"), sender="bob", name="Bob") == ""
-        assert running.loop.status().driver_name == "cid"  # nobody has heard of him
-
-
-def test_a_refused_command_and_an_inspection_take_no_wheel():
-    with Running() as running:
-        assert "to move" in running.ask(MoveBody(name="ghost", x=0.0, y=0.0))
-        assert running.ask(Inspect(staa_path=False)) == ""
-        assert running.loop.status().driver == ""
-        assert running.ask(TakeWheel(), name="") == ""
-        assert running.loop.status().driver_name == "ann"
+def test_a_refused_command_and_an_inspection_take_no_wheel(running):
+    assert "to move" in running.ask(MoveBody(name="ghost", x=0.0, y=0.0))
+    assert running.ask(Inspect(staa_path=False)) == ""
+    assert running.loop.status().driver == ""
+    assert running.ask(TakeWheel(), name="") == ""
+    assert running.loop.status().driver_name == "ann"
 
 
 def test_a_change_of_driver_is_told_and_lets_go_of_what_was_held(monkeypatch):
@@ -187,20 +167,18 @@ def test_a_change_of_driver_is_told_and_lets_go_of_what_was_held(monkeypatch):
         assert running.loop.status().driver_name == "Bob"
 
 
-def test_a_command_that_waited_for_too_long_is_refused():
-    with Running() as running:
-        assert "stale" in running.ask(Play(), expires=-0.1)
-        assert running.loop.status().state == "paused"
+def test_a_command_that_waited_for_too_long_is_refused(running):
+    assert "stale" in running.ask(Play(), expires=-0.1)
+    assert running.loop.status().state == "paused"
 
 
-def test_many_steps_can_be_ended_by_pause():
-    with Running() as running:
-        assert running.ask(Step(count=100_000)) == ""
-        assert running.ask(Pause()) == ""
-        index = running.last.index
-        assert index < 100_000
-        running.step()
-        assert running.last.index == index + 1
+def test_many_steps_can_be_ended_by_pause(running):
+    assert running.ask(Step(count=100_000)) == ""
+    assert running.ask(Pause()) == ""
+    index = running.last.index
+    assert index < 100_000
+    running.step()
+    assert running.last.index == index + 1
 
 
 def test_what_the_robot_refuses_after_all_is_an_event():
@@ -214,11 +192,8 @@ def test_what_the_robot_refuses_after_all_is_an_event():
         assert running.ask(AddObstacle(name="x", x=0.0, y=0.0)) == ""
         running.step(3)
         (event,) = running.sink.events
-        assert (event["kind"], event["text"], event["index"]) == (
-            "refused",
-            "the robot has refused add_obstacle x: no",
-            1,
-        )
+        text = "the robot has refused add_obstacle x: no"
+        assert (event["kind"], event["text"], event["index"]) == ("refused", text, 1)
 
 
 def test_an_edit_that_fails_in_the_twin_is_refused_and_the_loop_goes_on(capsys):

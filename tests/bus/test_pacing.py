@@ -119,16 +119,15 @@ def test_an_operating_system_without_it_is_said(monkeypatch):
 
 
 @pytest.mark.skipif(refusal() != "", reason=f"no real-time scheduling here: {refusal()}")
-def test_the_loop_has_it_only_while_it_sleeps_between_periods():
-    with Running() as running:
-        assert running.ask(Play()) == ""
-        until(lambda: running.loop._real_time.on, "no real-time scheduling in real time")
-        assert running.ask(Speed(factor=4.0)) == ""
-        until(lambda: not running.loop._real_time.on, "real-time scheduling at four times the speed")
-        assert running.ask(Speed(factor=1.0)) == ""
-        until(lambda: running.loop._real_time.on, "no real-time scheduling in real time again")
-        assert running.ask(Pause()) == ""
-        assert not running.loop._real_time.on
+def test_the_loop_has_it_only_while_it_sleeps_between_periods(running):
+    assert running.ask(Play()) == ""
+    until(lambda: running.loop._real_time.on, "no real-time scheduling in real time")
+    assert running.ask(Speed(factor=4.0)) == ""
+    until(lambda: not running.loop._real_time.on, "real-time scheduling at four times the speed")
+    assert running.ask(Speed(factor=1.0)) == ""
+    until(lambda: running.loop._real_time.on, "no real-time scheduling in real time again")
+    assert running.ask(Pause()) == ""
+    assert not running.loop._real_time.on
 
 
 @pytest.mark.skipif(refusal() != "", reason=f"no real-time scheduling here: {refusal()}")

@@ -9,9 +9,7 @@ import pytest
 from fake_twin import fake_server
 from waiting import asked, until, until_paused
 
-from motm_twin.bus.client import TwinClient
 from motm_twin.bus.commands import AddObstacle, Envelope, Step
-from motm_twin.bus.connection import open_client
 from motm_twin.bus.schemas import COMMANDS, MESSAGES, PLANT_MESSAGES, file_name, names, schema
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -27,12 +25,8 @@ TOOL = "schemas"  # of the fixture `tool`
 
 
 @pytest.mark.parametrize("name", PUBLISHED)
-def test_a_schema_is_a_valid_one(name):
+def test_a_schema_is_valid_and_fits_what_was_published_under_its_version(name, tool):
     jsonschema.Draft202012Validator.check_schema(schema(name))
-
-
-@pytest.mark.parametrize("name", PUBLISHED)
-def test_a_message_fits_what_was_published_under_its_version(name, tool):
     version = schema(name)["$id"]
     assert (FOLDER / file_name(name)).exists(), f"{version} is not published: run tools/schemas.py"
     breaks = tool.breaking_changes(published(name), schema(name))
@@ -122,38 +116,30 @@ def server(tmp_path_factory):
         yield running
 
 
-def test_schemas_are_answered_to_queries(server):
-    with open_client(server.endpoint) as session:
-        (reply,) = asked(session, server.keys.schema("tick"))
-        assert json.loads(reply.ok.payload.to_bytes()) == schema("tick")
-        found = {str(reply.ok.key_expr) for reply in session.get(server.keys.schemas)}
-        assert found == {server.keys.schema(name) for name in names()}
-        (reply,) = session.get(server.keys.schema("plant/state"))
-        assert json.loads(reply.ok.payload.to_bytes()) == schema("plant/state")
-        assert len(list(session.get(server.keys.schema("cmd/*")))) == len(COMMANDS)
-        assert list(session.get(server.keys.schema("nothing"))) == []
+def test_schemas_are_answered_to_queries(server, session):
+    (reply,) = asked(session, server.keys.schema("tick"))
+    assert json.loads(reply.ok.payload.to_bytes()) == schema("tick")
+    found = {str(reply.ok.key_expr) for reply in session.get(server.keys.schemas)}
+    assert found == {server.keys.schema(name) for name in names()}
+    (reply,) = session.get(server.keys.schema("plant/state"))
+    assert json.loads(reply.ok.payload.to_bytes()) == schema("plant/state")
+    assert len(list(session.get(server.keys.schema("cmd/*")))) == len(COMMANDS)
+    assert list(session.get(server.keys.schema("nothing"))) == []
 
 
-def test_what_travels_is_what_the_schemas_say(server):
-    with open_client(server.endpoint) as session, TwinClient(server.endpoint) as client:
-        until(client.status, "no status")
-        assert client.command(AddObstacle(name="crate", x=0.5, y=0.5)).ok
-        assert client.command(Step(count=2)).ok
-        until(lambda: client.tick() and client.tick().index >= 2, "no steps")
-        keys = server.keys
-        for name, key in (
-            *(
-                (name, getattr(keys, name))
-                for name in ("tick", "robot", "event", "metrics", "status", "scene", "session")
-            ),
-            ("events", f"{keys.event}?from=0"),
-        ):
-            (reply,) = asked(session, key)
-            jsonschema.validate(json.loads(reply.ok.payload.to_bytes()), schema(name))
-        (grid,) = asked(session, keys.grid)
-        jsonschema.validate(json.loads(grid.ok.attachment.to_bytes()), schema("grid"))
-        envelope = {"sender": "me", "seq": 1, "expires": 1.0, "command": {"type": "step", "count": 2}}
-        jsonschema.validate(envelope, schema("command"))
-        (answer,) = client.query("step", json.dumps(envelope).encode())
-        jsonschema.validate(json.loads(answer), schema("answer"))
-        assert Envelope.__name__ in schema("command")["$defs"]
+def test_what_travels_is_what_the_schemas_say(server, session, client):
+    until(client.status, "no status")
+    assert client.command(AddObstacle(name="crate", x=0.5, y=0.5)).ok
+    assert client.command(Step(count=2)).ok
+    until(lambda: client.tick() and client.tick().index >= 2, "no steps")
+    keys = server.keys
+    for name in ("tick", "robot", "event", "metrics", "status", "scene", "session", "events"):
+        (reply,) = asked(session, f"{keys.event}?from=0" if name == "events" else getattr(keys, name))
+        jsonschema.validate(json.loads(reply.ok.payload.to_bytes()), schema(name))
+    (grid,) = asked(session, keys.grid)
+    jsonschema.validate(json.loads(grid.ok.attachment.to_bytes()), schema("grid"))
+    envelope = {"sender": "me", "seq": 1, "expires": 1.0, "command": {"type": "step", "count": 2}}
+    jsonschema.validate(envelope, schema("command"))
+    (answer,) = client.query("step", json.dumps(envelope).encode())
+    jsonschema.validate(json.loads(answer), schema("answer"))
+    assert Envelope.__name__ in schema("command")["$defs"]

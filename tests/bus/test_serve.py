@@ -31,16 +31,7 @@ READY = 240.0  # [s] the first start compiles, on a machine that may be busy
 @contextmanager
 def serving(*options, zenoh_port=None):
     zenoh_port = zenoh_port or free_port()
-    command = [
-        sys.executable,
-        "-m",
-        "motm_twin",
-        "serve",
-        "exp1",
-        "--zenoh-port",
-        str(zenoh_port),
-        *options,
-    ]
+    command = [sys.executable, "-m", "motm_twin", "serve", "exp1", "--zenoh-port", str(zenoh_port), *options]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True) as process:
         try:
             yield process, zenoh_port

@@ -14,29 +14,18 @@ from waiting import until, until_paused
 from motm_twin.bus.client import NoSession, TwinClient
 from motm_twin.bus.commands import AddObstacle, HandOver, Inspect, Load, MoveBody, Pause, Play, Speed, Step
 from motm_twin.bus.connection import PortTaken, direct, free_port, open_client, require_free_port
-from motm_twin.bus.interfaces import TwinSetup
+from motm_twin.bus.library import TwinSetup
 from motm_twin.bus.server import TwinServer
 from motm_twin.sessions.session import Session
 
 FAKE = Load(scene="fake")
 
 
-def serving(first=FAKE, **options):
-    return fake_server(first=first, **options)
-
-
 @pytest.fixture
 def server():
-    with serving(playing=False) as running:
+    with fake_server(playing=False) as running:
         until_paused(running)
         yield running
-
-
-@pytest.fixture
-def client(server):
-    with TwinClient(server.endpoint, sender="tester") as connected:
-        until(lambda: connected.tick() and connected.status(), "nothing was received")
-        yield connected
 
 
 def refused(client, name, payload):
@@ -199,7 +188,7 @@ def test_the_session_of_the_run_can_be_asked_for(server, client):
 
 
 def test_a_session_that_there_is_not_is_said_so():
-    with serving(port=(port := free_port()), first=Load(scene="nothing")) as server:
+    with fake_server(port=(port := free_port()), first=Load(scene="nothing")) as server:
         until(lambda: server.loop.status().state == "error", "no error")
         with TwinClient(server.endpoint) as client, pytest.raises(NoSession, match="no period was computed yet"):
             client.session()
@@ -243,19 +232,6 @@ def test_while_a_scene_loads_the_newest_tick_is_of_the_one_before_and_said_to_be
             loading.join()
 
 
-def test_a_client_waits_for_a_server_and_finds_it_again_after_a_restart():
-    port = free_port()
-    with TwinClient(f"tcp/127.0.0.1:{port}") as client:
-        assert client.command(Pause(), timeout=0.3).reason.startswith("the twin server does not answer")
-        assert not client.alive
-        for _ in range(2):
-            with serving(port=port, playing=False) as server:
-                until(lambda: client.status() and client.alive, "the client did not connect")
-                until(lambda: client.command(Step(), timeout=0.5).ok, "no command got through")
-                until(lambda s=server: client.tick() and client.tick().time == s.loop.status().time, "old state")
-            until(lambda: not client.alive, "the client does not notice that the server is gone")
-
-
 def test_a_free_port_is_none_that_an_outgoing_connection_may_get():
     with socket.create_server(("127.0.0.1", 0)) as outgoing:
         assert all(free_port() < min(32_768, outgoing.getsockname()[1]) for _ in range(20))
@@ -275,9 +251,9 @@ def test_a_port_out_of_range_is_refused_with_the_range(port):
 
 
 def test_a_taken_port_is_an_error_and_not_another_port():
-    with serving() as server:
+    with fake_server() as server:
         with pytest.raises(PortTaken, match=str(server.port)):
-            serving(port=server.port)
+            fake_server(port=server.port)
 
 
 def test_a_client_can_close_while_it_notices_the_twin(server, monkeypatch):
@@ -307,13 +283,13 @@ def test_a_client_can_close_while_it_notices_the_twin(server, monkeypatch):
 def test_the_port_is_free_and_no_thread_is_left_after_closing():
     port, before = free_port(), {thread.name for thread in threading.enumerate()}
     for _ in range(5):
-        with serving(port=port):
+        with fake_server(port=port):
             pass
     until(lambda: {t.name for t in threading.enumerate()} <= before, "threads are left")
 
 
 def test_the_server_listens_on_loopback_only():
-    with serving() as server, pytest.raises(zenoh.ZError):
+    with fake_server() as server, pytest.raises(zenoh.ZError):
         config = zenoh.Config()
         config.insert_json5("mode", '"client"')
         config.insert_json5("scouting/multicast/enabled", "false")
@@ -322,8 +298,6 @@ def test_the_server_listens_on_loopback_only():
 
 
 def _own_address():
-    import socket
-
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         try:
             probe.connect(("192.0.2.1", 9))

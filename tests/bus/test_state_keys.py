@@ -11,7 +11,6 @@ from fake_twin import FakeTwin, fake_scene, fake_tick
 from running import real_server
 from waiting import asked, until, until_paused
 
-from motm_twin.bus.client import TwinClient
 from motm_twin.bus.commands import (
     AddObstacle,
     Branch,
@@ -27,7 +26,6 @@ from motm_twin.bus.commands import (
     Speed,
     Step,
 )
-from motm_twin.bus.connection import open_client
 from motm_twin.bus.encode import tick_message
 from motm_twin.bus.events import EventLog, EventWatch
 from motm_twin.bus.messages import (
@@ -50,25 +48,9 @@ def server():
 
 
 @pytest.fixture
-def client(server):
-    with TwinClient(server.endpoint, sender="tester") as connected:
-        until(lambda: connected.tick() and connected.status(), "nothing was received")
-        yield connected
-        done(connected, Pause())
-
-
-@pytest.fixture
-def session(server):
-    with open_client(server.endpoint) as plain:
-        yield plain
-
-
-def test_live_or_asked_for_a_value_says_how_it_is_encoded(server, session):
-    json_keys = ("tick", "robot", "scan", "event", "scene", "status", "metrics", "session", "cmd/pause", "event?from=0")
-    for name in (*json_keys, "grid"):
-        replies = [reply.ok for reply in asked(session, f"motm/{server.keys.twin}/{name}", b"")]
-        assert len(replies) == 1, name
-        assert str(replies[0].encoding) == ("zenoh/bytes" if name == "grid" else "application/json"), name
+def client(client):
+    yield client
+    done(client, Pause())
 
 
 def done(client, *commands):
@@ -97,16 +79,18 @@ def newest(session, server):
     return events(session, server).newest
 
 
-def test_every_key_answers_a_late_joiner_with_its_last_value(server, client, session):
+def test_every_key_answers_a_late_joiner_with_its_last_value_and_says_how_it_is_encoded(server, client, session):
     done(client, Step(count=2))
-    keys = server.keys
-    until(lambda: json.loads(get(session, keys.tick))["index"] >= 2, "no steps")
-    for key in (keys.tick, keys.scene, keys.status, keys.robot, keys.scan, keys.metrics, keys.event):
-        assert isinstance(json.loads(get(session, key)), dict), key
-    (grid,) = asked(session, keys.grid)
+    until(lambda: json.loads(get(session, server.keys.tick))["index"] >= 2, "no steps")
+    json_keys = ("tick", "robot", "scan", "event", "scene", "status", "metrics", "session", "cmd/pause", "event?from=0")
+    for name in json_keys:
+        (reply,) = asked(session, f"motm/{server.keys.twin}/{name}", b"")
+        assert str(reply.ok.encoding) == "application/json", name
+        assert isinstance(json.loads(reply.ok.payload.to_bytes()), dict), name
+    (grid,) = asked(session, server.keys.grid)
     info = json.loads(grid.ok.attachment.to_bytes())
-    assert len(grid.ok.payload) == info["width"] * info["height"]
-    assert {str(reply.ok.key_expr) for reply in session.get("motm/*/tick")} == {keys.tick}
+    assert (str(grid.ok.encoding), len(grid.ok.payload)) == ("zenoh/bytes", info["width"] * info["height"])
+    assert {str(reply.ok.key_expr) for reply in session.get("motm/*/tick")} == {server.keys.tick}
 
 
 def test_the_robot_comes_at_50_hz_of_simulated_time(server, client, session):
@@ -202,10 +186,15 @@ def test_simulated_time_is_sent_in_microseconds():
     assert tick_message(tick, run=1, server_time=0.0).time == 1.97
 
 
-def test_a_body_that_is_dragged_is_one_event():
+def watched():
+    """Events that are told, the watch that tells them, and a period."""
     told = []
-    watch = EventWatch(EventLog(lambda: 0.0, told.append))
     period = tick_message(fake_tick(FakeTwin(fake_scene()), ()), run=1, server_time=0.0)
+    return told, EventWatch(EventLog(lambda: 0.0, told.append)), period
+
+
+def test_a_body_that_is_dragged_is_one_event():
+    told, watch, period = watched()
 
     def at(index, *edits):
         watch.tick(msgspec.structs.replace(period, index=index, time=0.05 * index, edits=list(edits), events=[]))
@@ -220,19 +209,11 @@ def test_a_body_that_is_dragged_is_one_event():
 
 
 def test_times_of_events_rise_with_their_numbers_however_late_a_contact_is_told():
-    told = []
-    watch = EventWatch(EventLog(lambda: 0.0, told.append))
-    period = tick_message(fake_tick(FakeTwin(fake_scene()), ()), run=1, server_time=0.0)
+    told, watch, period = watched()
     touched = ContactMessage(
-        time=1.07,
-        body="base",
-        other="box",
-        depth=0.0,
-        caused_by_robot=True,
-        closing_speed=0.1,
-        other_speed=0.0,
+        time=1.07, body="base", other="box", depth=0.0, caused_by_robot=True, closing_speed=0.1, other_speed=0.0,
         duration=0.0,
-    )
+    )  # fmt: skip
     score = msgspec.structs.replace(period.score, contacts=[touched])
     late = [EventMessage(time=1.12, kind="picked", text="picked"), EventMessage(time=1.11, kind="go on", text="goes")]
     watch.tick(msgspec.structs.replace(period, index=22, time=1.1, events=late))

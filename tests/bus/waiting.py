@@ -1,7 +1,7 @@
 import time
 
 
-def until(condition, what, timeout=60.0):
+def until(condition, what="it did not come true", timeout=60.0):
     """Wait for something that must happen; how fast is not the test's business."""
     deadline = time.monotonic() + timeout
     while time.monotonic() < deadline:

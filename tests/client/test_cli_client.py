@@ -1,7 +1,9 @@
-"""`motm-twin watch | send | twins`, as a user calls them."""
+"""`motm-twin watch | send | twins`, as a user calls them, and a program that finds what `serve` runs by its name."""
 
 import json
 import os
+import secrets
+import signal
 import subprocess
 import sys
 import tempfile
@@ -9,13 +11,13 @@ import threading
 
 import pytest
 from fake_twin import fake_server
-from waiting import until_paused
+from waiting import until, until_paused
 
 from motm_twin.bus.commands import AddObstacle, InsertTask, Load, Pause, SetParameter, Step
 from motm_twin.bus.connection import free_port
 from motm_twin.bus.private_folder import Running, note, own_credentials
-from motm_twin.cli.send import parse
-from motm_twin.client import connect
+from motm_twin.cli.client import parse
+from motm_twin.client import NoTwin, connect, running_twins
 from motm_twin.methods import DEFAULT_METHOD
 from motm_twin.model.scene import DriveTo
 
@@ -57,7 +59,6 @@ def elsewhere(tmp_path, monkeypatch):
         (["pause"], Pause()),
         (["step", "count=3"], Step(count=3)),
         (["add_obstacle", "name=7", "x=1", "y=-0.5"], AddObstacle(name="7", x=1.0, y=-0.5)),
-        (["add_obstacle", "name=a b", "x=1e0", "y=0", "size=.3,0.3,0.4"], None),
         (
             ["add_obstacle", "name=a", "x=1", "y=0", "size=0.3,0.3,0.4"],
             AddObstacle(name="a", x=1, y=0, size=(0.3, 0.3, 0.4)),
@@ -72,11 +73,7 @@ def elsewhere(tmp_path, monkeypatch):
     ],
 )
 def test_words_become_a_command(words, command):
-    if command is None:
-        with pytest.raises(ValueError, match="size"):
-            parse(words[0], words[1:])
-    else:
-        assert parse(words[0], words[1:]) == command
+    assert parse(words[0], words[1:]) == command
 
 
 @pytest.mark.parametrize(
@@ -87,6 +84,7 @@ def test_words_become_a_command(words, command):
         (["step", "counts=3"], "it has: count"),
         (["step", "count=much"], "count"),
         (["speed"], "factor"),
+        (["add_obstacle", "name=a b", "x=1e0", "y=0", "size=.3,0.3,0.4"], "size"),
     ],
 )
 def test_words_that_are_no_command_are_refused_with_what_is_allowed(words, said):
@@ -141,16 +139,7 @@ def test_watch_prints_the_newest_value_of_every_key(server, there):
 
 
 def test_watch_prints_every_event_until_it_is_ended(server):
-    command = [
-        sys.executable,
-        "-m",
-        "motm_twin",
-        "watch",
-        "event",
-        "--json",
-        "--endpoint",
-        server.endpoint,
-    ]
+    command = [sys.executable, "-m", "motm_twin", "watch", "event", "--json", "--endpoint", server.endpoint]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process, connect(server.endpoint) as twin:
         lines = []
         reader = threading.Thread(target=lambda: lines.extend(process.stdout))
@@ -227,3 +216,39 @@ def test_a_twin_that_does_not_answer_is_not_recorded(there, tmp_path):
     assert not file.exists()
     found = there("record", str(file), "--seconds", "0.5")  # the only one there
     assert found.returncode == 0, found.stderr
+
+
+SERVE = [sys.executable, "-m", "motm_twin", "serve", "exp1", "--headless", "--zenoh-port", "0"]
+
+
+def found(name):
+    return [twin for twin in running_twins() if twin.twin == name and twin.alive]
+
+
+@pytest.mark.slow
+def test_a_served_twin_is_found_by_its_name_driven_and_gone_after_the_end(tmp_path):
+    name = f"client-{secrets.token_hex(4)}"
+    process = subprocess.Popen([*SERVE, "--twin", name, "--data", str(tmp_path / "kept")], stdout=subprocess.DEVNULL)
+    try:
+        until(lambda: found(name), "it is not found", 60.0)
+        with connect(twin=name, timeout=30.0) as twin:
+            twin.wait_until(lambda tick: tick.index > 3, timeout=120.0)
+            twin.drive_to(0.5, 0.2)
+            saved = twin.save("mine")
+            assert json.loads((tmp_path / "kept" / "mine.json").read_bytes())["version"] == "motm.session/1"
+            assert saved.path.endswith("kept/mine.json")
+            kinds = set()
+            for event in twin.events(since=0):
+                kinds.add(event.kind)
+                if {"loaded", "edit"} <= kinds:
+                    break
+            twin.hand_over()
+        listed = subprocess.run(
+            [sys.executable, "-m", "motm_twin", "twins", "--json"], capture_output=True, text=True, check=False
+        )
+        assert name in [json.loads(line)["twin"] for line in listed.stdout.splitlines()]
+    finally:
+        process.send_signal(signal.SIGINT)
+        assert process.wait(20.0) == 0
+    with pytest.raises(NoTwin, match="start one with"):
+        connect(twin=name)

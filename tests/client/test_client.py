@@ -15,11 +15,12 @@ import pytest
 from fake_twin import fake_server
 from waiting import until, until_paused
 
-from motm_twin.bus.commands import EDITS, SERVER_COMMANDS, command_name
+from motm_twin.bus.client import TwinClient
+from motm_twin.bus.commands import EDITS, SERVER_COMMANDS, HandOver, Pause, TakeWheel, command_name
 from motm_twin.bus.connection import free_port
 from motm_twin.client import EventsLost, NoTwin, Refused, connect, connect_async, running_twins
 from motm_twin.client.commanding import Commanding
-from motm_twin.client.events import EventReader
+from motm_twin.client.twin import EventReader
 from motm_twin.methods import DEFAULT_METHOD
 
 TEXT = Path(__file__).resolve().parents[2] / "docs" / "zenoh.md"
@@ -104,9 +105,6 @@ def test_a_refusal_is_an_exception_with_the_reason_of_the_server(twin):
 def test_programs_and_the_page_exclude_each_other(server, twin):
     """A page speaks through one client for several visitors, each with its own sender."""
     twin.take_wheel()
-    from motm_twin.bus.client import TwinClient
-    from motm_twin.bus.commands import HandOver, Pause, TakeWheel
-
     with TwinClient(server.endpoint, "t1", sender="page") as page:
         assert "is driving" in page.command(Pause(), sender="page.1", name="Ann").reason
         twin.hand_over()

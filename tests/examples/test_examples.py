@@ -10,8 +10,7 @@ import pytest
 from waiting import until
 
 from motm_twin.bus.commands import Load
-from motm_twin.bus.interfaces import TwinSetup
-from motm_twin.bus.library import FileLibrary
+from motm_twin.bus.library import FileLibrary, TwinSetup
 from motm_twin.bus.server import TwinServer
 from motm_twin.client import connect
 from motm_twin.twin import Twin

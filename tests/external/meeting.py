@@ -2,37 +2,35 @@
 
 import functools
 import threading
-import time
-from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from pathlib import Path
-from typing import Any
 
 import pytest
-import zenoh
+from waiting import until
 
 from motm_twin.bus.commands import Load
 from motm_twin.bus.connection import LOOPBACK, free_port, open_server
-from motm_twin.bus.interfaces import TwinSetup
-from motm_twin.bus.library import FileLibrary
+from motm_twin.bus.library import FileLibrary, TwinSetup
+from motm_twin.bus.plant_messages import VERSION
 from motm_twin.bus.server import RobotChoice, TwinServer
-from motm_twin.external.emulator import LinkSpec
 from motm_twin.external.plant import ZenohPlant
 from motm_twin.external.robot_link import RobotLink
 from motm_twin.external.robot_server import RobotServer
 from motm_twin.methods import UNNAMED_METHOD
-from motm_twin.model.scene import Scene
 from motm_twin.planning.types import SearchBudget
 from motm_twin.server_process import make_external_twin
 from motm_twin.twin import Twin
+
+STATE = {"version": VERSION, "life": "1", "seq": 0, "stamp": 5.0, "pose": [0.0] * 3, "odometry": [0.0] * 3,
+         "twist": [0.0] * 2, "q": [0.0] * 7, "dq": [0.0] * 7, "gripper_width": 0.08, "gripper_moving": False,
+        }  # fmt: skip
 
 
 class Router:
     """A Zenoh session in the middle."""
 
-    def __init__(self) -> None:
+    def __init__(self):
         self.port = free_port()
-        self.session: zenoh.Session = open_server(self.port)
+        self.session = open_server(self.port)
         self.endpoint = f"tcp/{LOOPBACK}:{self.port}"
 
 
@@ -41,27 +39,17 @@ class DeafenedRobot(RobotServer):
 
     muted: frozenset[str] = frozenset()
 
-    def impair(self, link: LinkSpec) -> None:
+    def impair(self, link):
         """From now on commands go through this link; those under way arrive as they would have."""
         self.robot._up.spec = link
 
-    def _put(self, name: str, payload: bytes) -> None:
+    def _put(self, name, payload):
         if name not in self.muted:
             super()._put(name, payload)
 
 
-def until(condition: Callable[[], object], seconds: float = 60.0) -> None:
-    """Wait until the condition comes true; fail when it does not."""
-    deadline = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < deadline, "it did not come true in time"
-        time.sleep(0.01)
-
-
 @contextmanager
-def running_robot(
-    router: Router, scene: Scene, *, twin: str = "frankie", clock: str = "shared", link: LinkSpec | None = None
-) -> Iterator[DeafenedRobot]:
+def running_robot(router, scene, *, twin="frankie", clock="shared", link=None):
     """A robot in a thread."""
     server = DeafenedRobot(scene, router.endpoint, twin=twin, clock=clock, link=link)
     thread = threading.Thread(target=server.run, name="robot")
@@ -75,7 +63,7 @@ def running_robot(
 
 
 @contextmanager
-def driven(router: Router, scene: Scene, *, twin: str = "frankie", mirror: bool = False) -> Iterator[Twin]:
+def driven(router, scene, *, twin="frankie", mirror=False):
     """A twin whose robot is met at the router, as soon as it is there."""
     link = RobotLink(router.session, twin, listen_only=mirror)
     plant = ZenohPlant(link, scene)
@@ -87,7 +75,7 @@ def driven(router: Router, scene: Scene, *, twin: str = "frankie", mirror: bool 
         link.close()
 
 
-def server_for_a_robot(data: Path, method: str = UNNAMED_METHOD, **robot: Any) -> TwinServer:
+def server_for_a_robot(data, method=UNNAMED_METHOD, **robot):
     """A server of Experiment 1 whose robot is in another program; ``robot``: fields of `RobotChoice`."""
     make = functools.partial(make_external_twin, budget=SearchBudget(), sender="twin")
     return TwinServer(

@@ -6,24 +6,19 @@ import re
 import threading
 import time
 from collections import deque
-from typing import Any
+from contextlib import closing
 
 import msgspec
 import pytest
-import zenoh
-from meeting import Router, driven, running_robot, until
+from meeting import STATE, driven
+from waiting import until
 
 from motm_twin.bus.connection import open_member
 from motm_twin.bus.keys import PlantKeys
 from motm_twin.bus.plant_messages import VERSION, RobotCommand
-from motm_twin.control.tick import Tick
 from motm_twin.external.messages import MAX_BYTES, RefusedMessage, read
 from motm_twin.external.robot_link import RobotLink
-from motm_twin.model.scene import Scene
 
-STATE = {"version": VERSION, "life": "1", "seq": 0, "stamp": 5.0, "pose": [0.0] * 3, "odometry": [0.0] * 3,
-         "twist": [0.0] * 2, "q": [0.0] * 7, "dq": [0.0] * 7, "gripper_width": 0.08, "gripper_moving": False,
-        }  # fmt: skip
 SCAN = {"version": VERSION, "life": "1", "stamp": 5.0, "pose": [0.0] * 3, "origin": [0.0] * 2, "angle_min": -3.0,
         "angle_step": 0.1, "range_min": 0.1, "range_max": 10.0, "ranges": [None]}  # fmt: skip
 SEEN = {"stamp": 5.0, "name": "cube", "p_base": [0.6, 0.0, 0.8], "yaw_base": 0.0, "position_sd": 0.002,
@@ -31,13 +26,13 @@ SEEN = {"stamp": 5.0, "name": "cube", "p_base": [0.6, 0.0, 0.8], "yaw_base": 0.0
 SIGHT = {"version": VERSION, "life": "1", "stamp": 5.0, "detections": [SEEN]}
 
 
-def encoded(message: dict[str, Any], **changed: Any) -> bytes:
+def encoded(message, **changed):
     """As it travels, with some fields changed, or left out (None)."""
     return msgspec.json.encode({key: value for key, value in (message | changed).items() if value is not None})
 
 
 @pytest.mark.parametrize(("name", "message"), [("state", STATE), ("scan", SCAN), ("detections", SIGHT)])
-def test_what_is_as_documented_is_read(name: str, message: dict[str, Any]) -> None:
+def test_what_is_as_documented_is_read(name, message):
     assert read(name, encoded(message)).life == "1"
 
 
@@ -69,27 +64,25 @@ def test_what_is_as_documented_is_read(name: str, message: dict[str, Any]) -> No
         ("detections", SIGHT, {"detections": [SEEN | {"position_sd": -1.0}]}, "position_sd of 'cube' is -1 m"),
     ],
 )
-def test_what_can_not_be_used_is_refused_with_a_reason(
-    name: str, message: dict[str, Any], changed: dict[str, Any], why: str
-) -> None:
+def test_what_can_not_be_used_is_refused_with_a_reason(name, message, changed, why):
     with pytest.raises(RefusedMessage) as refusal:
         read(name, encoded(message, **changed))
     assert str(refusal.value).startswith(why)
 
 
 @pytest.mark.parametrize("payload", [b"", b"\xff\xfe", b"[" * 100_000, b'{"q": NaN}', b"1" * (MAX_BYTES + 1)])
-def test_what_is_no_message_is_refused(payload: bytes) -> None:
+def test_what_is_no_message_is_refused(payload):
     with pytest.raises(RefusedMessage):
         read("state", payload)
 
 
 @pytest.fixture
-def talk(router: Router):
+def talk(router):
     """A link, and a function that sends it a message, once, and waits until it is in."""
     link, keys = RobotLink(router.session, "frankie", listen_only=True), PlantKeys("frankie")
     with open_member(router.endpoint) as robot:
 
-        def put(name: str, message: dict[str, Any]) -> bool:
+        def put(name, message):
             robot.put(getattr(keys, name), encoded(message))
             return True
 
@@ -99,7 +92,7 @@ def talk(router: Router):
         until(lambda: link.newest("state").seq == 1)
         link.live("1")
 
-        def send(name: str, message: dict[str, Any], **changed: Any) -> RobotLink:
+        def send(name, message, **changed):
             before = link.unreadable, link.newest(name)
             put(name, message | changed)
             until(lambda: link.unreadable != before[0] or link.newest(name) is not before[1])
@@ -109,7 +102,7 @@ def talk(router: Router):
     link.close()
 
 
-def test_a_scan_from_the_future_is_refused_and_the_next_one_counts(talk) -> None:
+def test_a_scan_from_the_future_is_refused_and_the_next_one_counts(talk):
     talk("state", STATE)
     link = talk("scan", SCAN, stamp=1e6)
     assert link.refusal("scan").startswith("its stamp is 99999")
@@ -117,13 +110,13 @@ def test_a_scan_from_the_future_is_refused_and_the_next_one_counts(talk) -> None
     assert link.refusal("scan") == ""
 
 
-def test_a_scan_from_the_future_before_any_state_does_not_keep_later_ones_out(talk) -> None:
+def test_a_scan_from_the_future_before_any_state_does_not_keep_later_ones_out(talk):
     assert talk("scan", SCAN, stamp=1e6).newest("scan").stamp == 1e6  # the first of its life
     talk("state", STATE)
     assert talk("scan", SCAN, stamp=5.05).newest("scan").stamp == 5.05
 
 
-def test_states_with_a_wrong_stamp_are_not_believed(talk) -> None:
+def test_states_with_a_wrong_stamp_are_not_believed(talk):
     talk("state", STATE)
     for stamp in (1e6, 1e6, -1e6):
         link = talk("state", STATE, stamp=stamp)
@@ -133,7 +126,7 @@ def test_states_with_a_wrong_stamp_are_not_believed(talk) -> None:
 
 
 @pytest.mark.parametrize("jump", [-50.0, 50.0])
-def test_a_clock_that_was_set_is_believed_after_a_silence(talk, jump: float) -> None:
+def test_a_clock_that_was_set_is_believed_after_a_silence(talk, jump):
     talk("scan", SCAN, stamp=99.9)
     talk("state", STATE, stamp=100.0)
     link = talk("state", STATE, stamp=100.0 + jump)
@@ -144,39 +137,36 @@ def test_a_clock_that_was_set_is_believed_after_a_silence(talk, jump: float) -> 
     assert talk("scan", SCAN, stamp=link.newest("state").stamp).newest("scan") is not None
 
 
-def test_a_scan_without_a_new_state_is_taken_for_as_long_as_time_has_passed(talk) -> None:
+def test_a_scan_without_a_new_state_is_taken_for_as_long_as_time_has_passed(talk):
     link = talk("state", STATE)
     link.last_sign -= 3.0
     assert talk("scan", SCAN, stamp=8.0).refusal("scan") == ""
 
 
-def test_a_robot_that_errs_stands_says_why_and_drives_on(router: Router, scene: Scene) -> None:
-    with running_robot(router, scene) as robot, driven(router, scene) as twin:
-        for _ in range(5):
-            twin.advance()
-        newest = msgspec.to_builtins(twin.external.link.newest("state"))
-        robot.muted = frozenset({"state"})
-        reasons = []
-        for step in range(12):
-            router.session.put(PlantKeys().state, encoded(newest, q=[0.0] * 6, stamp=newest["stamp"] + 0.05 * step))
-            reasons.append(twin.advance().stop_reason)
-        assert "stopped: the newest state of the robot is" in reasons[-1]
-        assert twin.external.text().endswith(
-            "its state is refused: q needs 7 finite numbers, and has " + str([0.0] * 6)
-        )
-        robot.muted = frozenset()
-        again = [twin.advance() for _ in range(10)]
-        assert again[-1].stop_reason == "" and math.isfinite(again[-1].observation.q.sum())
-        assert "refused" not in twin.external.text()
+def test_a_robot_that_errs_stands_says_why_and_drives_on(router, robot, twin):
+    for _ in range(5):
+        twin.advance()
+    newest = msgspec.to_builtins(twin.external.link.newest("state"))
+    robot.muted = frozenset({"state"})
+    reasons = []
+    for step in range(12):
+        router.session.put(PlantKeys().state, encoded(newest, q=[0.0] * 6, stamp=newest["stamp"] + 0.05 * step))
+        reasons.append(twin.advance().stop_reason)
+    assert "stopped: the newest state of the robot is" in reasons[-1]
+    assert twin.external.text().endswith("its state is refused: q needs 7 finite numbers, and has " + str([0.0] * 6))
+    robot.muted = frozenset()
+    again = [twin.advance() for _ in range(10)]
+    assert again[-1].stop_reason == "" and math.isfinite(again[-1].observation.q.sum())
+    assert "refused" not in twin.external.text()
 
 
 class Skewed:
     """A robot that stands, whose clock can be set; it remembers for when its commands were."""
 
-    def __init__(self, session: zenoh.Session, beams: int) -> None:
-        self.offset, self.acts, self._beams = 100.0, deque[float](maxlen=5), beams
+    def __init__(self, session, beams):
+        self.offset, self.acts, self._beams = 100.0, deque(maxlen=5), beams
         self._session, self._keys, self._born, self._over = session, PlantKeys("frankie"), time.monotonic(), False
-        self._heard: list[tuple[int, float]] = []
+        self._heard = []
         info = msgspec.json.encode({"version": VERSION, "life": "1", "name": "skewed"})
         self._declared = (
             session.declare_subscriber(self._keys.command, self._on_command),
@@ -185,23 +175,23 @@ class Skewed:
         self._thread = threading.Thread(target=self._run)
         self._thread.start()
 
-    def now(self) -> float:
+    def now(self):
         """Its clock [s]."""
         return time.monotonic() - self._born + self.offset
 
-    def close(self) -> None:
+    def close(self):
         """Say nothing more."""
         self._over = True
         self._thread.join()
         for declared in self._declared:
             declared.undeclare()
 
-    def _on_command(self, sample: zenoh.Sample) -> None:
+    def _on_command(self, sample):
         command = msgspec.json.decode(sample.payload.to_bytes(), type=RobotCommand)
         self._heard.append((command.seq, self.now()))
         self.acts.append(command.act_at - self.now())
 
-    def _run(self) -> None:
+    def _run(self):
         for seq in itertools.count():
             if self._over:
                 return
@@ -213,54 +203,46 @@ class Skewed:
             time.sleep(0.01)
 
 
-def test_a_clock_that_was_set_in_the_middle_of_a_period_does_not_set_the_run(router: Router, scene: Scene) -> None:
+@pytest.fixture
+def skewed(router, scene):
+    """Such a robot, and the twin that drives it."""
+    with open_member(router.endpoint) as session, closing(Skewed(session, scene.robot.lidar.beams)) as robot:
+        with driven(router, scene) as twin:
+            yield robot, twin
+
+
+def test_a_clock_that_was_set_in_the_middle_of_a_period_does_not_set_the_run(skewed):
     """Nobody asks whether it is ready: as in a period in which the robot's new clock begins to count."""
-    with open_member(router.endpoint) as session:
-        robot = Skewed(session, scene.robot.lidar.beams)
-        try:
-            with driven(router, scene) as twin:
-                for _ in range(20):
-                    tick = twin.advance()
-                began, before = time.monotonic(), tick.time
-                robot.offset += 50.0
-                until(lambda: twin.advance() and twin.external.link.clock_sets == 1)
-                tick = twin.advance()
-                assert 0.0 < tick.time - before < time.monotonic() - began + 1.0
-        finally:
-            robot.close()
+    robot, twin = skewed
+    for _ in range(20):
+        tick = twin.advance()
+    began, before = time.monotonic(), tick.time
+    robot.offset += 50.0
+    until(lambda: twin.advance() and twin.external.link.clock_sets == 1)
+    assert 0.0 < twin.advance().time - before < time.monotonic() - began + 1.0
 
 
 @pytest.mark.parametrize("jump", [-50.0, 50.0])
-def test_a_robot_whose_clock_was_set_is_taken_up_again_and_the_run_goes_on(
-    router: Router, scene: Scene, jump: float
-) -> None:
-    with open_member(router.endpoint) as session:
-        robot = Skewed(session, scene.robot.lidar.beams)
-        try:
-            with driven(router, scene) as twin:
+def test_a_robot_whose_clock_was_set_is_taken_up_again_and_the_run_goes_on(skewed, jump):
+    robot, twin = skewed
+    periods, told = [], set()  # [s] of the run, begin and end by a clock that nobody sets; texts
 
-                def advanced() -> Tick:
-                    began = time.monotonic()
-                    tick = twin.advance()
-                    periods.append((tick.time, began, time.monotonic()))
-                    return tick
+    def advanced():
+        began = time.monotonic()
+        tick = twin.advance()
+        periods.append((tick.time, began, time.monotonic()))
+        return tick
 
-                periods = list[
-                    tuple[float, float, float]
-                ]()  # [s] of the run; begin and end by a clock that nobody sets
-                for _ in range(20):
-                    advanced()
-                robot.offset += jump
-                told = set[str]()
-                while twin.external.ready():
-                    advanced()
-                    told.add(twin.external.text())
-                assert any("its state is refused: its stamp jumps by" in text for text in told), told
-                until(twin.external.ready)
-                robot.acts.clear()
-                ticks = [advanced() for _ in range(20)]
-        finally:
-            robot.close()
+    for _ in range(20):
+        advanced()
+    robot.offset += jump
+    while twin.external.ready():
+        advanced()
+        told.add(twin.external.text())
+    assert any("its state is refused: its stamp jumps by" in text for text in told), told
+    until(twin.external.ready)
+    robot.acts.clear()
+    ticks = [advanced() for _ in range(20)]
     for (earlier, began, _), (later, _, ended) in itertools.pairwise(periods):
         assert 0.0 < later - earlier < ended - began + 1.0, "time goes on, by no more than has passed"
     ages = [float(age) for tick in ticks[-10:] for age in re.findall(r"([\d.]+) s old", tick.stop_reason)]

@@ -1,35 +1,35 @@
-"""Somebody on the same machine speaks in the twin's name to its robot: nothing of it arrives, and the work goes on."""
-
-from collections.abc import Iterator
-from typing import Any
+"""Others on the keys of a robot: a forger, another robot of the same name, and one that was started again."""
 
 import msgspec
 import pytest
 import zenoh
-from meeting import DeafenedRobot, Router, driven, running_robot, server_for_a_robot, until
+from meeting import STATE, driven, running_robot, server_for_a_robot
+from test_drive import same
+from waiting import until
 
 from motm_twin.bus.client import TwinClient
 from motm_twin.bus.commands import COMMAND_NAMES
 from motm_twin.bus.connection import open_member
 from motm_twin.bus.keys import Keys, PlantKeys
 from motm_twin.bus.plant_messages import VERSION, ClockGrant, RobotCommand
-from motm_twin.bus.server import TwinServer
-from motm_twin.external.guard import MAX_JUMP, SILENCE
 from motm_twin.external.messages import NAMES
-from motm_twin.model.scene import Scene
+from motm_twin.external.plant import GONE
+from motm_twin.external.robot import MAX_JUMP, SILENCE
+from motm_twin.external.robot_link import RobotLink
+from motm_twin.twin import Twin
 
 KEYS = PlantKeys()
 WILD = ("motm/**", "**", "motm/*/plant/*", "motm/frankie/plant/comm$*", "motm/frankie/plant/gr$*")
 
 
 @pytest.fixture(scope="module")
-def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[TwinServer]:
+def served(tmp_path_factory):
     """A server whose robot comes to its own port."""
     with server_for_a_robot(tmp_path_factory.mktemp("data")) as server:
         yield server
 
 
-def forged(life: str, seq: int, act_at: float) -> bytes:
+def forged(life, seq, act_at):
     return msgspec.json.encode(
         RobotCommand(
             version=VERSION, life=life, sender="twin", seq=seq, act_at=act_at, twist=[0.5, 0.0],
@@ -38,9 +38,9 @@ def forged(life: str, seq: int, act_at: float) -> bytes:
     )  # fmt: skip
 
 
-def forge(session: zenoh.Session, robot: DeafenedRobot) -> None:
+def forge(session, robot):
     """What drove the robot past the monitor: on every key, and on wildcards that match it."""
-    mine: Any = robot.robot
+    mine = robot.robot
     newest = mine._guard._acting.seq if mine._guard._acting is not None else 0
     for ahead in (0.0, 0.05, 0.2):
         for key in (KEYS.command, *WILD):
@@ -52,12 +52,12 @@ def forge(session: zenoh.Session, robot: DeafenedRobot) -> None:
         session.get(key, zenoh.handlers.Callback(lambda reply: None), payload=request, timeout=0.2)
 
 
-def test_forged_commands_do_not_reach_the_robot_and_it_goes_on(served: TwinServer, scene: Scene) -> None:
-    heard: list[str] = []
-    met: Any = type("Met", (), {"endpoint": served.endpoint})
+def test_forged_commands_do_not_reach_the_robot_and_it_goes_on(served, scene):
+    heard = []
+    met = type("Met", (), {"endpoint": served.endpoint})
     with running_robot(met, scene) as robot, TwinClient(served.endpoint) as client:
-        until(lambda: client.tick() and client.tick().index > 3, 240.0)  # the first start compiles
-        mine: Any = robot.robot
+        until(lambda: client.tick() and client.tick().index > 3, timeout=240.0)  # the first start compiles
+        mine = robot.robot
         life, offer, run = mine.life, mine.command, client.tick().run
         mine.command = lambda payload: (heard.append(msgspec.json.decode(payload)["seq"]), offer(payload))
         with open_member(served.endpoint, wait=5.0) as forger:
@@ -70,11 +70,11 @@ def test_forged_commands_do_not_reach_the_robot_and_it_goes_on(served: TwinServe
         assert max(heard) - min(heard) < MAX_JUMP  # all are the twin's
 
 
-def test_nobody_else_speaks_for_the_twin_or_its_robot_through_a_wildcard(served: TwinServer) -> None:
+def test_nobody_else_speaks_for_the_twin_or_its_robot_through_a_wildcard(served):
     """A put and an answer on a wildcard pass the access control of the keys that it matches."""
     keys = Keys("frankie")
     with open_member(served.endpoint, wait=5.0) as forger, TwinClient(served.endpoint) as client:
-        until(lambda: client.status() is not None)
+        until(client.status)
         for name in ("robot", "metrics", "scan"):
             client.follow(getattr(keys, name))
         false = forger.declare_queryable("motm/**", lambda query: query.reply("motm/**", b"false"))
@@ -89,36 +89,109 @@ def test_nobody_else_speaks_for_the_twin_or_its_robot_through_a_wildcard(served:
         false.undeclare()
 
 
-def test_what_is_put_on_a_wildcard_is_not_taken_for_the_robots(router: Router, scene: Scene) -> None:
-    with running_robot(router, scene), driven(router, scene) as twin:
-        plant: Any = twin.external
-        before = plant.link.unreadable
-        for name in NAMES:
-            router.session.put(f"motm/frankie/*/{name}", b"false")
-        twin.advance()
-        assert plant.link.unreadable == before
+def test_what_is_put_on_a_wildcard_is_not_taken_for_the_robots(router, twin):
+    plant = twin.external
+    before = plant.link.unreadable
+    for name in NAMES:
+        router.session.put(f"motm/frankie/*/{name}", b"false")
+    twin.advance()
+    assert plant.link.unreadable == before
 
 
-def test_the_twin_tells_what_its_robot_refuses_and_who_speaks_in_its_name(router: Router, scene: Scene) -> None:
+def test_the_twin_tells_what_its_robot_refuses_and_who_speaks_in_its_name(router, robot, twin):
     """At a router without an access control."""
-    with running_robot(router, scene) as robot, driven(router, scene) as twin:
-        plant: Any = twin.external
-        mine: Any = robot.robot
-        twin.advance()
-        assert "refuses" not in plant.text()
-        with open_member(router.endpoint, wait=5.0) as forger:
-            forger.put(KEYS.command, forged(mine.life, plant._seq + 10**6, mine.time + 0.02))
-            until(lambda: not robot._queue.empty() or mine._up._under_way)
-            for _ in range(3):
-                twin.advance()
-        assert mine._guard.refused == 1
-        assert "it refuses commands, 1 so far: number" in plant.text()
-        assert "somebody else commands in this twin's name" in plant.text()
-        assert mine._guard.commander == plant._sender
-        assert mine._guard._acting.seq == plant._seq - 1 or mine._guard._acting.seq <= plant._seq
+    plant = twin.external
+    mine = robot.robot
+    twin.advance()
+    assert "refuses" not in plant.text()
+    with open_member(router.endpoint, wait=5.0) as forger:
+        forger.put(KEYS.command, forged(mine.life, plant._seq + 10**6, mine.time + 0.02))
+        until(lambda: not robot._queue.empty() or mine._up._under_way)
+        for _ in range(3):
+            twin.advance()
+    assert mine._guard.refused == 1
+    assert "it refuses commands, 1 so far: number" in plant.text()
+    assert "somebody else commands in this twin's name" in plant.text()
+    assert mine._guard.commander == plant._sender
+    assert mine._guard._acting.seq == plant._seq - 1 or mine._guard._acting.seq <= plant._seq
 
 
-def test_silence_lasts_as_long_as_a_robot_is_waited_for() -> None:
-    from motm_twin.external.plant import GONE
-
+def test_silence_lasts_as_long_as_a_robot_is_waited_for():
     assert SILENCE <= GONE
+
+
+def test_what_another_robot_says_on_the_same_keys_does_not_count_and_is_told(router, scene):
+    """Each of its messages is one of the robot's own, with another life."""
+    inside, keys = Twin(scene), PlantKeys()
+    copies = {}
+
+    def copied(sample):
+        message = msgspec.json.decode(sample.payload.to_bytes())
+        if message["life"] != "zz":
+            copies[str(sample.key_expr)] = msgspec.json.encode(message | {"life": "zz"})
+
+    spies = [router.session.declare_subscriber(getattr(keys, name), zenoh.handlers.Callback(copied)) for name in NAMES]
+    with running_robot(router, scene), driven(router, scene) as outside:
+        plant = outside.external
+        for k in range(40):
+            for key, payload in list(copies.items()):
+                router.session.put(key, payload)
+            if k == 20:
+                until(lambda: plant.link.intruder == "zz")
+                assert plant.ready()
+                assert plant.text().endswith("another robot (life 'zz') sends on its keys, too, and is not listened to")
+            assert same(inside.advance(), outside.advance())
+    assert {str(getattr(keys, name)) for name in ("state", "scan", "detections")} <= set(copies)
+    for spy in spies:
+        spy.undeclare()
+
+
+@pytest.fixture
+def link(router):
+    """A link to whatever robot there is."""
+    found = RobotLink(router.session, "frankie", listen_only=True)
+    yield found
+    found.close()
+
+
+def test_a_robot_that_comes_back_after_another_one_is_listened_to_again(router, link):
+    key = PlantKeys("frankie").state
+    with open_member(router.endpoint) as robot:
+
+        def says(life):
+            robot.put(key, msgspec.json.encode(STATE | {"life": life}))
+
+        def heard(life):
+            says(life)
+            return link.newest("state") is not None and link.newest("state").life == life
+
+        def follows(life):
+            says(life)
+            return link.successor == life
+
+        until(lambda: heard("first"))
+        for life in ("second", "first"):
+            until(lambda life=life: follows(life))
+            assert link.newest("state").life == link.life != life  # until the twin turns to it
+            link.live(life)
+            assert (link.newest("state").life, link.successor) == (life, "")
+            until(lambda life=life: heard(life))
+
+
+def test_somebody_else_in_the_silence_of_a_robot_does_not_take_its_place(router, scene):
+    """The robot is asked who it is before anybody is believed to be its successor; the run goes on where it was."""
+    inside = Twin(scene)
+    with running_robot(router, scene) as robot, driven(router, scene) as outside:
+        plant = outside.external
+        for _ in range(5):
+            assert same(inside.advance(), outside.advance())
+
+        def follows():  # a robot with a shared clock is silent between two periods
+            router.session.put(plant.link.keys.state, msgspec.json.encode(STATE | {"life": "zz"}))
+            return plant.link.successor == "zz"
+
+        until(follows)
+        until(plant.ready)
+        assert (plant.link.life, plant.link.successor) == (robot.robot.life, "")
+        for _ in range(5):
+            assert same(inside.advance(), outside.advance())

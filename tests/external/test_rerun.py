@@ -4,16 +4,16 @@ import functools
 import json
 import sys
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import msgspec
 import pytest
-import zenoh
-from meeting import DeafenedRobot, Router, running_robot, server_for_a_robot, until
+from meeting import DeafenedRobot, Router, running_robot, server_for_a_robot
+from waiting import until
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "record"))
 
@@ -22,7 +22,6 @@ from recordings import changed
 from motm_twin.bus.client import TwinClient
 from motm_twin.bus.commands import AddObstacle, Pause, Play, Reset, SetParameter
 from motm_twin.bus.connection import open_member
-from motm_twin.bus.encode import ObservationsMessage
 from motm_twin.bus.library import FileLibrary
 from motm_twin.cli import rerun as cli_rerun
 from motm_twin.model.edits import Announce
@@ -32,7 +31,7 @@ from motm_twin.record.info import info
 from motm_twin.record.mcap_file import McapFile
 from motm_twin.record.reader import read
 from motm_twin.record.recorder import Recorder
-from motm_twin.record.recording import Run, load_recording, observations_of
+from motm_twin.record.recording import load_recording, observations_of
 from motm_twin.record.rerun_file import rerun_run
 from motm_twin.sessions.session import SessionError
 
@@ -43,7 +42,7 @@ Robot = Callable[[], AbstractContextManager[DeafenedRobot]]
 
 
 @contextmanager
-def serving(folder: Path) -> Iterator[tuple[TwinClient, zenoh.Session, Robot]]:
+def serving(folder):
     """A twin of an external robot, somebody at it, and the robot, which is not there yet."""
     router, scene = Router(), FileLibrary("exp1").load("exp1", "trial1", None)
     server = server_for_a_robot(folder, "staa", session=router.session)
@@ -53,7 +52,7 @@ def serving(folder: Path) -> Iterator[tuple[TwinClient, zenoh.Session, Robot]]:
 
 
 @contextmanager
-def recording_to(path: Path, session: zenoh.Session) -> Iterator[Recorder]:
+def recording_to(path, session):
     """A recorder in a thread."""
     recorder, stop = Recorder(session, "frankie", path), threading.Event()
     thread = threading.Thread(target=recorder.run, args=(stop,))
@@ -66,30 +65,24 @@ def recording_to(path: Path, session: zenoh.Session) -> Iterator[Recorder]:
         thread.join(30.0)
 
 
-def known(value: T | None) -> T:
-    """What is there by now."""
-    assert value is not None
-    return value
-
-
-def index(client: TwinClient) -> int:
+def index(client):
     """The newest period; -1 before the first."""
     tick = client.tick()
     return -1 if tick is None else tick.index
 
 
 @pytest.fixture(scope="module")
-def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def recorded(tmp_path_factory):
     """A recording of a robot that was disturbed on its way."""
     path = tmp_path_factory.mktemp("recorded") / "run.mcap"
     with serving(path.parent) as (client, session, robot), recording_to(path, session), robot():
         until(lambda: index(client) > 10)
-        x, _, _ = known(client.scene()).start
+        x, _, _ = client.scene().start
         assert client.command(AddObstacle(name="guest", x=float(x) + 2.0, y=0.0)).ok
         assert client.command(SetParameter(name="bezier", value=False)).ok
         until(lambda: index(client) > PERIODS)
         assert client.command(Pause()).ok  # else it may end between a period and what was seen in it
-        until(lambda: known(client.status()).state == "paused")
+        until(lambda: client.status().state == "paused")
     return path
 
 
@@ -103,7 +96,7 @@ class Begun:
 
 
 @pytest.fixture(scope="module")
-def begun(tmp_path_factory: pytest.TempPathFactory) -> Begun:
+def begun(tmp_path_factory):
     """Three recordings in a session of two runs."""
     folder = tmp_path_factory.mktemp("begun")
     files = Begun(
@@ -116,20 +109,20 @@ def begun(tmp_path_factory: pytest.TempPathFactory) -> Begun:
             assert client.command(Pause()).ok
             there.muted = frozenset({"state"})
             assert client.command(Reset()).ok
-            until(lambda: known(client.status()).run == 2)
+            until(lambda: client.status().run == 2)
             with recording_to(files.between, session):
-                assert known(client.tick()).run == 1
+                assert client.tick().run == 1
                 there.muted = frozenset()
-                until(lambda: (known(client.tick()).run, index(client)) == (2, 0))
+                until(lambda: (client.tick().run, index(client)) == (2, 0))
                 with recording_to(files.at_first_period, session):
                     assert client.command(Play()).ok
                     until(lambda: index(client) > 20)
                     assert client.command(Pause()).ok  # else they may end between a period and what was seen in it
-                    until(lambda: known(client.status()).state == "paused")
+                    until(lambda: client.status().state == "paused")
     return files
 
 
-def test_every_period_is_the_recorded_one(recorded: Path) -> None:
+def test_every_period_is_the_recorded_one(recorded):
     recording = load_recording(recorded)
     (run,) = (run for run in recording.runs if run.indices)
     assert run.plant == "zenoh"
@@ -139,10 +132,10 @@ def test_every_period_is_the_recorded_one(recorded: Path) -> None:
     assert report.compared == len(run.indices) > PERIODS
 
 
-def test_what_the_robot_reported_decides(recorded: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_the_robot_reported_decides(recorded, monkeypatch):
     """Seen a hand's breadth further to the left, the robot would have driven otherwise."""
 
-    def doctored(path: Path, run: Run) -> Iterator[ObservationsMessage]:
+    def doctored(path, run):
         for message in observations_of(path, run):
             if message.index < 30:
                 yield message
@@ -161,9 +154,7 @@ def test_what_the_robot_reported_decides(recorded: Path, monkeypatch: pytest.Mon
     assert any(field.startswith("robot.pose") for field in report.fields)
 
 
-def test_the_run_that_is_whole_is_computed_and_of_the_other_it_is_said_why_not(
-    begun: Begun, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_run_that_is_whole_is_computed_and_of_the_other_it_is_said_why_not(begun, tmp_path, capsys):
     assert [run.from_s > 0.0 for run in info(begun.in_first_run).runs] == [True, False]
     assert cli_rerun.rerun_file(str(begun.in_first_run), report=str(tmp_path / "report.json")) == cli_rerun.OK
     printed = capsys.readouterr().out
@@ -174,10 +165,8 @@ def test_the_run_that_is_whole_is_computed_and_of_the_other_it_is_said_why_not(
     assert report["ok"]
 
 
-def test_a_run_that_differs_is_told_beside_one_that_cannot_be_computed(
-    begun: Begun, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    def moved(topic: str, message: Any) -> Any:
+def test_a_run_that_differs_is_told_beside_one_that_cannot_be_computed(begun, tmp_path, capsys):
+    def moved(topic, message):
         if topic == ch.TICK.topic and message["run"] == 2 and message["index"] == 7:
             message["robot"]["pose"][0] += 0.1
         return message
@@ -189,7 +178,7 @@ def test_a_run_that_differs_is_told_beside_one_that_cannot_be_computed(
     assert "not computed" in printed
 
 
-def test_a_recording_of_which_no_run_can_be_computed_is_refused_with_every_reason(begun: Begun, tmp_path: Path) -> None:
+def test_a_recording_of_which_no_run_can_be_computed_is_refused_with_every_reason(begun, tmp_path):
     path = changed(
         begun.in_first_run, tmp_path / "x.mcap", lambda topic, message: None if "observ" in topic else message
     )
@@ -199,10 +188,10 @@ def test_a_recording_of_which_no_run_can_be_computed_is_refused_with_every_reaso
         cli_rerun.rerun_file(str(path))
 
 
-def test_a_recording_begun_between_two_runs_has_nothing_of_the_run_before(begun: Begun) -> None:
+def test_a_recording_begun_between_two_runs_has_nothing_of_the_run_before(begun):
     """The twin still tells the last period of that run: an old picture, hours before the first of the recording."""
     assert [run.key[1] for run in load_recording(begun.between).runs] == [2]
-    runs: dict[str, set[int]] = {}
+    runs = {}
     for entry in read(begun.between):
         message = json.loads(entry.data)
         if entry.topic in (ch.TICK.topic, ch.ROBOT.topic, ch.GRID.topic, ch.OBSERVATIONS.topic):
@@ -212,7 +201,7 @@ def test_a_recording_begun_between_two_runs_has_nothing_of_the_run_before(begun:
     assert cli_rerun.rerun_file(str(begun.between)) == cli_rerun.OK
 
 
-def test_a_recording_begun_while_time_stands_at_the_first_period_has_the_whole_run(begun: Begun) -> None:
+def test_a_recording_begun_while_time_stands_at_the_first_period_has_the_whole_run(begun):
     recording = load_recording(begun.at_first_period)
     (run,) = recording.runs
     report = rerun_run(recording, run)
@@ -220,7 +209,7 @@ def test_a_recording_begun_while_time_stands_at_the_first_period_has_the_whole_r
     assert report.compared == len(run.indices) > 20
 
 
-def test_what_was_seen_in_the_first_period_may_come_before_that_period(begun: Begun, tmp_path: Path) -> None:
+def test_what_was_seen_in_the_first_period_may_come_before_that_period(begun, tmp_path):
     """A recorder that begins between the two is sent the one, and is answered with the other afterwards."""
     entries = list(read(begun.at_first_period))
     first = next(entry for entry in entries if entry.topic == ch.OBSERVATIONS.topic)
@@ -235,10 +224,8 @@ def test_what_was_seen_in_the_first_period_may_come_before_that_period(begun: Be
     assert (report.ok, report.text, report.compared) == (True, "", len(recording.runs[0].indices))
 
 
-def test_a_run_is_computed_up_to_the_first_period_of_which_the_robot_is_not_known(
-    recorded: Path, tmp_path: Path
-) -> None:
-    def gap(topic: str, message: Any) -> Any:
+def test_a_run_is_computed_up_to_the_first_period_of_which_the_robot_is_not_known(recorded, tmp_path):
+    def gap(topic, message):
         return None if topic == ch.OBSERVATIONS.topic and message["index"] == 20 else message
 
     recording = load_recording(changed(recorded, tmp_path / "gap.mcap", gap))
@@ -248,8 +235,8 @@ def test_a_run_is_computed_up_to_the_first_period_of_which_the_robot_is_not_know
     assert report.text.endswith("what the robot saw in period 20 is missing in the file")
 
 
-def test_a_run_is_computed_up_to_furniture_that_was_announced(recorded: Path, tmp_path: Path) -> None:
-    def announced(topic: str, message: Any) -> Any:
+def test_a_run_is_computed_up_to_furniture_that_was_announced(recorded, tmp_path):
+    def announced(topic, message):
         if topic == ch.TICK.topic and message["index"] == 30:
             message["edits"] = [*message["edits"], {"type": "announce", "name": "cabinet"}]
         return message
@@ -261,9 +248,7 @@ def test_a_run_is_computed_up_to_furniture_that_was_announced(recorded: Path, tm
     assert "announced furniture" in report.text
 
 
-def test_what_a_robot_saw_is_of_its_run_also_when_a_server_that_came_again_counts_from_one(
-    recorded: Path, tmp_path: Path
-) -> None:
+def test_what_a_robot_saw_is_of_its_run_also_when_a_server_that_came_again_counts_from_one(recorded, tmp_path):
     path = tmp_path / "twice.mcap"
     file = McapFile(path)
     for later in (False, True):

@@ -12,12 +12,19 @@ gymnasium = pytest.importorskip("gymnasium")
 from gymnasium.utils.env_checker import check_env  # noqa: E402
 
 from motm_twin.gym import ENVIRONMENTS, Expert, MotmEnv, RewardWeights  # noqa: E402
-from motm_twin.gym.reward import Score, reward  # noqa: E402
+from motm_twin.gym.env import Score, reward  # noqa: E402
 from motm_twin.model.edits import AddObstacle  # noqa: E402
 from motm_twin.twin import Twin  # noqa: E402
 
 ROOT = Path(__file__).resolve().parents[2]
 FULL_AHEAD = np.array([1.0, 0.0], dtype=np.float32)
+
+
+def begun(seed=0, **arguments):
+    """An environment of trial 1, unless said, after its reset."""
+    env = MotmEnv(**{"variant": "trial1", **arguments})
+    env.reset(seed=seed)
+    return env
 
 
 def zeros(env):
@@ -50,8 +57,7 @@ def test_the_same_seed_and_actions_give_the_same_run_bit_for_bit(actions):
         runs.append((steps, env.twin.state_hash()))
     assert runs[0][1] == runs[1][1]
     for one, other in zip(runs[0][0], runs[1][0], strict=True):
-        assert equal(one[0], other[0])
-        assert one[1:] == other[1:]
+        assert equal(one[0], other[0]) and one[1:] == other[1:]
 
 
 def test_the_seed_is_that_of_the_scene_and_others_are_drawn_from_it():
@@ -78,8 +84,7 @@ def test_an_agent_that_does_nothing_does_no_harm(name):
 
 def driven_at_a_crate(**arguments):
     """Full speed ahead: the reasons given for slowing down, and the environment after 6 s."""
-    env = MotmEnv(variant="trial1", **arguments)
-    env.reset(seed=0)
+    env = begun(**arguments)
     env.twin.post(AddObstacle(name="crate", shape="box", x=1.5, y=0.0, heading=0.0, size=(0.5, 0.8, 0.6)))
     infos = [env.step(FULL_AHEAD)[4] for _ in range(120)]
     return {info["stop_reason"] for info in infos}, env, infos[-1]
@@ -100,8 +105,7 @@ def test_a_guarded_base_stops_before_an_obstacle():
 
 @pytest.mark.parametrize("actions", ["base", "whole_body"])
 def test_a_snapshot_goes_on_as_the_run_did(actions):
-    env = MotmEnv(actions=actions, variant="trial2")
-    env.reset(seed=4)
+    env = begun(4, actions=actions, variant="trial2")
     env.action_space.seed(2)
     for _ in range(10):
         env.step(env.action_space.sample())
@@ -110,8 +114,7 @@ def test_a_snapshot_goes_on_as_the_run_did(actions):
     env.restore(there)
     again = [env.step(action) for action in ahead]
     for one, other in zip(first, again, strict=True):
-        assert equal(one[0], other[0])
-        assert one[1:] == other[1:]
+        assert equal(one[0], other[0]) and one[1:] == other[1:]
     env.reset(seed=5)
     with pytest.raises(ValueError, match="another scene or seed"):
         env.restore(there)
@@ -120,8 +123,7 @@ def test_a_snapshot_goes_on_as_the_run_did(actions):
 @pytest.mark.slow
 def test_the_shipped_method_as_an_expert_picks_what_it_picks_by_itself():
     ticks = []
-    env = MotmEnv(variant="trial1", on_tick=ticks.append)
-    env.reset(seed=0)
+    env = begun(on_tick=ticks.append)
     expert, info = Expert(env), {"picks": 0}
     while info["picks"] < 1 and len(ticks) < 400:
         *_, info = env.step(expert.action())
@@ -137,8 +139,7 @@ def test_the_shipped_method_as_an_expert_picks_what_it_picks_by_itself():
 
 @pytest.mark.slow
 def test_the_shipped_method_commands_the_whole_body_to_a_pick_and_a_place():
-    env = MotmEnv(actions="whole_body", variant="trial1", weights=RewardWeights(second=0.0))
-    env.reset(seed=0)
+    env = begun(actions="whole_body", weights=RewardWeights(second=0.0))
     expert, total, info = Expert(env), 0.0, {"places": 0, "time_s": 0.0}
     phases = set()
     while info["places"] < 1 and info["time_s"] < 30.0:
@@ -152,12 +153,10 @@ def test_the_shipped_method_commands_the_whole_body_to_a_pick_and_a_place():
 
 
 def test_truncated_at_the_time_limit_and_ended_by_a_contact_where_that_is_asked_for():
-    env = MotmEnv(variant="trial1", time_limit=0.2)
-    env.reset(seed=0)
+    env = begun(time_limit=0.2)
     ends = [env.step(zeros(env))[2:4] for _ in range(4)]
     assert ends == [(False, False)] * 3 + [(False, True)]
-    env = MotmEnv(actions="whole_body", variant="trial1", stop_on_contact=True)
-    env.reset(seed=0)
+    env = begun(actions="whole_body", stop_on_contact=True)
     into_the_table = np.array([1.0, 0.28, 0.0, 1.0, 0.0, 1.0, 0.0, 0.0, 0.0, -1.0])
     terminated, total = False, 0.0
     while not terminated and env.view.observation.time < 20.0:
@@ -201,19 +200,18 @@ def test_a_wrong_argument_is_named(wrong, said):
         MotmEnv(**wrong)
 
 
-def test_an_expert_that_does_not_fit_is_refused():
-    env = MotmEnv(variant="trial1")
-    env.reset(seed=0)
-    with pytest.raises(ValueError, match="base and arm together"):
-        Expert(env, "holistic")
-
-
-@pytest.mark.parametrize("actions", ["base", "whole_body"])
-def test_a_rehearsed_method_is_an_expert_in_no_mode(actions):
-    env = MotmEnv(variant="trial1", actions=actions)
-    env.reset(seed=0)
-    with pytest.raises(ValueError, match="no action mode can use it"):
-        Expert(env, "open_loop")
+@pytest.mark.parametrize(
+    ("actions", "method", "said"),
+    [
+        ("base", "holistic", "base and arm together"),
+        ("base", "open_loop", "no action mode can use it"),
+        ("whole_body", "open_loop", "no action mode can use it"),
+    ],
+)
+def test_an_expert_that_does_not_fit_is_refused(actions, method, said):
+    env = begun(actions=actions)
+    with pytest.raises(ValueError, match=said):
+        Expert(env, method)
 
 
 def test_a_scene_of_one_s_own_needs_no_variant_of_the_environment_s():
@@ -237,8 +235,7 @@ def test_each_object_counts_once():
 
 
 def test_the_picture_shows_the_world_from_above():
-    env = MotmEnv(variant="trial1", render_mode="rgb_array")
-    env.reset(seed=0)
+    env = begun(render_mode="rgb_array")
     first = env.render()
     for _ in range(20):
         env.step(FULL_AHEAD)

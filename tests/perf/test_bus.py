@@ -11,8 +11,7 @@ from types import SimpleNamespace
 import pytest
 from rich.console import Console
 
-from motm_twin.bus.commands import COMMAND_NAMES, Envelope, Refused
-from motm_twin.bus.gate import CommandGate
+from motm_twin.bus.commands import COMMAND_NAMES, CommandGate, Envelope, Refused
 from motm_twin.bus.keys import PlantKeys
 from motm_twin.cli import bench as command
 from motm_twin.external.messages import NAMES, RefusedMessage, read

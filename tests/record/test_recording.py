@@ -13,7 +13,7 @@ from waiting import until
 from motm_twin.bus.client import TwinClient
 from motm_twin.bus.commands import AddObstacle, Branch, Load, MoveBody, SetParameter, Step
 from motm_twin.bus.encode import tick_message
-from motm_twin.bus.interfaces import TwinSetup
+from motm_twin.bus.library import TwinSetup
 from motm_twin.bus.server import TwinServer
 from motm_twin.cli.record import recover as recover_command
 from motm_twin.cli.rerun import rerun_file

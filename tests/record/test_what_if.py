@@ -13,7 +13,7 @@ import msgspec
 import pytest
 from rich.console import Console
 
-from motm_twin.cli.what_if import BothRuns
+from motm_twin.cli.rerun import BothRuns
 from motm_twin.model.edits import AddObstacle, InsertTask, MoveBody, SetParameter
 from motm_twin.model.scene import DriveTo
 from motm_twin.model.scene_file import load_scene

@@ -4,27 +4,22 @@ import time
 from collections import defaultdict
 
 import msgspec
-import waiting
 import zenoh
 from rosbags.typesys import Stores, get_typestore
 from running import real_server
+from waiting import until
 
 from motm_twin.bus.client import TwinClient
 from motm_twin.bus.connection import open_member
 from motm_twin.bus.messages import RobotStateMessage, ScanMessage, TickMessage
 from motm_twin.planning.types import SearchBudget
-from motm_twin.ros2.bridge import Bridge
+from motm_twin.ros2.bridge_process import Bridge
 from motm_twin.ros2.forms import PUBLISHED, BridgeForm, RmwForm
 from motm_twin.ros2.robot_model import PRIMITIVES
 from motm_twin.twin import Twin
 
 JAZZY = get_typestore(Stores.ROS2_JAZZY)
 HUMBLE = get_typestore(Stores.ROS2_HUMBLE)
-
-
-def until(condition, what, timeout=60.0):
-    """As `waiting.until`, for what takes longer."""
-    return waiting.until(condition, what, timeout)
 
 
 def direct(callback):

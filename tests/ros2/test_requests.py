@@ -9,8 +9,8 @@ from ear import JAZZY, until
 
 from motm_twin.bus.commands import Answer, Drive, Pause, Play, Reset, Speed, Step
 from motm_twin.ros2 import forms as topics
+from motm_twin.ros2.bridge_process import Requests
 from motm_twin.ros2.cdr import encode
-from motm_twin.ros2.requests import Requests
 
 FORMS = ("bridge", "rmw")
 

@@ -13,8 +13,8 @@ from scipy.spatial.transform import Rotation
 from motm_twin.bus.commands import AddObstacle, RemoveBody
 from motm_twin.ros2 import forms as topics
 from motm_twin.ros2.cdr import decode
+from motm_twin.ros2.convert import DELETE
 from motm_twin.ros2.forms import PUBLISHED
-from motm_twin.ros2.markers import DELETE
 
 LATCHED = [topic for topic in PUBLISHED if topic.latched]
 TOO_RARE = {topics.TF_STATIC, topics.ROBOT_DESCRIPTION}  # for who comes later

@@ -1,26 +1,23 @@
 """Who gets in, and who may do what: real sessions over TLS, with the files that `motm-twin security` makes."""
 
 import json
-import sys
 import tempfile
-import time
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 import pytest
 import zenoh
 import zenoh.ext
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "bus"))
-
 from fake_twin import fake_server
 from waiting import until, until_paused
 
-from motm_twin.bus import zenoh_config as config
+from motm_twin.bus import connection as config
 from motm_twin.bus.client import TwinClient
+from motm_twin.bus.commands import Step
 from motm_twin.bus.connection import free_port, open_member, open_server
+from motm_twin.client.discover import running_twins
 from motm_twin.ros2.forms import ACCEPTED, PUBLISHED, BridgeForm, Outlets, RmwForm
-from motm_twin.security.folder import Folder, People
+from motm_twin.security.folder import Folder, People, SecurityError
 
 NAMES = {"viewer": ["ann"], "driver": ["bob"], "robot": ["mine"]}
 
@@ -76,15 +73,24 @@ def place(request, tmp_path_factory):
 TICK, ORDERS, PRIVATE = "motm/mine/tick", "motm/mine/plant/command", "private/thing"
 
 
+def comes(condition, wait):
+    """Whether it comes true within this time [s]."""
+    with suppress(AssertionError):
+        return bool(until(condition, timeout=wait))
+    return False
+
+
 def heard(place, session, *keys):
     """Of the keys that the server sends on, those that a subscriber hears, within the time that others need to."""
     got = set()
     subscribers = [session.declare_subscriber(key, lambda sample: got.add(str(sample.key_expr))) for key in keys]
-    until = time.monotonic() + 2.0
-    while len(got) < len(keys) and time.monotonic() < until:
+
+    def all_come():
         for key in keys:
             place.publishers[key].put(b"news")
-        time.sleep(0.02)
+        return len(got) == len(keys)
+
+    comes(all_come, 2.0)
     for subscriber in subscribers:
         subscriber.undeclare()
     return got
@@ -97,11 +103,13 @@ def answers(session, key):
 def arrives(place, session, *keys):
     """Of these keys, those on which the server receives what is put."""
     place.arrived.clear()
-    until = time.monotonic() + 0.5
-    while not set(keys) <= set(place.arrived) and time.monotonic() < until:
+
+    def all_arrive():
         for key in keys:
             session.put(key, b"from outside")
-        time.sleep(0.02)
+        return set(keys) <= set(place.arrived)
+
+    comes(all_arrive, 0.5)
     return set(keys) & set(place.arrived)
 
 
@@ -276,10 +284,8 @@ def test_ros_2_is_for_programs_on_the_machine_itself_only(place, monkeypatch, fo
         stack.callback(outlets.close)
         latched = next(topic for topic in PUBLISHED if topic.name == "robot_description")
         outlets.put(latched, {"data": "<robot/>"})
-        expected, until = len(PUBLISHED) + len(ACCEPTED) + 1, time.monotonic() + 5.0
-        while (found := len(tokens(other, form))) < expected and time.monotonic() < until:
-            time.sleep(0.02)
-        assert found == expected
+        expected = len(PUBLISHED) + len(ACCEPTED) + 1
+        assert comes(lambda: len(tokens(other, form)) == expected, 5.0)
         assert late(other, named.key(latched))
         driver = stack.enter_context(place.visitor(monkeypatch, place.folder.of("driver", "bob")))
         assert tokens(driver, form) == set()
@@ -292,8 +298,83 @@ def late(session, key, wait=5.0):
     subscriber = zenoh.ext.declare_advanced_subscriber(
         session, key, got.append, history=zenoh.ext.HistoryConfig(detect_late_publishers=True)
     )
-    until = time.monotonic() + wait
-    while not got and time.monotonic() < until:
-        time.sleep(0.02)
+    comes(lambda: got, wait)
     subscriber.undeclare()
     return bool(got)
+
+
+AT_ROUTER = {"viewer": ["ann"], "driver": ["bob"], "twin": ["one", "two"]}
+WAIT = 60.0  # [s] for what must come: several handshakes on a machine that may be busy
+
+
+@pytest.fixture(scope="module", params=[False, True], ids=["mutual", "passwords"])
+def folder(request, tmp_path_factory):
+    """The files, a router that runs with its own, and two twins that meet there."""
+    made = Folder(tmp_path_factory.mktemp("router") / "files")
+    made.create(People(hosts=["127.0.0.1"], port=free_port(), passwords=request.param, names=AT_ROUTER))
+    router = zenoh.open(zenoh.Config.from_file(str(made.router)))
+    with pytest.MonkeyPatch.context() as patch, ExitStack() as stack:
+        for name in AT_ROUTER["twin"]:
+            patch.setenv(config.VARIABLE, str(made.of("twin", name)))
+            server = fake_server(playing=False, twin=name)
+            stack.enter_context(server)
+        yield made
+    router.close()
+
+
+def visit(folder, monkeypatch, role, name):
+    """From now on, sessions are opened with the file of this person; where it leads."""
+    monkeypatch.setenv(config.VARIABLE, str(folder.of(role, name)))
+    return config.configured_endpoint()
+
+
+def test_a_viewer_sees_both_twins_and_commands_none(folder, monkeypatch):
+    endpoint = visit(folder, monkeypatch, "viewer", "ann")
+    until(lambda: {found.twin for found in running_twins(endpoint)} == {"one", "two"}, "not both are found", WAIT)
+    for name in AT_ROUTER["twin"]:
+        with TwinClient(endpoint, name) as client:
+            until(lambda client=client: client.tick() and client.status() and client.scene(), f"no {name}", WAIT)
+            assert client.status().twin == name
+            answer = client.command(Step())
+            assert not answer.ok and "no right" in answer.reason
+
+
+def test_a_driver_commands_the_twin_that_is_meant(folder, monkeypatch):
+    endpoint = visit(folder, monkeypatch, "driver", "bob")
+    with TwinClient(endpoint, "one") as one, TwinClient(endpoint, "two") as two:
+        for client in (one, two):
+            until(lambda client=client: client.tick() and client.status(), "no tick", WAIT)
+        index, other = one.tick().index, two.tick().index
+        assert one.command(Step(), WAIT).ok
+        until(lambda: one.tick().index == index + 1, "it does not step", WAIT)
+        assert two.tick().index == other
+
+
+def test_a_twin_speaks_on_its_own_keys_only(folder, monkeypatch):
+    heard = []
+    viewer = open_member(visit(folder, monkeypatch, "viewer", "ann"), wait=WAIT)
+    listening = viewer.declare_subscriber("motm/*/event", lambda sample: heard.append(str(sample.key_expr)))
+    two = open_member(visit(folder, monkeypatch, "twin", "two"), wait=WAIT)
+
+    def arrives():
+        two.put("motm/one/event", b"forged")
+        two.put("motm/two/event", b"mine")
+        return "motm/two/event" in heard
+
+    until(arrives, "its own keys are closed to it", WAIT)
+    two.put("motm/one/event", b"forged")
+    two.put("motm/two/event", b"last")
+    count = heard.count("motm/two/event")
+    until(lambda: two.put("motm/two/event", b"last") or heard.count("motm/two/event") > count, "nothing", WAIT)
+    assert "motm/one/event" not in heard
+    listening.undeclare()
+    for session in (two, viewer):
+        session.close()
+
+
+def test_a_folder_of_a_twin_does_not_become_one_of_a_router(tmp_path):
+    place = Folder(tmp_path / "files")
+    place.create(People(hosts=["127.0.0.1"], port=7448, names={"viewer": ["ann"]}))
+    assert not place.router.exists()
+    with pytest.raises(SecurityError, match="of a twin, not of a router"):
+        place.add("twin", "one")

@@ -7,7 +7,7 @@ import pytest
 import zenoh
 from cryptography import x509
 
-from motm_twin.bus.zenoh_config import VARIABLE, ConfigError, session_config
+from motm_twin.bus.connection import VARIABLE, ConfigError, session_config
 from motm_twin.cli import main
 from motm_twin.security.folder import Folder, People, SecurityError
 

@@ -1,4 +1,4 @@
-"""Generated scenes: the same text from the same seed, always one that can be solved, and harder by the dial."""
+"""Scenes from a seed: the same text for the same seed; generated ones can be solved, BARN worlds have a way."""
 
 import itertools
 import math
@@ -11,10 +11,13 @@ from hypothesis import strategies as st
 
 from motm_twin.bus.library import FileLibrary
 from motm_twin.cli import scene as cli_scene
+from motm_twin.generate.barn import COLUMNS, ROWS, barn, field, has_way
+from motm_twin.generate.people import CIRCLE, LEVELS, RADIUS, ROBOT_RADIUS, made
 from motm_twin.generate.pieces import dial
 from motm_twin.generate.scenes import generate, name_of, parse_name
-from motm_twin.model.scene import DriveTo, Pick, Scene
-from motm_twin.model.scene_file import SceneError, check_all, load_scene
+from motm_twin.model.scene import Cylinder, DriveTo, Pick, Scene
+from motm_twin.model.scene_error import SceneError
+from motm_twin.model.scene_file import check_all, load_scene
 from motm_twin.model.scene_shapes import outline
 from motm_twin.trial import run_scene
 
@@ -136,3 +139,102 @@ def test_a_file_that_was_written_checks_as_any_other(tmp_path):
     path = tmp_path / "mine.yaml"
     assert cli_scene.generate_scene(8, 0.8, path, None) == 0
     assert len(check_all(str(path))) == 1
+
+
+@settings(max_examples=10, deadline=None, derandomize=True)
+@given(seed=st.integers(0, 2**63 - 1))
+def test_every_seed_is_a_world_with_a_way_in_the_lane(seed):
+    scene = load_scene(f"barn:{seed}")
+    assert (scene.name, scene.seed, scene.start[:2]) == (f"barn:{seed}", seed, (-2.25, 3.0))
+    assert not any(solid.mapped for solid in scene.solids)
+    middles = np.array([solid.shape.centre for solid in scene.solids if isinstance(solid.shape, Cylinder)])
+    assert ((middles > (-4.3, 5.1)) & (middles < (-0.2, 9.6))).all()
+    cells = np.zeros((ROWS, COLUMNS), bool)
+    columns, rows = np.rint((middles - (-4.425, 5.175)) / 0.15).astype(int).T
+    cells[rows, columns] = cells[:, 0] = cells[:, -1] = True
+    assert has_way(cells)
+    assert barn(seed) == barn(seed)
+
+
+def test_a_seed_says_how_much_is_filled_and_how_often_it_is_smoothed():
+    rng = [np.random.default_rng(3) for _ in range(3)]
+    rough, smooth = field(rng[0], 0.3, 0), field(rng[1], 0.3, 4)
+    assert 0.25 < rough[:, 1:-1].mean() < 0.35
+    alone = sum(
+        smooth[i, k] and smooth[i - 1 : i + 2, k - 1 : k + 2].sum() <= 1 for i in range(1, 29) for k in range(1, 29)
+    )
+    assert alone == 0
+    assert field(rng[2], 0.15, 2)[:, 1:-1].mean() < 0.15
+    assert "25% filled at first, smoothed 3 times" in barn(6)
+
+
+def test_a_wall_across_the_lane_leaves_no_way():
+    cells = np.zeros((ROWS, COLUMNS), bool)
+    cells[:, [0, -1]] = True
+    assert has_way(cells)
+    cells[12, :25] = True  # 4 cells of room
+    assert not has_way(cells)
+    cells[12, 24] = False
+    assert has_way(cells)
+
+
+@pytest.mark.parametrize("name", ["barn:", "barn:-1", "barn:x", "barn:1@0.5", f"barn:{2**63}"])
+def test_a_name_that_is_none_is_refused_in_one_sentence(name):
+    with pytest.raises(SceneError, match="write barn:SEED"):
+        load_scene(name)
+
+
+def test_a_server_offers_the_world_that_it_was_started_with():
+    library = FileLibrary("barn:3")
+    assert library.own_name == "barn:3"
+    assert library.load("barn:3", None, None).seed == 3
+    assert not library.changed()
+
+
+@pytest.mark.parametrize("name", ["circle:4", "square:4", "dynabarn:4"])
+def test_a_seed_gives_the_same_text_and_another_seed_another_one(name):
+    assert made(name) == made(name)
+    assert made(name)[1].split("\n", 2)[2] != made(name.replace("4", "5"))[1].split("\n", 2)[2]
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_five_persons_cross_the_circle_and_keep_apart_at_start_and_goal(seed):
+    scene = load_scene(f"circle:{seed}")
+    assert (scene.start[:2], scene.tasks[0].point, scene.time_limit) == ((0.0, -4.0), (0.0, 4.0), 25.0)
+    assert scene.robot.base.forward_speed == 1.0
+    assert len(scene.agents) == 5
+    places = [(scene.start[:2], RADIUS + ROBOT_RADIUS + 0.2)]
+    for agent in scene.agents:
+        assert (agent.behaviour, agent.radius, agent.speed, agent.sees_robot) == ("orca", 0.3, 1.0, True)
+        assert np.allclose(agent.waypoints[0], -np.array(agent.start[:2]), atol=1e-4)
+        assert abs(math.hypot(*agent.start[:2]) - CIRCLE) <= math.hypot(0.5, 0.5)
+        assert all(math.dist(agent.start[:2], place) >= gap - 1e-3 for place, gap in places)
+        places.append((agent.start[:2], 2.0 * RADIUS + 0.2))
+
+
+def test_the_invisible_robot_is_a_variant_with_the_same_ways():
+    seen, unseen = load_scene("circle:7", "visible"), load_scene("circle:7", "invisible")
+    assert [agent.start for agent in seen.agents] == [agent.start for agent in unseen.agents]
+    assert not any(agent.sees_robot for agent in unseen.agents)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_persons_of_the_square_go_from_one_half_to_the_other(seed):
+    for agent in load_scene(f"square:{seed}").agents:
+        (x, y), (goal_x, goal_y) = agent.start[:2], agent.waypoints[0]
+        assert x * goal_x <= 0.0
+        assert max(map(abs, (x, y, goal_x, goal_y))) <= 5.0
+
+
+@pytest.mark.parametrize("level", LEVELS)
+def test_cylinders_of_every_level_move_at_its_speeds_on_the_same_ways(level):
+    scene, easy = load_scene("dynabarn:3", level), load_scene("dynabarn:3", "easy")
+    slow, quick = LEVELS[level]
+    assert all(slow <= agent.speed <= quick and agent.radius == 0.5 for agent in scene.agents)
+    assert [agent.waypoints for agent in scene.agents] == [agent.waypoints for agent in easy.agents]
+
+
+@pytest.mark.parametrize("name", ["circle:", "circle:x", "square:-1", "dynabarn:99999999999999999999"])
+def test_what_is_no_crowd_is_refused(name):
+    with pytest.raises(SceneError):
+        load_scene(name)
