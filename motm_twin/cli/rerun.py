@@ -10,8 +10,7 @@ from motm_twin.model.names import scene_name
 from motm_twin.model.period import PERIOD
 from motm_twin.program import FAILED, OK, plain_console
 from motm_twin.record.recording import load_recording
-from motm_twin.record.replay import Rerun, rerun, updated
-from motm_twin.record.rerun_file import RunReport, rerun_run
+from motm_twin.record.replay import Rerun, RunReport, rerun, rerun_run, updated
 from motm_twin.sessions.session import Session, SessionError, load_session, save_session
 
 

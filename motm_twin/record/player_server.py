@@ -22,8 +22,7 @@ from motm_twin.bus.queries import Answering, Idle, LatestValues
 from motm_twin.bus.server import HEARTBEAT, Server, server_clock
 from motm_twin.program import BAD_INPUT
 from motm_twin.record import channels as ch
-from motm_twin.record.frames import Frames
-from motm_twin.record.player import AS_IT_WAS, Playback, Player
+from motm_twin.record.player import AS_IT_WAS, Frames, Playback, Player
 from motm_twin.sessions.session import SessionError
 
 WATCH = 0.1  # [s] between looks at the state for the report

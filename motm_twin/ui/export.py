@@ -35,8 +35,7 @@ from motm_twin.model.geometry import Array
 from motm_twin.model.scene import Scene
 from motm_twin.ui.colours import ground_table
 from motm_twin.ui.history import History, unpacked
-from motm_twin.ui.hub import Hub, Shown
-from motm_twin.ui.legend import LAYERS, names_of
+from motm_twin.ui.hub import LAYERS, Hub, Shown, names_of
 from motm_twin.ui.page_server import open_page, scripts
 from motm_twin.ui.panel.why_tab import says
 from motm_twin.ui.scene.cameras import ASPECT

@@ -8,8 +8,7 @@ import sys
 from mcap.reader import make_reader
 
 from motm_twin.record.channels import CHANNELS
-from motm_twin.record.mcap_file import McapFile
-from motm_twin.record.reader import read
+from motm_twin.record.mcap_file import McapFile, read
 
 
 class Recording:

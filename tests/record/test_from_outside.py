@@ -13,12 +13,10 @@ from motm_twin.bus.encode import ObservationEncoder, tick_message
 from motm_twin.cli.rerun import rerun_file
 from motm_twin.program import plain_console, printable, table_console
 from motm_twin.record import channels as ch
-from motm_twin.record.frames import Frames
-from motm_twin.record.info import info, show
-from motm_twin.record.mcap_file import McapFile
-from motm_twin.record.reader import FREE_MESSAGES, MAX_NAMES, read, recover
-from motm_twin.record.recording import load_recording
-from motm_twin.record.rerun_file import RecordedPlant
+from motm_twin.record.mcap_file import FREE_MESSAGES, MAX_NAMES, McapFile, read, recover
+from motm_twin.record.player import Frames
+from motm_twin.record.recording import info, load_recording, show
+from motm_twin.record.replay import RecordedPlant
 from motm_twin.sessions import session as session_module
 from motm_twin.sessions.session import SessionError, decode_session, encode_session, save_session
 from motm_twin.twin import Twin
@@ -81,7 +79,7 @@ def test_a_small_file_that_unpacks_to_millions_of_messages_is_refused_as_it_is_r
 
 
 def test_a_file_that_unpacks_to_more_than_its_size_can_is_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr("motm_twin.record.reader.FREE_BYTES", 1_000_000)
+    monkeypatch.setattr("motm_twin.record.mcap_file.FREE_BYTES", 1_000_000)
     bomb = written(tmp_path / "bomb.mcap", [bytes(1_000_000)] * 8, topic="/x")
     with pytest.raises(SessionError, match=r"unpacks to more than .* MB from .* MB"):
         info(bomb)

@@ -6,7 +6,7 @@ import pytest
 from motm_twin.bus.encode import ObservationEncoder, ObservationsMessage, tick_message
 from motm_twin.model.edits import AddObstacle
 from motm_twin.model.scene_file import load_scene
-from motm_twin.record.rerun_file import RecordedPlant
+from motm_twin.record.replay import RecordedPlant
 from motm_twin.twin import Twin
 
 PERIODS = 60

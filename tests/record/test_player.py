@@ -16,11 +16,9 @@ from motm_twin.bus.connection import open_client
 from motm_twin.bus.messages import EventsMessage
 from motm_twin.model.period import PERIOD
 from motm_twin.record import channels as ch
-from motm_twin.record.frames import Frames
-from motm_twin.record.mcap_file import McapFile
-from motm_twin.record.player import Playback, Player
+from motm_twin.record.mcap_file import McapFile, read
+from motm_twin.record.player import Frames, Playback, Player
 from motm_twin.record.player_server import PlayerServer
-from motm_twin.record.reader import read
 from motm_twin.sessions.session import SessionError
 
 LAST = 60

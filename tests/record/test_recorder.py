@@ -13,10 +13,9 @@ from motm_twin.bus.messages import SessionInfo
 from motm_twin.model.scene_file import load_scene
 from motm_twin.record import channels as ch
 from motm_twin.record import recorder as module
-from motm_twin.record.info import info
-from motm_twin.record.reader import read
+from motm_twin.record.mcap_file import read
 from motm_twin.record.recorder import Recorder
-from motm_twin.record.recording import load_recording
+from motm_twin.record.recording import info, load_recording
 from motm_twin.sessions.session import Session
 
 

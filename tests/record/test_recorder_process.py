@@ -16,9 +16,8 @@ from motm_twin.bus.commands import Speed, Step
 from motm_twin.bus.connection import free_port
 from motm_twin.bus.queries import LatestValues
 from motm_twin.record.channels import STATUS
-from motm_twin.record.info import info
-from motm_twin.record.mcap_file import McapFile, RecordingFailed
-from motm_twin.record.reader import Health, read
+from motm_twin.record.mcap_file import Health, McapFile, RecordingFailed, read
+from motm_twin.record.recording import info
 
 MOST_LOST = 1.0  # [s]
 

@@ -20,10 +20,9 @@ from motm_twin.cli.rerun import rerun_file
 from motm_twin.model.reason import Kind, Reason
 from motm_twin.model.scene_file import load_scene
 from motm_twin.record import channels as ch
-from motm_twin.record.info import info, show
-from motm_twin.record.reader import Health, read, recover
-from motm_twin.record.recording import load_recording
-from motm_twin.record.rerun_file import _differing, rerun_run
+from motm_twin.record.mcap_file import Health, read, recover
+from motm_twin.record.recording import info, load_recording, show
+from motm_twin.record.replay import _differing, rerun_run
 from motm_twin.sessions.session import SessionError
 
 READY = 240.0  # [s] the first start compiles, on a machine that may be busy

@@ -13,8 +13,7 @@ from motm_twin.bus.commands import Answer
 from motm_twin.bus.messages import BeliefMessage, SceneChoice, StatusMessage
 from motm_twin.ui.history import History
 from motm_twin.ui.hub import Hub, Shown
-from motm_twin.ui.panel.overlay import ASK
-from motm_twin.ui.panel.panel import Panel
+from motm_twin.ui.panel.panel import ASK, Panel
 
 replace = msgspec.structs.replace
 ENCODE = msgspec.json.Encoder().encode

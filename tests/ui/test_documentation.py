@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from motm_twin.ui import documentation
-from motm_twin.ui.documentation import PATH, TERMS, answer, link
+from motm_twin.ui import page_server
+from motm_twin.ui.page_server import PATH, TERMS, answer, link
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 ENDINGS = {"docs": ".md", "site": ".html"}
@@ -20,7 +20,7 @@ def kind(request, tmp_path, monkeypatch):
     if folder != DOCS:
         (folder / "method.html").write_text("<title>The method</title>", encoding="utf-8")
         (tmp_path / "secret.html").write_text("secret", encoding="utf-8")
-    monkeypatch.setattr(documentation, "_place", lambda: (folder, ENDINGS[request.param]))
+    monkeypatch.setattr(page_server, "_place", lambda: (folder, ENDINGS[request.param]))
     return request.param
 
 
@@ -48,5 +48,5 @@ def test_pages_are_served_and_nothing_beside_them(kind):
 
 
 def test_without_documentation_no_term_is_a_link(monkeypatch):
-    monkeypatch.setattr(documentation, "_place", lambda: None)
+    monkeypatch.setattr(page_server, "_place", lambda: None)
     assert link("method") == "" and answer(f"{PATH}method.html").status_code == 404

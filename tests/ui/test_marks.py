@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import pytest
 
 from motm_twin.bus.messages import NumberedEvent
-from motm_twin.ui.marks import EventMarks
+from motm_twin.ui.history import EventMarks
 
 NUMBERS = iter(range(1, 1000))
 

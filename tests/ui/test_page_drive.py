@@ -12,7 +12,7 @@ from motm_twin.bus.library import FileLibrary
 from motm_twin.methods import DEFAULT_METHOD
 from motm_twin.methods.registry import METHODS
 from motm_twin.perf.page_reader import PageReader
-from motm_twin.ui.panel.overlay import ASK
+from motm_twin.ui.panel.panel import ASK
 from motm_twin.ui.scene.plan_view import drive_points
 
 pytestmark = [pytest.mark.browser, pytest.mark.timeout(600)]  # also the test without one, for its served twin

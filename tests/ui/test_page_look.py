@@ -10,7 +10,7 @@ import pytest
 from page import changed, until, visiting
 
 from motm_twin.sessions.session import Session
-from motm_twin.ui.legend import LAYERS, OFF_AT_FIRST
+from motm_twin.ui.hub import LAYERS, OFF_AT_FIRST
 from motm_twin.ui.scene.picking import CANDIDATE_HEIGHT, RING
 
 SIGHT = 1e-4  # share of the pixels that must change at least

@@ -15,11 +15,11 @@ from websockets.asyncio.client import connect
 
 from motm_twin.bus.connection import PortTaken, free_port
 from motm_twin.perf.page_reader import PageReader
-from motm_twin.ui.documentation import link
 from motm_twin.ui.page_server import (
     Guard,
     LoopEvent,
     check_token,
+    link,
     open_page,
     page_url,
     scripts,

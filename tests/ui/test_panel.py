@@ -16,8 +16,7 @@ from motm_twin.bus.messages import TaskMessage
 from motm_twin.ui.history import Playback, Span
 from motm_twin.ui.hub import Hub, View, clean_name
 from motm_twin.ui.panel import widgets
-from motm_twin.ui.panel.disturb import Thing
-from motm_twin.ui.panel.disturb_tab import about, faults
+from motm_twin.ui.panel.disturb import Thing, about, faults
 from motm_twin.ui.panel.drive_tab import TaskBlock, ended_lines, jobs, label, moved
 from motm_twin.ui.panel.panel import asked_line, driver_line, status_card
 from motm_twin.ui.panel.replay_tab import file_name, rerun_text

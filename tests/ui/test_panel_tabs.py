@@ -40,9 +40,8 @@ from motm_twin.methods.registry import FAST
 from motm_twin.model.furniture import pieces
 from motm_twin.model.scene_file import load_scene
 from motm_twin.twin import Twin
-from motm_twin.ui.hub import BLIND, Shown
-from motm_twin.ui.legend import LAYERS, STAA
-from motm_twin.ui.panel.overlay import ASK, MARK
+from motm_twin.ui.hub import BLIND, LAYERS, STAA, Shown
+from motm_twin.ui.panel.panel import ASK, MARK
 from motm_twin.ui.panel.why_tab import headline
 from motm_twin.ui.scene.scene_view import SceneView
 

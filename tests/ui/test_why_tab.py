@@ -18,7 +18,6 @@ from motm_twin.model.profile import BaseLimits
 from motm_twin.model.scene_file import load_scene
 from motm_twin.ui.history import Part, Sample, sample
 from motm_twin.ui.panel.drive_tab import in_hand as in_hand_of
-from motm_twin.ui.panel.forces import forces_card
 from motm_twin.ui.panel.panel import status_card
 from motm_twin.ui.panel.plots import number, plots, thinned
 from motm_twin.ui.panel.score import progress, score_card, timing_card
@@ -28,6 +27,7 @@ from motm_twin.ui.panel.why_tab import (
     bands,
     candidate_card,
     events_card,
+    forces_card,
     headline,
     legend,
     now_card,

@@ -21,8 +21,8 @@ from motm_twin.model.profile import RobotProfile
 from motm_twin.model.reason import Kind
 from motm_twin.model.scene import Scene
 from motm_twin.model.scene_shapes import outline, rectangle
+from motm_twin.ui.scene.body_view import met
 from motm_twin.ui.scene.picking import body_outline, furniture_poses
-from motm_twin.ui.scene.track_view import met
 
 PLANS = {
     "goal": "reaches the goal",

@@ -11,8 +11,8 @@ from typing import Any
 import viser
 
 from motm_twin.bus.commands import Command
-from motm_twin.ui.documentation import link
 from motm_twin.ui.hub import Hub, Shown, Visitor
+from motm_twin.ui.page_server import link
 
 HOLD = 1.2  # [s] a widget that a person has just moved is not set from outside
 # Colours are those of web_assets/page/overlay.css, which has them for light and dark pages.

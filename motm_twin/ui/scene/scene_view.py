@@ -12,18 +12,15 @@ from motm_twin.model.kinematics import Frankie
 from motm_twin.model.scene import Scene
 from motm_twin.ui import colours
 from motm_twin.ui.colours import ground_table
-from motm_twin.ui.hub import Hub, Shown, Visitor
-from motm_twin.ui.legend import LIDAR, STAA
-from motm_twin.ui.scene.body_view import BodyView
+from motm_twin.ui.hub import LIDAR, STAA, Hub, Shown, Visitor
+from motm_twin.ui.scene.body_view import BodyView, TrackView
 from motm_twin.ui.scene.cameras import Cameras
 from motm_twin.ui.scene.drag import Drag, SelectionView
 from motm_twin.ui.scene.furniture import FurnitureView, show_fixed
-from motm_twin.ui.scene.ghosts import GhostView
 from motm_twin.ui.scene.light import NO_SHADOW, add_lights
 from motm_twin.ui.scene.picking import Clicks, Surroundings
 from motm_twin.ui.scene.plan_view import MarksView, PlanView, target_spot
-from motm_twin.ui.scene.robot_view import ComparisonView, RobotView
-from motm_twin.ui.scene.track_view import TrackView
+from motm_twin.ui.scene.robot_view import ComparisonView, GhostView, RobotView
 
 CLOCK = "/clock"  # node whose position is the time [s] and run of a picture, for the page's script
 MAP = "/map"  # node of the ground
