@@ -129,8 +129,7 @@ class McapFile:
 
     def add(self, channel: Channel, log_time: float, data: bytes, publish_time: float | None = None) -> None:
         """Take a message; times [s] on the server's clock."""
-        topic = channel.topic
-        number = self._sequences[topic] = self._sequences.get(topic, -1) + 1
+        number = self._sequences[channel.topic] = self._sequences.get(channel.topic, -1) + 1
         logged = max(0, round(log_time * 1e9))
         published = logged if publish_time is None else max(0, round(publish_time * 1e9))
         self._do(
@@ -165,11 +164,10 @@ class McapFile:
 
     def _channel(self, channel: Channel) -> int:
         if channel.topic not in self._channels:
-            if channel.schema_name not in self._schemas:
-                schema = self._writer.register_schema(channel.schema_name, "jsonschema", channel.json_schema())
-                self._schemas[channel.schema_name] = schema
-            schema = self._schemas[channel.schema_name]
-            self._channels[channel.topic] = self._writer.register_channel(channel.topic, "json", schema)
+            name = channel.schema_name
+            if name not in self._schemas:
+                self._schemas[name] = self._writer.register_schema(name, "jsonschema", channel.json_schema)
+            self._channels[channel.topic] = self._writer.register_channel(channel.topic, "json", self._schemas[name])
         return self._channels[channel.topic]
 
     def _do(self, work: Callable[[], object]) -> None:

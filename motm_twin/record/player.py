@@ -3,7 +3,6 @@
 It acts like a twin that refuses changes. A jump in time is a branch: readers keep the shared past.
 """
 
-import base64
 import math
 import queue
 import time
@@ -19,7 +18,7 @@ import msgspec
 from motm_twin.bus import commands
 from motm_twin.bus.driver import Wheel
 from motm_twin.bus.library import MethodLibrary
-from motm_twin.bus.messages import STATUS_VERSION, GridInfo, MethodChoice, SceneChoice, StatusMessage
+from motm_twin.bus.messages import STATUS_VERSION, MethodChoice, SceneChoice, StatusMessage
 from motm_twin.methods import UNNAMED_METHOD
 from motm_twin.model.period import PERIOD
 from motm_twin.model.scene import Scene
@@ -33,11 +32,6 @@ MOST_AT_ONCE = 64 * 1024 * 1024  # bytes that come within one period
 _PLAYED = (ch.ROBOT.topic, ch.SCAN.topic, ch.EVENT.topic, ch.METRICS.topic)
 
 Sent = tuple[str, bytes, bytes | None]  # topic, payload as on the bus, attachment
-
-
-class _GridText(msgspec.Struct):
-    info: GridInfo
-    cells: str  # base64
 
 
 class _SceneText(msgspec.Struct):
@@ -143,8 +137,8 @@ class Frames(list[Frame]):
 def _sent(entry: Entry) -> Sent | None:
     """A message as it was on the bus; None for what is not played."""
     if entry.topic == ch.GRID.topic:
-        grid = msgspec.json.decode(entry.data, type=_GridText)
-        return entry.topic, base64.b64decode(grid.cells), msgspec.json.encode(grid.info)
+        grid = msgspec.json.decode(entry.data, type=ch.RecordedGrid)
+        return entry.topic, grid.cells, msgspec.json.encode(grid.info)
     if entry.topic == ch.SCENE.topic:
         return entry.topic, bytes(msgspec.json.decode(entry.data, type=_SceneText).scene), None
     return (entry.topic, entry.data, None) if entry.topic in _PLAYED else None

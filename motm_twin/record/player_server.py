@@ -45,19 +45,11 @@ class PlayerServer(Server):
         super().__init__(port)
         keys = self.keys = Keys(twin)
         self._session = open_server(self.port, LOOPBACK, keys.own, open_bus=open_bus)
-        clock = server_clock()
-        self._encode = msgspec.json.Encoder().encode
+        clock, self._encode = server_clock(), msgspec.json.encode
         idle = Idle()  # always: nothing is computed here
         self._values = LatestValues(self._session, keys, idle)
-        key_of = {
-            ch.TICK.topic: keys.tick,
-            ch.GRID.topic: keys.grid,
-            ch.SCENE.topic: keys.scene,
-            ch.ROBOT.topic: keys.robot,
-            ch.SCAN.topic: keys.scan,
-            ch.EVENT.topic: keys.event,
-            ch.METRICS.topic: keys.metrics,
-        }
+        played = (ch.TICK, ch.GRID, ch.SCENE, ch.ROBOT, ch.SCAN, ch.EVENT, ch.METRICS)
+        key_of = {channel.topic: getattr(keys, channel.topic.removeprefix("/motm/")) for channel in played}
         self.player = Player(
             frames,
             name=Path(path).name,

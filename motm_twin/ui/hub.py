@@ -17,21 +17,9 @@ from typing import Any
 import msgspec
 import viser
 
+from motm_twin.bus import commands as to
 from motm_twin.bus.client import Grid, TwinClient
-from motm_twin.bus.commands import (
-    NAME_MAX,
-    Answer,
-    Command,
-    HandOver,
-    Inspect,
-    Load,
-    Pause,
-    Play,
-    Reset,
-    Seed,
-    Speed,
-    TakeWheel,
-)
+from motm_twin.bus.commands import NAME_MAX, Answer, Command
 from motm_twin.bus.messages import StatusMessage, TickMessage
 from motm_twin.model.period import PERIOD
 from motm_twin.model.scene import Scene
@@ -93,9 +81,9 @@ NOTE_TIME = 6.0  # [s] a note stays on the page
 BLIND = 20.0  # [s] a page may need until it shows the scene
 NOTES = 2  # at a time: they lie over the scene
 WAITING = 100  # commands that may wait to be sent
-PATIENT = (HandOver, Inspect, Load, Pause, Play, Reset, Seed, Speed, TakeWheel)  # hold for whatever is being loaded
+ASKED = (to.Load, to.Pause, to.Play, to.Reset, to.Seed, to.Speed)  # that a person has clicked, with notes
+PATIENT = (*ASKED, to.HandOver, to.Inspect, to.TakeWheel)  # hold for whatever is being loaded
 LOOK = 0.1  # [s] between looks at what the server is doing
-ASKED = (Load, Pause, Play, Reset, Seed, Speed)  # of them, those that a person has clicked, with notes
 PROMPT, PATIENCE = 5.0, 20.0  # [s] for the twin to answer, for immediate commands and for the `PATIENT`
 KEEP_WHEEL = 3.0  # [s] between renewals of the lease by actions on the page alone
 Act = Callable[[Any, "Visitor"], object]
@@ -228,7 +216,7 @@ class Hub:
         if self.is_driver(visitor):
             self.view.at = None
             self.view.aim_at_nothing()
-            self.send(visitor, HandOver())
+            self.send(visitor, to.HandOver())
         return visitor
 
     def tell(self, visitor: Visitor | None, text: str, title: str = "", colour: str = "orange") -> None:
@@ -260,9 +248,9 @@ class Hub:
 
     def refusal(self, visitor: Visitor) -> str:
         """Reason why this visitor may not change anything now; "" if they may."""
-        if not self.drives(visitor):
-            status = self.client.status()
-            return f"{status.driver_name if status else 'somebody else'} is driving"
+        status = self.client.status()
+        if status is not None and not self.drives(visitor):
+            return f"{status.driver_name} is driving"
         return "" if self.view.at is None else LOOKING_BACK
 
     def live(self, visitor: Visitor) -> bool:
@@ -290,17 +278,17 @@ class Hub:
     def asker(self) -> Visitor | None:
         """The visitor who asked first for the wheel and still does."""
         status = self.client.status()
-        driver = "" if status is None else status.driver
-        if not driver:
+        if status is None or not status.driver:
             self._asking.clear()
-        self._asking.pop(driver, None)
+        else:
+            self._asking.pop(status.driver, None)
         return next(iter(list(self._asking.values())), None)
 
     def keep_wheel(self, visitor: Visitor) -> None:
         """Take a free lease for an active visitor, or renew it for actions that change only the page."""
         quiet = time.monotonic() - visitor.sent > KEEP_WHEEL
         if quiet and self.client.alive and not visitor.gone:
-            self.send(visitor, TakeWheel())
+            self.send(visitor, to.TakeWheel())
 
     # commands
 
@@ -318,9 +306,8 @@ class Hub:
 
         A loading server answers nothing: commands that hold for any scene wait until it is done.
         """
-        timeout = PROMPT
+        timeout = PATIENCE if isinstance(command, PATIENT) else PROMPT
         if isinstance(command, PATIENT):
-            timeout = PATIENCE
             if self.loading() and isinstance(command, ASKED):
                 self.tell(visitor, "the twin is still loading: this comes next")
             while self.loading() and not self._stop.wait(LOOK):
@@ -328,7 +315,7 @@ class Hub:
         with self._speaking:  # no commands for a visitor whose lease was given back
             if visitor is None:
                 answer = self.client.command(command, timeout)
-            elif visitor.gone and not isinstance(command, HandOver):
+            elif visitor.gone and not isinstance(command, to.HandOver):
                 return Answer(ok=False, reason=f"{visitor.name} is gone")
             else:
                 visitor.sent = time.monotonic()
@@ -351,7 +338,7 @@ class Hub:
     def inspect(self) -> None:
         """Ask the twin to explain what the view needs."""
         picked = -1 if self.view.picked is None else self.view.picked
-        self.send(None, Inspect(candidate=picked, staa_path=self.shows(STAA)))
+        self.send(None, to.Inspect(candidate=picked, staa_path=self.shows(STAA)))
 
     def _send_queued(self) -> None:
         while not self._stop.is_set():

@@ -332,7 +332,7 @@ def open_page(
 
     with unittest.mock.patch.object(websockets.asyncio.server, "serve", serve):
         server = viser.ViserServer(host=host, port=port, verbose=False)
-    server.request_share_url = _no_tunnel
+    server.request_share_url = lambda *_, **__: None  # no tunnel to a public address
     if not wrapped or (port and server.get_port() != port):
         server.stop()
         raise OSError(f"the page did not come up as asked on {host}:{port}: nothing is served")
@@ -344,10 +344,6 @@ def page_url(host: str, port: int, token: str | None) -> str:
     name = LOOPBACK if host in ("0.0.0.0", "::") else host  # noqa: S104 - compared, not bound
     name = f"[{name}]" if ":" in name else name
     return f"http://{name}:{port}/" + (f"?token={token}" if token else "")
-
-
-def _no_tunnel(*_: object, **__: object) -> None:
-    """Replacement for Viser's request for a public address."""
 
 
 def _closed(response: Response | None) -> Response | None:

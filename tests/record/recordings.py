@@ -15,15 +15,7 @@ class Recording:
     """A recorder process; its events as they come."""
 
     def __init__(self, endpoint, path, *options, **popen):
-        command = [
-            sys.executable,
-            "-m",
-            "motm_twin.record.recorder",
-            "--endpoint",
-            endpoint,
-            "--out",
-            str(path),
-        ]
+        command = [sys.executable, "-m", "motm_twin.record.recorder", "--endpoint", endpoint, "--out", str(path)]
         self.process = subprocess.Popen([*command, *options], stdout=subprocess.PIPE, text=True, **popen)
 
     def event(self):

@@ -29,10 +29,7 @@ def path(tmp_path_factory):
     """A minute's twentieth of the stand-in, an obstacle in it."""
     folder = tmp_path_factory.mktemp("recordings")
     first, out = Load(scene="fake", method="staa"), folder / "x.mcap"
-    with (
-        fake_server(first=first, playing=False, data=folder) as server,
-        TwinClient(server.endpoint) as client,
-    ):
+    with fake_server(first=first, playing=False, data=folder) as server, TwinClient(server.endpoint) as client:
         recorder = Recording(server.endpoint, out)
         assert recorder.event()["event"] == "recording"
         until(lambda: client.tick() and client.status(), "no tick")

@@ -144,10 +144,7 @@ def test_a_server_that_answers_slowly_is_recorded_from_the_start(tmp_path, monke
         answer(*arguments)
 
     monkeypatch.setattr(LatestValues, "_answer", slowly)
-    with (
-        fake_server(playing=False, data=tmp_path) as server,
-        TwinClient(server.endpoint) as client,
-    ):
+    with fake_server(playing=False, data=tmp_path) as server, TwinClient(server.endpoint) as client:
         until(lambda: client.tick() and client.status(), "no tick")
         recorder = started(server, tmp_path / "slow.mcap")
         assert client.command(Step(count=20)).ok

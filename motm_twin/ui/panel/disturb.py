@@ -16,19 +16,9 @@ import shapely
 import viser
 
 from motm_twin.bus.client import Grid
-from motm_twin.bus.commands import (
-    AddObstacle,
-    Announce,
-    Command,
-    FreezeBody,
-    InjectFault,
-    MoveBody,
-    MoveObject,
-    PushRobot,
-    RemoveBody,
-    SetBehaviour,
-)
+from motm_twin.bus.commands import Announce, Command, InjectFault, RemoveBody, SetBehaviour
 from motm_twin.bus.messages import TickMessage, Vector
+from motm_twin.model.edits import AddObstacle, FreezeBody, MoveBody, MoveObject, PushRobot
 from motm_twin.model.faults import KINDS
 from motm_twin.model.furniture import pieces
 from motm_twin.model.scene import Scene
@@ -250,10 +240,10 @@ if find_spec("pyrvo") is not None:
 OTHERWISE = "As the scene says"  # a behaviour that is not offered here
 IN_FRONT, BACK = "In front of the robot", "Back to its place"
 SECONDS = {"lidar_off": 1.0, "camera_off": 2.0}  # of the faults of a click; the others last 5 s
-_LASTING = {name: SECONDS.get(name, 5.0) for name in KINDS}
 FAULTS = {
-    f"{KINDS[name].button} {seconds:g} s": InjectFault(fault=name, seconds=seconds)
-    for name, seconds in _LASTING.items()
+    f"{kind.button} {seconds:g} s": InjectFault(fault=name, seconds=seconds)
+    for name, kind in KINDS.items()
+    for seconds in [SECONDS.get(name, 5.0)]
 }
 IN_A_ROW = 3  # buttons of faults
 _HOW = {
@@ -448,10 +438,6 @@ def about(thing: Thing | None, sending: str, placing: str = "") -> str:
 
 def faults(texts: list[str]) -> str:
     """Faults that last, as HTML; "" when there are none."""
-    if not texts:
-        return ""
     lines = "<br>".join(map(text, texts))
-    return note(
-        f'<div style="border-left:3px solid var(--motm-amber);background:{wash(AMBER)};padding:3px 8px">{lines}</div>',
-        "var(--motm-amber)",
-    )
+    look = f"border-left:3px solid {AMBER};background:{wash(AMBER)};padding:3px 8px"
+    return note(f'<div style="{look}">{lines}</div>', AMBER) if texts else ""
