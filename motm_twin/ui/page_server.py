@@ -75,7 +75,7 @@ def link(term: str) -> str:
     return "" if place is None else f"{PATH}{page}{place[1]}#{heading}"
 
 
-def answer(path: str) -> Response | None:
+def documentation(path: str) -> Response | None:
     """The file under `PATH` that a browser asks for; None for what is none of its business."""
     if not path.startswith(PATH):
         return None
@@ -322,7 +322,7 @@ def open_page(
 
     def serve(handler: Any, host: str, *args: Any, process_request: Callable[..., Any], **options: Any) -> Any:
         def process(connection: Any, request: Request) -> Response | None:
-            refused = guard.check(request) or answer(urlsplit(request.path).path)
+            refused = guard.check(request) or documentation(urlsplit(request.path).path)
             return _closed(refused or with_scripts(process_request(connection, request)))
 
         wrapped.append(1)

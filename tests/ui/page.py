@@ -1,4 +1,4 @@
-"""A person at the page, for tests: Chromium, a mouse that aims at points of the world, a client to check the twin."""
+"""A person at the page, for tests: Chromium, a mouse that aims at points of the world, and a small room to play in."""
 
 import io
 import math
@@ -409,3 +409,39 @@ class Hand:
 def changed(before, after, by=24.0):
     """Share of the pixels of two pictures that differ clearly."""
     return float((np.abs(before - after).max(axis=2) > by).mean())
+
+
+EVIL = "<img src=x onerror=window.hacked=1>"
+SHELF, SHELF_TOP = (-1.5, 0.5), 0.5  # [m]
+DRIVES = "".join(f"\n      - drive_to: {{x: {x}, y: -0.3}}" for x in 40 * (0.9, 0.3))  # 3 min: outlasts a test
+TEXT = f"""
+format: motm-scene/1
+title: "{EVIL}<script>window.hacked=1</script>"
+start: {{x: 0.0, y: 0.0}}
+furniture:
+  table: {{shape: box, centre: [1.6, 1.0], size: [0.8, 0.8], z: [0.0, 0.75], style: desk}}
+  desk: {{shape: box, centre: [1.6, -1.4], size: [0.8, 0.8], z: [0.0, 0.6], style: desk}}
+  shelf: {{shape: box, centre: [{SHELF[0]}, {SHELF[1]}], size: [0.6, 0.6], z: [0.0, {SHELF_TOP}], style: desk}}
+objects:
+  cube: {{surface: table, at: [1.45, 0.72]}}
+bins:
+  bin: {{at: [1.45, -1.2]}}
+tasks:
+  - pick: cube
+  - place: bin
+variants:
+  delivery:
+    furniture:
+      table: {{shape: box, centre: [2.2, 1.0], size: [0.8, 0.8], z: [0.0, 0.75], style: desk}}
+      desk: {{shape: box, centre: [2.2, -1.4], size: [0.8, 0.8], z: [0.0, 0.6], style: desk}}
+      shelf: null
+    objects: {{cube: {{surface: table, at: [2.05, 0.72]}}}}
+    bins: {{bin: {{at: [2.05, -1.2]}}}}
+  nothing_to_do:
+    tasks:
+      - drive_to: {{x: 0.0, y: 0.0}}
+  long:
+    tasks:
+      - pick: cube
+      - place: bin{DRIVES}
+"""
