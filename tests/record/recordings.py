@@ -1,7 +1,6 @@
 """Recordings for tests: a recorder as a process, and files that were changed."""
 
 import json
-import os
 import subprocess
 import sys
 
@@ -43,8 +42,7 @@ def changed(path, target, change):
     """A copy with messages as ``change`` (topic, message) gives them; None leaves one out."""
     file = McapFile(target)
     for entry in read(path):
-        message = change(entry.topic, json.loads(entry.data))
-        if message is not None:
+        if (message := change(entry.topic, json.loads(entry.data))) is not None:
             file.add(CHANNELS[entry.topic], entry.log_time / 1e9, json.dumps(message).encode())
     file.close()
     return target
@@ -60,13 +58,8 @@ def damaged(path, target):
     """With one byte that is wrong, in the chunk in the middle."""
     data = bytearray(path.read_bytes())
     with path.open("rb") as file:
-        summary = make_reader(file).get_summary()
-    assert summary is not None
-    chunk = summary.chunk_indexes[len(summary.chunk_indexes) // 2]
+        chunks = make_reader(file).get_summary().chunk_indexes
+    chunk = chunks[len(chunks) // 2]
     data[chunk.chunk_start_offset + chunk.chunk_length // 2] ^= 0xFF
     target.write_bytes(bytes(data))
     return target
-
-
-def unprivileged():
-    return os.geteuid() != 0

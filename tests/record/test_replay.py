@@ -27,14 +27,12 @@ def test_a_session_with_edits_of_all_kinds_and_cut_searches_reruns_bit_for_bit(r
     assert len(again.track) == recorded.session.periods // TRACK_PERIODS
 
 
-def test_the_player_gives_every_period_with_its_edits(recorded, disturbances):
-    seen = {tick.index: list(tick.edits) for _, tick in player(recorded.session, until=45)}
-    assert seen == {index: disturbances.get(index, []) for index in range(45)}
-
-
-def test_the_twin_of_the_player_stands_where_the_run_stood(recorded):
-    for twin, tick in player(recorded.session, until=30):
+def test_the_player_gives_every_period_with_its_edits_and_its_twin_stands_where_the_run_stood(recorded, disturbances):
+    seen = {}
+    for twin, tick in player(recorded.session, until=45):
+        seen[tick.index] = list(tick.edits)
         assert twin.state_hash() == recorded.hashes[tick.index + 1]
+    assert seen == {index: disturbances.get(index, []) for index in range(45)}
 
 
 def test_without_its_cuts_the_run_is_another_one(recorded):
@@ -54,15 +52,16 @@ def test_where_a_run_without_some_edits_parts_from_the_recording_is_told(recorde
     assert "without a track" in rerun(replace(recorded.session, edits=late)).first_sign
 
 
-def test_an_edit_that_the_run_refuses_is_named_with_its_period(recorded):
-    wrong = LoggedEdit(index=3, edit=MoveBody(name="nobody", x=0.0, y=0.0))
-    with pytest.raises(SessionError, match=r"period 3: .*MoveBody.*nobody"):
-        rerun(replace(recorded.session, edits=(wrong,)))
-
-
-def test_an_unknown_parameter_is_refused(recorded):
-    with pytest.raises(SessionError, match="next_wait"):
-        rerun(replace(recorded.session, parameters={"next_wait": 1.0}))
+@pytest.mark.parametrize(
+    ("wrong", "words"),
+    [
+        ({"edits": (LoggedEdit(index=3, edit=MoveBody(name="nobody", x=0.0, y=0.0)),)}, "period 3: .*MoveBody.*nobody"),
+        ({"parameters": {"next_wait": 1.0}}, "next_wait"),
+    ],
+)
+def test_what_the_run_refuses_is_named(recorded, wrong, words):
+    with pytest.raises(SessionError, match=words):
+        rerun(replace(recorded.session, **wrong))
 
 
 def test_a_session_of_no_periods_is_its_start(recorded):
@@ -122,16 +121,13 @@ def test_the_same_observations_give_the_same_periods(robot_run):
 
 
 def test_sweeps_are_kept_once(robot_run):
-    _, _, payloads = robot_run
-    samples = [sample for message in decoded(payloads) for sample in message.samples]
-    assert len(samples) == 5 * PERIODS
-    sweeps = [sample.scan for sample in samples if sample.scan is not None]
-    assert len({sweep.stamp for sweep in sweeps}) == len(sweeps)
+    samples = [sample for message in decoded(robot_run[2]) for sample in message.samples]
+    stamps = [sample.scan.stamp for sample in samples if sample.scan is not None]
+    assert len(samples) == 5 * PERIODS and len(set(stamps)) == len(stamps)
 
 
 def test_a_gap_and_an_end_are_told(robot_run):
-    _, _, payloads = robot_run
-    messages = decoded(payloads)
+    messages = decoded(robot_run[2])
     with pytest.raises(ValueError, match="period 3 are missing"):
         RecordedPlant([*messages[:3], *messages[4:]])
     plant = RecordedPlant(messages[:1])

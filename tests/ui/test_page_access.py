@@ -2,7 +2,6 @@
 
 import asyncio
 import contextlib
-import http.client
 import socket
 import stat
 import subprocess
@@ -15,7 +14,7 @@ from contextlib import suppress
 
 import numpy as np
 import pytest
-from page import until
+from page import get, until
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 
 from motm_twin.bus import private_folder as running
@@ -36,25 +35,16 @@ def page():
     server.stop()
 
 
-def status(port):
-    connection = http.client.HTTPConnection("127.0.0.1", port, timeout=10)
-    connection.request("GET", "/")
-    answer = connection.getresponse()
-    text = answer.read()
-    connection.close()
-    return answer.status, text
-
-
 def test_one_page_too_many_is_told_so_and_comes_in_when_another_leaves(page):
     port = page.get_port()
     readers = [PageReader(port) for _ in range(MOST)]
     with pytest.raises(InvalidStatus, match="503"):
         PageReader(port)
-    code, text = status(port)
-    assert code == 503
-    assert text.decode() == f"{MOST} pages of this twin are open already: close one, or start it with --visitors"
+    answer = get(page)
+    assert answer.status == 503
+    assert answer.body.decode() == f"{MOST} pages of this twin are open already: close one, or start it with --visitors"
     readers.pop().close()
-    until(lambda: status(port)[0] == 200)
+    until(lambda: get(page).status == 200)
     readers.append(PageReader(port))
     for reader in readers:
         reader.close()
@@ -64,7 +54,7 @@ def test_connections_that_break_off_are_not_counted(page):
     for _ in range(5 * MOST):
         with PageReader(page.get_port()) as reader:
             reader._socket.socket.shutdown(socket.SHUT_RDWR)
-        until(lambda: status(page.get_port())[0] == 200)
+        until(lambda: get(page).status == 200)
 
 
 def test_a_page_that_is_not_counted_yet_when_the_last_place_is_taken_is_closed():
@@ -131,11 +121,9 @@ def test_a_message_that_is_too_large_ends_its_page_only(page):
     with PageReader(page.get_port()) as other, PageReader(page.get_port()) as large:
 
         def pings(reader):
-            try:
+            with suppress(ConnectionClosed, OSError):
                 reader._socket.ping()
-            except (ConnectionClosed, OSError):
-                return False
-            return True
+                return True
 
         with suppress(ConnectionClosed, OSError):
             large._socket.send(bytes(page_server.LARGEST + 1))
@@ -190,9 +178,9 @@ def private(tmp_path, monkeypatch):
 def test_the_own_token_is_strong_private_and_the_same_again(private):
     token = own_token()
     check_token("0.0.0.0", token)
-    assert stat.S_IMODE((private / page_server.FILE).stat().st_mode) == 0o600
     assert own_token() == token
-    assert [path.name for path in private.iterdir()] == [page_server.FILE]
+    (path,) = private.iterdir()
+    assert (path.name, stat.S_IMODE(path.stat().st_mode)) == (page_server.FILE, 0o600)
 
 
 @pytest.mark.parametrize("spoilt", ["readable", "empty", "link"])
@@ -205,8 +193,7 @@ def test_a_token_that_others_may_know_is_made_anew(private, tmp_path, spoilt):
     else:
         path.rename(tmp_path / "elsewhere")
         path.symlink_to(tmp_path / "elsewhere")
-    assert own_token() not in (before, "")
-    assert not path.is_symlink()
+    assert own_token() not in (before, "") and not path.is_symlink()
 
 
 def test_two_that_begin_at_once_have_one_token(monkeypatch):
@@ -225,11 +212,9 @@ def test_two_that_begin_at_once_have_one_token(monkeypatch):
 
 def test_what_is_wished_for_counts_before_the_own_one(monkeypatch):
     assert chosen_token(None, none=False) == own_token()
-    assert chosen_token(GIVEN, none=False) == GIVEN
-    assert chosen_token(None, none=True) is None
+    assert chosen_token(GIVEN, none=False) == GIVEN and chosen_token(None, none=True) is None
     monkeypatch.setenv(page_server.VARIABLE, GIVEN)
-    assert chosen_token(None, none=False) == GIVEN
-    assert chosen_token(None, none=True) is None
+    assert chosen_token(None, none=False) == GIVEN and chosen_token(None, none=True) is None
     with pytest.raises(ValueError, match="--token and --no-token exclude each other"):
         chosen_token(GIVEN, none=True)
 
@@ -242,20 +227,14 @@ def started(monkeypatch):
     return found
 
 
-def page_of(children):
-    return next(child for child in children if child.name == "page")
-
-
 @pytest.mark.parametrize("how", ["twin", "recording"])
 def test_the_page_asks_for_a_token_unless_that_is_switched_off(started, how):
     def begin(**wishes):
         started.clear()
-        choice = PageSettings(port=0, **wishes)
-        done = serve(ServeSettings(page=choice, zenoh_port=0)) if how == "twin" else serve_recording(
-            ReplaySettings(file="x.mcap", page=choice, zenoh_port=0)
-        )  # fmt: skip
-        assert done == OK
-        return page_of(started)
+        given = {"page": PageSettings(port=0, **wishes), "zenoh_port": 0}
+        twin = how == "twin"
+        assert (serve(ServeSettings(**given)) if twin else serve_recording(ReplaySettings(file="x", **given))) == OK
+        return next(child for child in started if child.name == "page")
 
     page = begin()
     assert page._env[page_server.VARIABLE] == own_token()
@@ -264,12 +243,9 @@ def test_the_page_asks_for_a_token_unless_that_is_switched_off(started, how):
     assert not any(own_token() in word for word in page._arguments)  # which everybody can read
     assert begin(token=GIVEN)._env[page_server.VARIABLE] == GIVEN
     open_to_all = begin(no_token=True, names=("lab.example",))
-    assert page_server.VARIABLE not in open_to_all._env
     assert "--no-token" in open_to_all._arguments
     assert open_to_all._arguments[-2:] == ["--name", "lab.example"]
-    others = [child for child in started if child.name != "page"]
-    assert others
-    assert not any(page_server.VARIABLE in child._env for child in others)
+    assert len(started) > 1 and not any(page_server.VARIABLE in child._env for child in started)
 
 
 def test_no_token_is_for_this_machine_only(started, capsys):
@@ -291,8 +267,7 @@ def test_who_may_drive_is_told_with_the_address(monkeypatch, capsys, no_token, s
     monkeypatch.setattr(_Supervisor, "run", run)
     serve(ServeSettings(page=PageSettings(port=0, no_token=no_token), zenoh_port=0))
     said = capsys.readouterr().out
-    assert "http://127.0.0.1:1/?token=x" in said
-    assert says in said
+    assert "http://127.0.0.1:1/?token=x" in said and says in said
 
 
 def test_a_private_folder_of_somebody_else_is_a_sentence(monkeypatch, capsys, started):
@@ -323,8 +298,7 @@ def test_it_is_a_visitor_that_sees_widgets_and_nodes_and_counts_what_moves(serve
         moving.position = (1.0, 0.0, 0.0)
         moving.wxyz = (0.0, 0.0, 0.0, 1.0)
         assert reader.wait(lambda reader: len(reader.moving["pose"]) == 1, 10.0)
-        assert reader.moved() == 1
-        assert reader.moved() == 0
+        assert (reader.moved(), reader.moved()) == (1, 0)
     assert still.position[0] == 0.0
 
 
@@ -338,8 +312,7 @@ def test_it_changes_widgets_as_a_page_does(server):
         assert reader.set("Paths", True, "Checkbox")
         assert reader.set("Play", True)
         assert not reader.set("Fly", True)
-        assert changed.wait(10.0)
-        assert clicked.wait(10.0)
+        assert changed.wait(10.0) and clicked.wait(10.0)
     assert box.value is True
 
 

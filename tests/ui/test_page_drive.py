@@ -20,7 +20,7 @@ from motm_twin.perf.processes import act
 from motm_twin.sessions.session import Session
 from motm_twin.sim.slides import FRICTION
 from motm_twin.ui.panel.panel import ASK
-from motm_twin.ui.scene.plan_view import drive_points
+from motm_twin.ui.scene.scene_view import drive_points
 
 pytestmark = [pytest.mark.browser, pytest.mark.timeout(600)]  # also the test without one, for its served twin
 LITTLE = {"width": 720, "height": 440}  # less than the panel is high; drawing takes time
@@ -146,9 +146,8 @@ def test_a_click_on_the_floor_asks_first_and_the_drive_can_be_undone(browser, be
 
 def driven_by(visitor, name):
     """Wait until the open tab names the method."""
-    visitor.page.get_by_text(f"method {METHODS[name].title}").locator("visible=true").first.wait_for(
-        timeout=SHOWN * 1000
-    )
+    title = visitor.page.get_by_text(f"method {METHODS[name].title}").locator("visible=true").first
+    title.wait_for(timeout=SHOWN * 1000)
 
 
 ASIDE = (1.8, -0.5)  # [m] free
@@ -180,11 +179,7 @@ def test_the_page_loads_the_robot_moves_and_a_temi_is_dragged_to_where_it_should
         temi = until(lambda: client.tick().obstacles, 30.0, "the Temi was not added")[0]
         until(lambda: changed(before, visitor.picture()) > DRAWN, 30.0, "the page does not draw it")
         visitor.drag([*temi.position[:2], GRAB], [*ASIDE, GRAB])
-        until(
-            lambda: math.dist(client.tick().obstacles[0].position[:2], ASIDE) < 0.1,
-            30.0,
-            f"dragged to {ASIDE}, but the Temi is at {client.tick().obstacles[0].position}",
-        )
+        until(lambda: math.dist(client.tick().obstacles[0].position[:2], ASIDE) < 0.1, 30.0, "it is not dragged there")
 
 
 def test_furniture_is_dragged_and_announced_a_box_is_thrown_and_a_hostile_name_is_only_text(browser, begun):
@@ -247,11 +242,8 @@ def a_box_is_thrown(visitor):
             break
     assert 0.4 <= math.hypot(*thrown.velocity) <= 2.5 + 1e-9, "put down, not thrown"
     way = math.hypot(*thrown.velocity) ** 2 / (2.0 * FRICTION)  # nothing is in it
-    until(
-        lambda: math.dist(body(visitor, "box 1").position[:2], (last.x, last.y)) > 0.8 * way,
-        30.0,
-        f"it does not slide {way:.2f} m: {last}, {thrown}",
-    )
+    start = (last.x, last.y)
+    until(lambda: math.dist(body(visitor, "box 1").position[:2], start) > 0.8 * way, 30.0, f"no {way:.2f} m: {thrown}")
     visitor.press("Delete")
     until(lambda: body(visitor, "box 1") is None, 30.0, "the box is still there")
 

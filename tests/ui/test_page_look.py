@@ -8,7 +8,7 @@ import time
 import msgspec
 import numpy as np
 import pytest
-from page import Visitor, changed, until, visiting
+from page import ROW, Visitor, changed, until, visiting
 
 from motm_twin.bus.commands import Pause
 from motm_twin.perf.processes import act
@@ -97,8 +97,7 @@ def candidates(visitor):
     named.locator("visible=true").first.wait_for(timeout=60_000)
     visitor.says(f"{placement.cost[chosen]:.1f} s")
     inspected = until(lambda: visitor.twin.client.tick().inspected, 30.0, "its paths are not computed")
-    assert inspected.candidate == chosen
-    assert inspected.path
+    assert inspected.candidate == chosen and inspected.path
     out = [i for i in range(1, RING - 1) if all(placement.rejected[i + step] for step in (-1, 0, 1))]
     nearest = min(out, key=lambda i: placement.poses[i][1])  # in front of the table
     visitor.click((*placement.poses[nearest][:2], CANDIDATE_HEIGHT))
@@ -190,8 +189,7 @@ def watch_until(visitor, seen, what):
 
 def slide(visitor, label, share):
     """Click on the track of a slider, this share of its length from the left."""
-    row = "xpath=ancestor::div[contains(@class, 'mantine-Flex-root')][1]"
-    track = visitor.page.get_by_text(label).locator("visible=true").first.locator(row).locator(".mantine-Slider-track")
+    track = visitor.page.get_by_text(label).locator("visible=true").first.locator(ROW).locator(".mantine-Slider-track")
     track.scroll_into_view_if_needed()
     box = track.bounding_box()
     visitor.page.mouse.click(box["x"] + share * box["width"], box["y"] + box["height"] / 2)

@@ -2,7 +2,6 @@
 
 import asyncio
 import gzip
-import http.client
 import re
 import socket
 import threading
@@ -11,6 +10,7 @@ from pathlib import Path
 
 import pytest
 import websockets
+from page import get
 from viser._messages import RemoveNotificationMessage
 from viser.infra._async_message_buffer import AsyncMessageBuffer
 from websockets.asyncio.client import connect
@@ -50,16 +50,6 @@ def secret():
     server = open_page("127.0.0.1", 0, TOKEN)
     yield server
     server.stop()
-
-
-def get(server, path="/", address="127.0.0.1", **headers):
-    """The answer, with its body."""
-    connection = http.client.HTTPConnection(address, server.get_port(), timeout=10)
-    connection.request("GET", path, headers={name.replace("_", "-"): value for name, value in headers.items()})
-    response = connection.getresponse()
-    response.body = response.read()
-    connection.close()
-    return response
 
 
 def websocket_opens(server, origin=None, cookie=None):

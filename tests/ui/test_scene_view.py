@@ -26,9 +26,8 @@ from motm_twin.ui.hub import Hub, Shown
 from motm_twin.ui.scene import light
 from motm_twin.ui.scene.furniture import bin_mesh, bump_mesh, loose_box_mesh, solids_mesh
 from motm_twin.ui.scene.picking import Surroundings
-from motm_twin.ui.scene.plan_view import believed, dashes, drive_points, relative_cost, target_spot
 from motm_twin.ui.scene.robot_view import APART, FREE, SILHOUETTES, reaching, silhouette_poses
-from motm_twin.ui.scene.scene_view import SceneView, hits
+from motm_twin.ui.scene.scene_view import SceneView, believed, dashes, drive_points, hits, relative_cost, target_spot
 from motm_twin.ui.what_if import Other
 
 FIXED = ("/scene/", "/light/", "/furniture/")
