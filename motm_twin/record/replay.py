@@ -4,7 +4,7 @@ A rerun of a recording compares every recorded period. A `RecordedPlant` reports
 """
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator
 from typing import Any
 
 import msgspec
@@ -15,10 +15,10 @@ from motm_twin.completion import Completion
 from motm_twin.control.method import Method
 from motm_twin.control.tick import Tick
 from motm_twin.methods.registry import METHODS
-from motm_twin.model.edits import Announce, WorldEdit
+from motm_twin.model.edits import Announce
 from motm_twin.model.names import hint, scene_name
-from motm_twin.model.plant import Actuation, Detection, Observation, Scan
-from motm_twin.model.scene import PlanarPose, Scene, Task
+from motm_twin.model.plant import Detection, Observation, Scan
+from motm_twin.model.scene import Scene
 from motm_twin.model.state import state_hash
 from motm_twin.model.twin_plant import ExternalPlant
 from motm_twin.record.recording import Recording, Run, observations_of, ticks_of
@@ -87,7 +87,8 @@ def rerun(session: Session, method: Method | None = None) -> Rerun:
         finish.add(tick)
         time = tick.time
     twin = twin or begin(session, method=method)
-    now, parts = twin.state_hash(), part_hashes(twin)
+    parts = {name: state_hash(part.snapshot())[:PART_DIGITS] for name, part in twin.parts().items()}
+    now = twin.state_hash()
     ok = now == session.state_hash
     return Rerun(
         ok=ok,
@@ -108,11 +109,6 @@ def updated(session: Session, again: Rerun) -> Session:
     return msgspec.structs.replace(
         session, state_hash=again.state_hash, parts=again.parts, track=again.track, made_with=made_with()
     )
-
-
-def part_hashes(twin: Twin) -> dict[str, str]:
-    """The first digits of the hash of every part of a twin."""
-    return {name: state_hash(part.snapshot())[:PART_DIGITS] for name, part in twin.parts().items()}
 
 
 class Tracker:
@@ -192,31 +188,18 @@ class RecordedPlant:
             raise ValueError(f"the recording has {len(self._samples)} samples: there is no other")
         return self._samples[self._at]
 
-    def command(self, actuation: Actuation) -> None:
-        """No effect: the robot's motion is recorded."""
+    def command(self, *_: object, **__: object) -> None:
+        """No effect: the robot's motion is recorded, and the effects of edits with it. The truth is unknown."""
+
+    truth = accept = apply = expect_tasks = expect_map = command
 
     def step(self, dt: float) -> None:
         """On to the next sample."""
         self._at += 1
 
-    def truth(self) -> None:
-        """Unknown."""
-
     def rehearsal(self) -> "RecordedPlant":
         """Accepts every edit again."""
         return self
-
-    def accept(self, edit: WorldEdit) -> None:
-        """As above."""
-
-    def apply(self, edit: WorldEdit) -> None:
-        """No effect: it is in the recorded observations."""
-
-    def expect_tasks(self, tasks: Sequence[Task]) -> None:
-        """There is no referee."""
-
-    def expect_map(self, announced: Mapping[str, PlanarPose]) -> None:
-        """There is no referee."""
 
     def ready(self) -> bool:
         """There is another sample."""

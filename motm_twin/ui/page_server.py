@@ -158,9 +158,7 @@ def chosen_token(given: str | None, *, none: bool) -> str | None:
     """
     if given is not None and none:
         raise ValueError("--token and --no-token exclude each other")
-    if none:
-        return None
-    return given or os.environ.get(VARIABLE) or own_token()
+    return None if none else given or os.environ.get(VARIABLE) or own_token()
 
 
 def own_token() -> str:

@@ -65,13 +65,6 @@ def texts(part, depth=3):
     return found + [html for part in inner for html in texts(part, depth - 1)]
 
 
-def test_another_scene_is_chosen(person):
-    person.chooses("Scene", "exp1")
-    assert person.widget("Variant").options == ("trial1",)
-    person.presses("Load")
-    assert person.sent == [to.Load(scene="exp1", variant="trial1", seed=0, method=DEFAULT_METHOD)]
-
-
 def test_a_run_that_has_ended_begins_anew_by_its_button_and_by_no_key_that_was_meant_to_pause_it(person):
     drive = person.panel._blocks[1]
     drive.toggle()
@@ -86,15 +79,15 @@ def test_a_run_that_has_ended_begins_anew_by_its_button_and_by_no_key_that_was_m
     assert person.last == to.Play()
 
 
-def test_news_of_an_earlier_load_do_not_undo_what_a_person_chooses_next(person):
+def test_another_scene_is_chosen_and_news_of_an_earlier_load_do_not_undo_what_a_person_chooses_next(person):
     person.chooses("Scene", "exp1")
+    assert person.widget("Variant").options == ("trial1",)
     person.shows(variant="still")  # loaded before, heard of late
     assert (person.widget("Scene").value, person.widget("Variant").value) == ("exp1", "trial1")
     person.presses("Load")
     assert person.sent == [to.Load(scene="exp1", variant="trial1", seed=0, method=DEFAULT_METHOD)]
     person.shows(scene="exp2", variant="random", seed=3)  # somebody else was quicker
-    assert (person.widget("Scene").value, person.widget("Variant").value) == ("exp2", "random")
-    assert person.widget("Seed").value == 3
+    assert [person.widget(name).value for name in ("Scene", "Variant", "Seed")] == ["exp2", "random", 3]
     person.chooses("Scene", "exp1")
     person.shows(driver="somebody", driver_name="Bob")
     assert person.widget("Scene").value == "exp2"  # who only looks sees what is loaded
@@ -213,7 +206,7 @@ def test_as_shipped_means_the_method_that_drives_and_without_a_change_nothing_is
     person.shows()
     assert not any(isinstance(command, to.SetParameter) for command in person.sent)
     started = []
-    person.hub.what_if.start = lambda *arguments: started.append(arguments[0])
+    person.hub.what_if.start = lambda values, *_: started.append(values)
     person.presses("Compare")
     assert "nothing is changed" in person.page.notes[-1] and started == []
     person.chooses("Approach speed  xi [m/s]", 1.0)
@@ -267,13 +260,10 @@ def test_a_branch_says_what_it_does_and_is_undone(person):
     assert "as before the branch" in person.page.notes[-1]
 
 
-def test_the_session_is_downloaded(person):
+def test_who_only_looks_has_grey_widgets_and_downloads_the_session(person):
+    person.shows(driver="somebody", driver_name="Bob")
     person.presses("Save the session")
     assert person.page.files == [("exp2-random-0-1.0s.json", b"{}")]
-
-
-def test_who_only_looks_has_grey_widgets(person):
-    person.shows(driver="somebody", driver_name="Bob")
     usable = {label(widget) for widget in person.widgets.values() if not grey_(widget)}
     assert len(person.widgets) - len(usable) > 50
     assert {"Ask for the wheel", "Your name", "Save the session"} <= usable

@@ -32,6 +32,7 @@ from motm_twin.ui.what_if import Other
 
 FIXED = ("/scene/", "/light/", "/furniture/")
 replace = msgspec.structs.replace
+SCENE = fake_scene()
 
 
 @pytest.fixture
@@ -45,7 +46,7 @@ def view(server):
         hub.stop()
 
 
-def show(view, tick, scene):
+def show(view, tick, scene=SCENE):
     looks = view._hub.view
     shown = Shown(state="playing", status=None, scene=scene, tick=tick, newest=tick, live=True, view=looks)
     view.draw(shown, 0.03, slow=True)
@@ -69,18 +70,18 @@ def test_a_place_that_was_clicked_tells_its_costs(view, tick):
         cost_next=[4.0, None, None], cost=[6.0, 3.0, None], rejected=["", "", "collision with desk"], chosen=0,
     )  # fmt: skip
     label, now = view._plan.candidates._cost, replace(tick, placement=placement)
-    show(view, now, fake_scene())  # another scene forgets what was picked
+    show(view, now)  # another scene forgets what was picked
     there = "2.0 s to get there, 4.0 s on to the next target"
     for picked, words in enumerate((there, "3.0 s to get there", "collision with desk")):
         view._hub.view.picked = picked
-        show(view, now, view._scene)
+        show(view, now)
         assert label.visible and label.text == words
         assert label.position[0] == pytest.approx(placement.poses[picked][0], abs=0.05)
     view._hub.view.picked = None
-    show(view, now, view._scene)
+    show(view, now)
     assert not label.visible
     view._hub.view.picked = 1
-    show(view, replace(now, task_index=tick.task_index + 1), view._scene)
+    show(view, replace(now, task_index=tick.task_index + 1))
     assert not label.visible and view._hub.view.picked is None, "it was of another task"
 
 
@@ -93,9 +94,9 @@ def a_track(number, position, velocity):
 
 
 def test_tracks_have_a_number_an_arrow_and_ellipses_that_grow_and_a_ring_marks_the_one_that_is_met(view, tick):
-    scene, why = fake_scene(), Reason(kind=Kind.MEETS_MOVER, value=0.4, limit=0.5)
+    why = Reason(kind=Kind.MEETS_MOVER, value=0.4, limit=0.5)
     tracks = [a_track(3, (2.0, 1.0), (0.5, 0.0)), a_track(7, (3.0, 2.0), (0.0, 0.0))]
-    show(view, replace(tick, tracks=tracks, why=why), scene)
+    show(view, replace(tick, tracks=tracks, why=why))
     drawn = view._tracks
     assert [label.text for label in drawn._labels if label.visible] == ["3", "7"]
     assert np.allclose([label.position[:2] for label in drawn._labels[:2]], [(2.5, 1.0), (3.0, 1.55)])
@@ -108,17 +109,16 @@ def test_tracks_have_a_number_an_arrow_and_ellipses_that_grow_and_a_ring_marks_t
     assert np.all(np.ptp(second, axis=0)[:2] > np.ptp(first, axis=0)[:2])
     assert np.ptp(second, axis=0)[0] > np.ptp(second, axis=0)[1] > 0.5  # longer along its way
     assert drawn._ring.visible and np.allclose(drawn._ring.position[:2], (2.0, 1.0))
-    show(view, replace(tick, tracks=[], why=None), scene)
+    show(view, replace(tick, tracks=[], why=None))
     assert not (drawn._lines.visible or drawn._ring.visible or any(label.visible for label in drawn._labels))
 
 
 def test_a_trail_is_left_by_what_goes_and_not_by_what_is_put_elsewhere_or_seen_earlier(view, tick):
     def at(x, time):
         walker = replace(person("Ann"), position=[x, 0.5, 0.0])
-        show(view, replace(tick, agents=[walker], time=time), scene)
+        show(view, replace(tick, agents=[walker], time=time))
         return len(view._bodies._bodies["body/Ann"].trail)
 
-    scene = fake_scene()
     assert [at(0.5 + 0.1 * k, 1.0 + 0.1 * k) for k in range(4)] == [1, 2, 3, 4]
     assert at(3.0, 1.3) == 1  # while time stands
     assert [at(3.1, 1.4), at(3.2, 1.5), at(6.0, 1.6)] == [2, 3, 1]  # while it runs
@@ -138,51 +138,48 @@ def test_what_the_robot_holds_is_hidden_with_it(view, tick):
 
 
 def test_fewer_than_a_hundred_nodes_move(view, tick):
-    show(view, tick, fake_scene())
+    show(view, tick)
     view._others.update([Other(label="changed: 7.1 s", pose=(0.0, 0.0, 0.0), q=(0.0,) * 7, gripper=0.08)])
     moving = [name for name in nodes(view) if not name.startswith(FIXED)]
     assert 20 < len(moving) <= 100
 
 
 def test_the_same_tick_again_sends_nothing(view, tick):
-    scene = fake_scene()
-    show(view, tick, scene)
+    show(view, tick)
     sent = []
     view._server.scene._queue_scene_message = sent.append
-    show(view, tick, scene)
+    show(view, tick)
     assert sent == []
 
 
 def test_a_body_comes_moves_is_marked_frozen_and_goes_without_a_trace(view, tick):
-    scene = fake_scene()
-    show(view, tick, scene)
+    show(view, tick)
     before = nodes(view)
-    show(view, replace(tick, obstacles=[person("ann")]), scene)
-    show(view, replace(tick, obstacles=[replace(person("ann"), state="frozen")]), scene)
+    show(view, replace(tick, obstacles=[person("ann")]))
+    show(view, replace(tick, obstacles=[replace(person("ann"), state="frozen")]))
     assert any(name.endswith("sign") for name in nodes(view) - before)
-    show(view, replace(tick, obstacles=[]), scene)
+    show(view, replace(tick, obstacles=[]))
     assert nodes(view) == before
 
 
 def test_furniture_stands_where_the_tick_has_it_and_is_hidden_when_gone(view, tick):
-    scene = fake_scene()
-    show(view, tick, scene)
+    show(view, tick)
     name = next(iter(view._surroundings.pieces))
     frame = view._server.scene._handle_from_node_name[f"/furniture/{name}"]
     body = replace(person(name), kind="furniture", position=[1.0, -2.0, 0.0], yaw=math.pi / 2)
-    show(view, replace(tick, furniture=[body]), scene)
+    show(view, replace(tick, furniture=[body]))
     assert tuple(frame.position[:2]) == (1.0, -2.0)
     assert frame.wxyz[3] == pytest.approx(math.sin(math.pi / 4))
-    show(view, replace(tick, removed=[name]), scene)
+    show(view, replace(tick, removed=[name]))
     assert not frame.visible
-    show(view, tick, scene)
+    show(view, tick)
     assert frame.visible
 
 
 def test_another_scene_replaces_everything_of_the_last_one(view, tick):
-    show(view, tick, fake_scene())
+    show(view, tick)
     before = nodes(view)
-    show(view, tick, replace(fake_scene(), seed=5))
+    show(view, tick, replace(SCENE, seed=5))
     assert nodes(view) == before
 
 
@@ -237,7 +234,7 @@ def test_a_shelf_of_one_board_is_drawn():
 
 
 def test_a_bin_is_open_and_stands_where_it_belongs():
-    box = fake_scene().bins[0]
+    box = SCENE.bins[0]
     scene = bin_mesh(box)
     middle = (scene.bounds[0] + scene.bounds[1]) / 2
     np.testing.assert_allclose(middle[:2], box.centre, atol=1e-6)
@@ -251,11 +248,10 @@ def test_a_loose_box_has_its_size():
 
 
 def test_the_floor_covers_the_map_and_goes_over_into_the_ground_around():
-    scene = fake_scene()
-    picture, (x, y, u, v) = light.floor(scene)
-    assert u - x == scene.bounds[2] - scene.bounds[0] + 2 * light.MARGIN
+    picture, (x, y, u, v) = light.floor(SCENE)
+    assert u - x == SCENE.bounds[2] - SCENE.bounds[0] + 2 * light.MARGIN
     assert np.abs(picture[0, 0] - light.ground_tone(np.array(0.5 * math.hypot(u - x, v - y)))).max() < 1.5
-    for mesh in (light.floor_glb(scene), light.ground_glb((1.0, 2.0)), light.sky_glb((1.0, 2.0))):
+    for mesh in (light.floor_glb(SCENE), light.ground_glb((1.0, 2.0)), light.sky_glb((1.0, 2.0))):
         assert mesh[:4] == b"glTF"
 
 
@@ -317,7 +313,7 @@ def test_beliefs_are_marked_only_where_they_are_off(tick):
 
 
 def test_the_target_is_marked_where_the_robot_believes_it(tick):
-    surroundings, item = Surroundings(fake_scene()), tick.objects[0]
+    surroundings, item = Surroundings(SCENE), tick.objects[0]
     surroundings.update(tick)
     picks = [task for task in tick.tasks if task.kind == "pick" and task.target == item.name]
     assert picks, "the first cube is to be picked"

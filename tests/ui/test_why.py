@@ -57,12 +57,15 @@ def test_a_damped_stop_is_red_and_told(driving):
     assert "moves as wanted" not in card and ">stops<" in card
 
 
-def test_events_are_newest_first_with_the_contacts_among_them(driving):
-    contact = bus.ContactMessage(
-        time=2.0, body="base", other="temi", depth=0.0, closing_speed=0.1, other_speed=0.2, caused_by_robot=False,
+def contact(time, body, other, ours):
+    return bus.ContactMessage(
+        time=time, body=body, other=other, depth=0.0, closing_speed=0.1, other_speed=0.2, caused_by_robot=ours,
         duration=0.1,
     )  # fmt: skip
-    score = replace(driving.score, contacts=[contact])
+
+
+def test_events_are_newest_first_with_the_contacts_among_them(driving):
+    score = replace(driving.score, contacts=[contact(2.0, "base", "temi", False)])
     events = [bus.EventMessage(time=t, kind="picked", text=f"picked at {t}") for t in (3.0, 1.0)]
     card = events_card(replace(driving, score=score), events)
     places = [card.index(part) for part in ("picked at 3", "base touched temi (not by the robot)", "picked at 1")]
@@ -151,10 +154,6 @@ def test_zero_has_no_sign_and_minus_is_a_true_one(value, form, shown):
 def test_names_from_outside_are_escaped_on_every_card(driving):
     tasks = [replace(task, target=EVIL, kind=EVIL, status=EVIL) for task in driving.tasks]
     placement = replace(driving.placement, rejected=[EVIL] * 72, mode=EVIL, reason=EVIL)
-    contact = bus.ContactMessage(
-        time=0.0, body=EVIL, other=EVIL, depth=0.0, closing_speed=0.0, other_speed=0.0, caused_by_robot=True,
-        duration=0.0,
-    )  # fmt: skip
     hostile = replace(
         with_arm(
             driving, phase=EVIL, reason=EVIL, qp_status=EVIL, program=EVIL, limiter=EVIL,
@@ -162,8 +161,7 @@ def test_names_from_outside_are_escaped_on_every_card(driving):
         ),
         tasks=tasks, placement=placement, stop_reason=EVIL, faults=[EVIL], task_index=0,
         plan=replace(driving.plan, status=EVIL, reason=EVIL),
-        score=bus.ScoreMessage(picks=0, places=0, drops=0, contacts=[contact], min_base_clearance=None,
-                           min_arm_clearance=None, min_ee_obstacle=None, ee_obstacle=None),
+        score=replace(driving.score, contacts=[contact(0.0, EVIL, EVIL, True)]),
     )  # fmt: skip
     events = events_card(hostile, [bus.EventMessage(time=0.0, kind=EVIL, text=EVIL)])
     pages = [*(card(hostile) for card in (headline, now_card, task_card)), arm_card(hostile, {}), events]
@@ -241,6 +239,7 @@ def test_forces_are_plotted_where_there_are_some():
 
 PHASES = ("stow", "transit", "final", "closing", "lift", "carry", "release", "retry")
 SCENE = fake_scene()
+LIMIT = {"active": ["lidar moving"], "limiter": "moving obstacle", "obstacle_distance": 0.4}
 
 
 def test_the_sentence_tells_for_whom_the_robot_waits_and_on_which_side_it_passes(driving):
@@ -278,8 +277,8 @@ def test_the_sentence_tells_for_whom_the_robot_waits_and_on_which_side_it_passes
 @pytest.mark.parametrize("phase", [*PHASES, "something new"])
 def test_every_phase_has_a_sentence_about_its_target(driving, phase, kind):
     driving = with_arm(in_hand(driving, kind), phase=phase)
-    target = driving.tasks[driving.task_index].target
-    assert target in explain.doing(driving) or "cube1" in explain.doing(driving)
+    target, said = driving.tasks[driving.task_index].target, explain.doing(driving)
+    assert target in said or "cube1" in said
 
 
 def test_the_sentence_tells_whether_the_base_moves(driving):
@@ -302,14 +301,13 @@ def test_the_end_tells_what_was_given_up(driving):
 
 
 def test_what_holds_the_robot_up_is_told_once_with_numbers(driving):
-    slowed = with_arm(
-        driving, active=["lidar moving"], limiter="moving obstacle", obstacle_distance=0.4, allowed_approach=0.257
-    )
+    slowed = with_arm(driving, **LIMIT, allowed_approach=0.257)
     tries = [replace(driving.tasks[0], attempts=2), *driving.tasks[1:]]
-    why = explain.waiting(replace(slowed, stop_reason="braking: something", tasks=tries, task_index=0))
-    assert why[0] == ("Braking: something", True)
-    assert why[1] == ("A moving obstacle is 0.40 m away: the gripper may approach at 0.26 m/s", False)
-    assert why[-1] == ("This is the second try at cube1", False)
+    first, second, *_, last = explain.waiting(
+        replace(slowed, stop_reason="braking: something", tasks=tries, task_index=0)
+    )
+    assert (first, last) == (("Braking: something", True), ("This is the second try at cube1", False))
+    assert second == ("A moving obstacle is 0.40 m away: the gripper may approach at 0.26 m/s", False)
     retreat = with_arm(slowed, allowed_approach=-0.1)
     assert "backs off at 0.10 m/s or more" in explain.slowed_by(retreat.arm)
     assert explain.slowed_by(with_arm(slowed, active=[]).arm) == ""
@@ -386,9 +384,7 @@ def test_who_it_brakes_for_is_named_or_else_what_the_lidar_sees(straight):
 def test_what_slows_the_gripper_is_named_when_it_is_as_far_as_the_lidar_says(straight):
     hand = gripper(straight, SCENE)
     near = body("temi 1", hand.x, hand.y + 0.6)
-    limit = {"active": ["lidar moving"], "limiter": "moving obstacle", "obstacle_distance": 0.4}
-    arm = [replace(step, allowed_approach=0.1, **limit) for step in straight.arm]
-    slow = replace(straight, arm=arm, obstacles=[near])
+    slow = replace(with_arm(straight, allowed_approach=0.1, **LIMIT), obstacles=[near])
     assert avoided(slow, SCENE) == "keeping the gripper off temi 1 (0.4 m)"
     assert limited_by(slow, SCENE) == "temi 1"
     assert "temi 1 is 0.40 m away: the gripper may approach" in now_card(slow, SCENE)
@@ -398,8 +394,7 @@ def test_what_slows_the_gripper_is_named_when_it_is_as_far_as_the_lidar_says(str
 
 def test_furniture_that_was_moved_is_not_in_the_map_until_the_robot_is_told(straight):
     name = next(name for name, piece in pieces(SCENE).items() if piece.mapped)
-    moved = replace(straight, furniture=[bus.BodyMessage(
-        name=name, kind="piece", position=[1.4, 0.0, 0.0], yaw=0.0, state="", size=[1.0, 1.0, 1.0])])  # fmt: skip
+    moved = replace(straight, furniture=[replace(body(name, 1.4, 0.0, "piece"), size=[1.0, 1.0, 1.0])])
     assert not [thing for thing in unmapped(straight, SCENE) if name in thing.label]
     assert f"past {name}, which is not where the map has it," in avoided(moved, SCENE)
     told = replace(moved, announced={name: [1.4, 0.0, 0.0]})  # by whomever

@@ -7,7 +7,6 @@ of them, as a JSON list: a number that rises, a name of `Overlay`'s table, and a
 """
 
 import json
-import threading
 import warnings
 from collections.abc import Callable
 from functools import partial
@@ -133,7 +132,6 @@ class Panels:
 
     def __init__(self, server: viser.ViserServer, hub: Hub, scene: SceneView) -> None:
         self._hub, self._scene_view = hub, scene
-        self._lock = threading.Lock()
         self._panels: dict[int, Panel] = {}
         self._scene: tuple[str, str, int] | None = None
         server.on_client_connect(self._enter)
@@ -147,9 +145,7 @@ class Panels:
         if scene != self._scene and None not in (scene, self._scene):
             self._hub.what_if.stop()  # a comparison is about one scene
         self._scene = scene or self._scene
-        with self._lock:
-            panels = list(self._panels.values())
-        for panel in panels:
+        for panel in list(self._panels.values()):
             try:
                 if not panel.visitor.gone:
                     panel.update(shown)
@@ -160,16 +156,12 @@ class Panels:
     async def _enter(self, client: viser.ClientHandle) -> None:
         visitor = self._hub.enter(client)
         try:
-            panel = Panel(self._hub, visitor, self._scene_view)
+            self._panels[client.client_id] = Panel(self._hub, visitor, self._scene_view)
         except Exception as error:
             self._hub.tell_error(visitor, error, "There is no panel")
-            return
-        with self._lock:
-            self._panels[client.client_id] = panel
 
     async def _leave(self, client: viser.ClientHandle) -> None:
-        with self._lock:
-            self._panels.pop(client.client_id, None)
+        self._panels.pop(client.client_id, None)
         visitor = self._hub.leave(client)
         if visitor is not None:
             self._scene_view.leave(visitor)

@@ -20,7 +20,6 @@ from motm_twin.model.geometry import Array
 from motm_twin.model.kinematics import Frankie
 from motm_twin.model.scene import Scene
 from motm_twin.ui import colours
-from motm_twin.ui.colours import ground_table
 from motm_twin.ui.hub import LIDAR, STAA, Hub, Shown, Visitor
 from motm_twin.ui.scene.body_view import BodyView, TrackView
 from motm_twin.ui.scene.cameras import Cameras
@@ -373,7 +372,7 @@ class MapView:
     """The occupancy grid as a soft ground: clear where it is free, green to red towards obstacles."""
 
     def __init__(self, server: viser.ViserServer) -> None:
-        self._scene, self._table = server.scene, ground_table()
+        self._scene, self._table = server.scene, colours.ground_table()
         self._shown: Grid | None = None
         self._handle: viser.ImageHandle | None = None
         self._key: tuple = ()
