@@ -52,13 +52,8 @@ _PLAIN: Colour = (0.66, 0.66, 0.66, 1.0)
 _BIN: Colour = (0.22, 0.42, 0.68, 0.8)
 _WHITE: Colour = (0.93, 0.93, 0.93, 1.0)
 _DARK: Colour = (0.16, 0.17, 0.19, 1.0)
-_MESHES = {
-    "base_link": "base",
-    **{f"panda_link{number}": f"link{number}" for number in range(8)},
-    "panda_hand": "hand",
-    "panda_leftfinger": "leftfinger",
-    "panda_rightfinger": "rightfinger",
-}
+_OF_ARM = (*(f"link{number}" for number in range(8)), "hand", "leftfinger", "rightfinger")
+_MESHES = {"base_link": "base", **{f"panda_{name}": name for name in _OF_ARM}}
 _ALL = 1
 
 
@@ -102,15 +97,12 @@ def cylinder(centre: Sequence[float], size: Sequence[float], tint: Colour, yaw: 
 def entity(at: Json, frame: str, name: str, **primitives: list[Json]) -> Json:
     """Something that is drawn until it is replaced, and moves with its frame."""
     kinds = ("arrows", "cubes", "spheres", "cylinders", "lines", "triangles", "texts", "models")
-    return {
-        "timestamp": at,
-        "frame_id": frame,
-        "id": name,
-        "lifetime": _FOR_EVER,
-        "frame_locked": True,
-        "metadata": [],
-        **{kind: primitives.get(kind, []) for kind in kinds},
-    }
+    about = {"timestamp": at, "frame_id": frame, "id": name, "lifetime": _FOR_EVER, "frame_locked": True}
+    return {**about, "metadata": [], **{kind: primitives.get(kind, []) for kind in kinds}}
+
+
+def _in_world(server_time: float, **fields: object) -> Json:
+    return {"timestamp": stamp(server_time), "frame_id": WORLD, **fields}
 
 
 def transforms(robot: bus.RobotStateMessage) -> Json:
@@ -132,55 +124,41 @@ def scan(message: bus.ScanMessage) -> Json:
     ox, oy = message.origin
     c, s = math.cos(heading), math.sin(heading)
     beyond = message.range_max * 10.0
-    return {
-        "timestamp": stamp(message.server_time),
-        "frame_id": WORLD,
-        "pose": pose(x + c * ox - s * oy, y + s * ox + c * oy, 0.2, heading),
-        "start_angle": message.angle_min,
-        "end_angle": message.angle_min + message.angle_step * max(0, len(message.ranges) - 1),
-        "ranges": [beyond if value is None else round(value, 3) for value in message.ranges],
-        "intensities": [],
-    }
+    return _in_world(
+        message.server_time,
+        pose=pose(x + c * ox - s * oy, y + s * ox + c * oy, 0.2, heading),
+        start_angle=message.angle_min,
+        end_angle=message.angle_min + message.angle_step * max(0, len(message.ranges) - 1),
+        ranges=[beyond if value is None else round(value, 3) for value in message.ranges],
+        intensities=[],
+    )
 
 
 def grid(info: bus.GridInfo, cells: bytes, server_time: float) -> Json:
     """The map as bytes: 255 occupied, else 254 times the proximity of something."""
-    return {
-        "timestamp": stamp(server_time),
-        "frame_id": WORLD,
-        "pose": pose(info.origin[0], info.origin[1], 0.0),
-        "column_count": info.width,
-        "cell_size": {"x": info.resolution, "y": info.resolution},
-        "row_stride": info.width,
-        "cell_stride": 1,
-        "fields": [{"name": "proximity", "offset": 0, "type": _UINT8}],
-        "data": base64.b64encode(cells).decode(),
-    }
+    place, cell = pose(info.origin[0], info.origin[1], 0.0), {"x": info.resolution, "y": info.resolution}
+    shape = {"column_count": info.width, "cell_size": cell, "row_stride": info.width, "cell_stride": 1}
+    fields = [{"name": "proximity", "offset": 0, "type": _UINT8}]
+    return _in_world(server_time, pose=place, **shape, fields=fields, data=base64.b64encode(cells).decode())
 
 
 def path(points: Iterable[Sequence[float]], server_time: float, height: float = PATH_HEIGHT) -> Json:
     """A path of points x, y (and heading), each pose turned along it."""
     listed = [list(values) for values in points]
-    return {
-        "timestamp": stamp(server_time),
-        "frame_id": WORLD,
-        "poses": [pose(values[0], values[1], height, _heading(listed, at)) for at, values in enumerate(listed)],
-    }
+    poses = [pose(values[0], values[1], height, _heading(listed, at)) for at, values in enumerate(listed)]
+    return _in_world(server_time, poses=poses)
 
 
 def bodies(tick: bus.TickMessage) -> Json:
     """Objects, agents and added obstacles as they truly are; whatever was there before is replaced."""
-    listed = []
-    at = stamp(tick.server_time)
-    for group in (tick.objects, tick.agents, tick.obstacles):
-        for body in group:
-            centred = body.kind == "cube"
-            x, y, z = body.position
-            middle = (x, y, z if centred else z + 0.5 * body.size[2])
-            tint = _BODY_COLOURS.get(body.kind, _OTHER_BODY)
-            shapes, shape = ("cylinders", cylinder) if body.kind in _KINDS_ROUND else ("cubes", cube)
-            listed.append(entity(at, WORLD, body.name, **{shapes: [shape(middle, body.size, tint, body.yaw)]}))
-    return {"deletions": [{"timestamp": at, "type": 1, "id": ""}], "entities": listed}
+    listed, at = [], stamp(tick.server_time)
+    for body in (*tick.objects, *tick.agents, *tick.obstacles):
+        x, y, z = body.position
+        middle = (x, y, z if body.kind == "cube" else z + 0.5 * body.size[2])
+        tint = _BODY_COLOURS.get(body.kind, _OTHER_BODY)
+        shapes, shape = ("cylinders", cylinder) if body.kind in _KINDS_ROUND else ("cubes", cube)
+        listed.append(entity(at, WORLD, body.name, **{shapes: [shape(middle, body.size, tint, body.yaw)]}))
+    return {"deletions": [{"timestamp": at, "type": _ALL, "id": ""}], "entities": listed}
 
 
 def candidates(placement: bus.PlacementMessage, server_time: float) -> Json:
@@ -192,32 +170,21 @@ def candidates(placement: bus.PlacementMessage, server_time: float) -> Json:
         chosen = index == placement.chosen
         tint = _CHOSEN if chosen else _REJECTED if cost is None else _scale((cost - least) / max(most - least, 1e-9))
         size = CANDIDATE_SIZE * (2.0 if chosen else 1.0 if cost is not None else 0.6)
-        spheres.append(
-            {"pose": pose(values[0], values[1], PATH_HEIGHT), "size": point(size, size, size), "color": colour(tint)}
-        )
+        place = pose(values[0], values[1], PATH_HEIGHT)
+        spheres.append({"pose": place, "size": point(size, size, size), "color": colour(tint)})
     return {"deletions": [], "entities": [entity(stamp(server_time), WORLD, "candidates", spheres=spheres)]}
 
 
 def log(event: bus.NumberedEvent) -> Json:
     """An event as a line of a log."""
-    return {
-        "timestamp": stamp(event.server_time),
-        "level": _WARNING if event.kind in _BAD_EVENTS else _INFO,
-        "message": event.text or event.kind,
-        "name": event.kind,
-        "file": "",
-        "line": 0,
-    }
+    level = _WARNING if event.kind in _BAD_EVENTS else _INFO
+    said = {"message": event.text or event.kind, "name": event.kind, "file": "", "line": 0}
+    return {"timestamp": stamp(event.server_time), "level": level, **said}
 
 
 def _transform(at: Json, child: str, position: Sequence[float], turn: Sequence[float]) -> Json:
-    return {
-        "timestamp": at,
-        "parent_frame_id": WORLD,
-        "child_frame_id": child,
-        "translation": point(*position),
-        "rotation": {"w": turn[0], "x": turn[1], "y": turn[2], "z": turn[3]},
-    }
+    moved = {"translation": point(*position), "rotation": dict(zip("wxyz", turn, strict=True))}
+    return {"timestamp": at, "parent_frame_id": WORLD, "child_frame_id": child, **moved}
 
 
 def _heading(points: list[list[float]], at: int) -> float:

@@ -132,11 +132,7 @@ class McapFile:
         number = self._sequences[channel.topic] = self._sequences.get(channel.topic, -1) + 1
         logged = max(0, round(log_time * 1e9))
         published = logged if publish_time is None else max(0, round(publish_time * 1e9))
-        self._do(
-            lambda: self._writer.add_message(
-                channel_id=self._channel(channel), log_time=logged, data=data, publish_time=published, sequence=number
-            )
-        )
+        self._do(lambda: self._writer.add_message(self._channel(channel), logged, data, published, number))
 
     def save(self) -> None:
         """Close the chunk and hand it to the system: from now on no end of this program loses it."""
@@ -365,14 +361,8 @@ def _inside(data: bytes, health: Health) -> Iterator[Entry]:
             if channel is None:
                 raise ValueError(f"channel {message.channel_id} is unknown")
             schema = health.schemas.get(channel.schema_id)
-            yield Entry(
-                topic=channel.topic,
-                schema="" if schema is None else schema.name,
-                log_time=message.log_time,
-                publish_time=message.publish_time,
-                sequence=message.sequence,
-                data=message.data,
-            )
+            name = "" if schema is None else schema.name
+            yield Entry(channel.topic, name, message.log_time, message.publish_time, message.sequence, message.data)
 
 
 @dataclass(frozen=True)
@@ -403,14 +393,8 @@ def recover(path: str | Path, out: str | Path | None = None) -> Recovered:
         if isinstance(error, OSError):
             raise SessionError(f"cannot be written: {error.strerror or error}", file=str(target)) from error
         raise
-    return Recovered(
-        file=str(target),
-        messages=messages,
-        seconds=(last - first) / 1e9,
-        lost_bytes=0 if health.complete else health.size - health.whole,
-        broken_chunks=health.broken_chunks,
-        was_complete=health.complete,
-    )
+    lost = 0 if health.complete else health.size - health.whole
+    return Recovered(str(target), messages, (last - first) / 1e9, lost, health.broken_chunks, health.complete)
 
 
 def _copy(path: Path, file: BinaryIO, health: Health) -> tuple[int, int, int]:

@@ -50,15 +50,12 @@ class PlayerServer(Server):
         self._values = LatestValues(self._session, keys, idle)
         played = (ch.TICK, ch.GRID, ch.SCENE, ch.ROBOT, ch.SCAN, ch.EVENT, ch.METRICS)
         key_of = {channel.topic: getattr(keys, channel.topic.removeprefix("/motm/")) for channel in played}
-        self.player = Player(
-            frames,
-            name=Path(path).name,
-            twin=twin,
-            put=lambda topic, payload, attachment: self._put(key_of[topic], payload, attachment),
-            now=clock,
-            changed=self._send_status,
-            playback=playback,
-        )
+
+        def put(topic: str, payload: bytes, attachment: bytes | None) -> None:
+            self._put(key_of[topic], payload, attachment)
+
+        name, changed = Path(path).name, self._send_status
+        self.player = Player(frames, name=name, twin=twin, put=put, now=clock, changed=changed, playback=playback)
         self._log = EventLog(clock, lambda event: self._values.put(keys.event, self._encode(event)))
         self._values.answer(keys.event, self._log.answer)
         self._values.answer(keys.status, lambda _: self._encode(self.player.status()))
@@ -108,13 +105,10 @@ def main() -> None:
     """Play until a signal or the end of the parent."""
     options = _options()
     report, stop = Reporter(options.report), stop_event(options.report is not None)
+    playback = Playback(speed=options.speed, loop=options.loop, playing=not options.paused)
     try:
         server = PlayerServer(
-            options.file,
-            twin=options.twin,
-            port=options.port,
-            playback=Playback(speed=options.speed, loop=options.loop, playing=not options.paused),
-            open_bus=options.open_bus,
+            options.file, twin=options.twin, port=options.port, playback=playback, open_bus=options.open_bus
         )
     except (SessionError, PortTaken, ValueError) as error:
         report("refused", text=str(error))

@@ -257,10 +257,8 @@ def rerun_run(recording: Recording, run: Run, method: Method | None = None) -> R
     check_session(session)
     end, why = _known_end(session, robot)
     _require_comparable(run, end)
-    twin, log = (
-        begin(session, robot, method if method and method.name == session.method else None),
-        Log(session.edits, session.cuts),
-    )
+    own = method if method and method.name == session.method else None
+    twin, log = begin(session, robot, own), Log(session.edits, session.cuts)
     recorded = ticks_of(recording.path, run.key)
     waiting = next(recorded, None)
     compared, hashes, period, fields = 0, 0, -1, []

@@ -132,12 +132,8 @@ def held_cube(tick: TickMessage) -> str:
 def pushed(tick: TickMessage, way: str) -> PushRobot:
     """The robot shoved one of `PUSHES`, as seen from itself."""
     forward, left, turn = PUSHES[way]
-    heading = tick.robot.true_pose[2]
-    return PushRobot(
-        dx=forward * math.cos(heading) - left * math.sin(heading),
-        dy=forward * math.sin(heading) + left * math.cos(heading),
-        turn=turn,
-    )
+    c, s = math.cos(tick.robot.true_pose[2]), math.sin(tick.robot.true_pose[2])
+    return PushRobot(dx=forward * c - left * s, dy=forward * s + left * c, turn=turn)
 
 
 def cleared(scene: Scene, tick: TickMessage) -> list[Command]:

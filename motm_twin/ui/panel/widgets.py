@@ -138,10 +138,8 @@ def ends(left: str, right: str) -> str:
 
 def sentence(value: str, colour: str) -> str:
     """A sentence from outside beside a coloured line."""
-    return (
-        f'<div style="margin-top:5px;border-left:3px solid {colour};padding:2px 8px;background:{wash(colour)}">'
-        f"{text(value)}</div>"
-    )
+    look = f"margin-top:5px;border-left:3px solid {colour};padding:2px 8px;background:{wash(colour)}"
+    return f'<div style="{look}">{text(value)}</div>'
 
 
 def wash(colour: str) -> str:
