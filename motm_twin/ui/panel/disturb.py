@@ -226,7 +226,6 @@ def is_free(grid: Grid | None, place: Sequence[float]) -> bool:
     return not bool(np.any(cells == 255))
 
 
-NEW = {"Temi": "temi", "Person": "person", "Box": "box", "Cylinder": "cylinder"}
 NOTHING = "(nothing)"
 LEFT, RIGHT, DELETE = "Turn it left", "Turn it right", "Delete"
 FREEZE, GO_ON, SEND, STAY = "Freeze", "Go on", "Send to…", "Do not send"
@@ -259,7 +258,7 @@ class DisturbTab(Block):
         self._names: tuple[str, ...] = ()
         self._just: Thing | None = None  # added, and not in a tick yet
         gui.add_html(card(heading("Add in front of the robot")))
-        self.row(tuple(NEW), lambda name: self.add(NEW[name]), hint="keys T, P, B, C")
+        self.row([kind.title() for kind in SIZES], lambda name: self.add(name.lower()), hint="keys T, P, B, C")
         gui.add_html(card(heading("With the selected thing")))
         self._choice = self.choice("Selected", (NOTHING,), self._select, hint="or click it in the scene")
         self._about = gui.add_html(about(None, ""))
