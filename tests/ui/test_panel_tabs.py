@@ -305,11 +305,7 @@ def test_the_timeline_knows_what_is_kept_and_the_legend_what_is_drawn(person, se
 
 def test_the_timeline_plays_steps_and_looks_back(person):
     person.client.status = lambda: person.status
-    for words, command in (
-        (["toggle"], to.Pause()),
-        (["speed", "1/4"], to.Speed(factor=0.25)),
-        (["step", 1], to.Step()),
-    ):
+    for command, *words in ((to.Pause(), "toggle"), (to.Speed(factor=0.25), "speed", "1/4"), (to.Step(), "step", 1)):
         person.asks(*words)
         assert person.last == command
     person.asks("step", -1)
