@@ -25,19 +25,13 @@ from motm_twin.ui.scene.body_view import met
 from motm_twin.ui.scene.picking import body_outline, furniture_poses
 
 PLANS = {
-    "goal": "reaches the goal",
-    "aborted": "part of the way",
-    "braking": "braking",
-    "escaping": "moving clear",
+    "goal": "reaches the goal", "aborted": "part of the way", "braking": "braking", "escaping": "moving clear",
     "idle": "standing",
-}
+}  # fmt: skip
 MODES = {
-    "reach": "closest in reach",
-    "closest": "closest free place",
-    "whole body": "base and arm together",
-    "drive": "drive target",
-    "none": "no target",
-}
+    "reach": "closest in reach", "closest": "closest free place", "whole body": "base and arm together",
+    "drive": "drive target", "none": "no target",
+}  # fmt: skip
 LIDAR = "what the lidar sees"
 STANDS = (0.03, 0.05)  # [m/s], [rad/s] below which the base stands
 _ORDINAL = {2: "second", 3: "third", 4: "fourth", 5: "fifth"}
