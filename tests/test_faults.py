@@ -191,7 +191,7 @@ def test_many_bad_beams_are_the_reason_that_is_told():
 def test_the_documents_and_the_page_list_every_fault():
     from pathlib import Path
 
-    from motm_twin.ui.panel.disturb_tab import FAULTS
+    from motm_twin.ui.panel.disturb import FAULTS
 
     text = (Path(__file__).parents[1] / "docs" / "zenoh.md").read_text(encoding="utf-8")
     assert table() in text

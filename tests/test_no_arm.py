@@ -17,8 +17,7 @@ from motm_twin.sessions.session import load_session, save_session
 from motm_twin.sim.referee_geometry import RobotShapes
 from motm_twin.trial import run_scene
 from motm_twin.twin import Twin
-from motm_twin.ui.scene.ghosts import GhostView
-from motm_twin.ui.scene.robot_view import RobotView
+from motm_twin.ui.scene.robot_view import GhostView, RobotView
 
 TEXT = """
 format: motm-scene/1

@@ -30,11 +30,9 @@ from mcap.writer import CompressionType, IndexType, Writer
 from motm_twin.bus.encode import ObservationEncoder, tick_message
 from motm_twin.cli.rerun import rerun_file
 from motm_twin.record import channels as ch
-from motm_twin.record.frames import Frames
-from motm_twin.record.info import info, show
-from motm_twin.record.mcap_file import McapFile
-from motm_twin.record.reader import read, recover
-from motm_twin.record.recording import load_recording
+from motm_twin.record.mcap_file import McapFile, read, recover
+from motm_twin.record.player import Frames
+from motm_twin.record.recording import info, load_recording, show
 from motm_twin.record.replay import player
 from motm_twin.sessions.session import SessionError, encode_session, load_session
 from motm_twin.twin import Twin

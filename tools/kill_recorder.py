@@ -21,7 +21,7 @@ from motm_twin.bus.client import TwinClient
 from motm_twin.bus.commands import Play
 from motm_twin.bus.connection import free_port
 from motm_twin.record.channels import TICK
-from motm_twin.record.reader import Health, read, recover
+from motm_twin.record.mcap_file import Health, read, recover
 
 MOST_LOST = 1.0  # [s]
 READY = 240.0  # [s] for the twin and its first compilation

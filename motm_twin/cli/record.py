@@ -170,13 +170,14 @@ def info(file: _File, /, json: _Json = None) -> int:
         json: Write the report to a file, or to standard output with '-'.
     """
     from motm_twin.cli.outputs import write_json
-    from motm_twin.record import info as recorded
+    from motm_twin.record.recording import info as contents_of
+    from motm_twin.record.recording import show
 
-    found = recorded.info(file)
+    found = contents_of(file)
     if json is not None:
         write_json(msgspec.to_builtins(found), json)
     if json != "-":
-        recorded.show(found)
+        show(found)
     return OK if found.complete else FAILED
 
 
@@ -189,7 +190,7 @@ def recover(file: _File, /, out: Annotated[str | None, tyro.conf.arg(aliases=("-
         file: A recording (.mcap).
         out: New file; FILE.recovered.mcap without it.
     """
-    from motm_twin.record.reader import recover as recover_file
+    from motm_twin.record.mcap_file import recover as recover_file
 
     found = recover_file(file, out)
     left_out = [f"{found.lost_bytes} bytes of an unfinished end"] if found.lost_bytes else []

@@ -17,8 +17,7 @@ from motm_twin.model.names import scene_name
 from motm_twin.model.period import PERIOD, PERIODS_PER_SECOND
 from motm_twin.program import FAILED, OK, plain_console, table_console
 from motm_twin.record.recording import load_recording
-from motm_twin.record.replay import Rerun, rerun, updated
-from motm_twin.record.rerun_file import RunReport, rerun_run
+from motm_twin.record.replay import Rerun, RunReport, rerun, rerun_run, updated
 from motm_twin.record.what_if import (
     AS_IT_WAS,
     CHANGED,

@@ -23,8 +23,8 @@ from motm_twin.perf.processes import Served, act, cpu_seconds, now, open_place, 
 from motm_twin.perf.report import Limit, Report, Steps, conclude, measure, percentiles
 from motm_twin.ui.export import export_html
 from motm_twin.ui.history import History
-from motm_twin.ui.legend import OFF_AT_FIRST
-from motm_twin.ui.panel.overlay import ASK
+from motm_twin.ui.hub import OFF_AT_FIRST
+from motm_twin.ui.panel.panel import ASK
 from motm_twin.ui.viewer import HistoryWriter
 
 READERS = 5

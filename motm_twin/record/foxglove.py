@@ -1,6 +1,4 @@
-"""Conversion of our messages and scenes to messages that Foxglove and Lichtblick draw, and their JSON Schemas.
-
-Both choose how to draw a topic by the well-known name of its schema, and read only the fields that are spelled out.
+"""Conversion of our messages and scenes to messages that Foxglove and Lichtblick draw, at 10 Hz.
 
 Frames: ``world``, and the links of the robot. Lengths [m], angles [rad]; times are those of the server, as on the bus.
 """
@@ -9,19 +7,24 @@ import base64
 import json
 import math
 import struct
-from collections.abc import Iterable, Sequence
-from typing import Any
+from collections.abc import Callable, Iterable, Sequence
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from motm_twin.bus.messages import GridInfo, PlacementMessage, RobotStateMessage, ScanMessage, TickMessage
+from motm_twin.bus import messages as bus
 from motm_twin.model.data_dirs import web_assets_dir
 from motm_twin.model.scene import Bin, Box, Cylinder, Prism, Scene, Solid
+from motm_twin.record import channels as ch
+from motm_twin.record.channels import Json
 
-Json = dict[str, Any]
 Colour = tuple[float, float, float, float]  # red, green, blue, opacity, 0 to 1
-_DIGITS = 4  # 0.1 mm
+_DIGITS, _PLOT_DIGITS = 4, 5  # 0.1 mm, and of curves
+INTERVAL = 0.1  # [s] between two messages of a drawn topic
+SLOW = 0.25  # [s] for candidates
+_TOLERANCE = 0.01  # [s] tolerance for a message that comes early
+Add = Callable[[ch.Channel, float, bytes], None]
 _FOR_EVER: Json = {"sec": 0, "nsec": 0}
 WORLD = "world"
 PATH_HEIGHT = 0.03  # [m] paths float above the floor and the grid
@@ -49,13 +52,8 @@ _PLAIN: Colour = (0.66, 0.66, 0.66, 1.0)
 _BIN: Colour = (0.22, 0.42, 0.68, 0.8)
 _WHITE: Colour = (0.93, 0.93, 0.93, 1.0)
 _DARK: Colour = (0.16, 0.17, 0.19, 1.0)
-_MESHES = {
-    "base_link": "base",
-    **{f"panda_link{number}": f"link{number}" for number in range(8)},
-    "panda_hand": "hand",
-    "panda_leftfinger": "leftfinger",
-    "panda_rightfinger": "rightfinger",
-}
+_OF_ARM = (*(f"link{number}" for number in range(8)), "hand", "leftfinger", "rightfinger")
+_MESHES = {"base_link": "base", **{f"panda_{name}": name for name in _OF_ARM}}
 _ALL = 1
 
 
@@ -99,89 +97,71 @@ def cylinder(centre: Sequence[float], size: Sequence[float], tint: Colour, yaw: 
 def entity(at: Json, frame: str, name: str, **primitives: list[Json]) -> Json:
     """Something that is drawn until it is replaced, and moves with its frame."""
     kinds = ("arrows", "cubes", "spheres", "cylinders", "lines", "triangles", "texts", "models")
-    return {
-        "timestamp": at,
-        "frame_id": frame,
-        "id": name,
-        "lifetime": _FOR_EVER,
-        "frame_locked": True,
-        "metadata": [],
-        **{kind: primitives.get(kind, []) for kind in kinds},
-    }
+    about = {"timestamp": at, "frame_id": frame, "id": name, "lifetime": _FOR_EVER, "frame_locked": True}
+    return {**about, "metadata": [], **{kind: primitives.get(kind, []) for kind in kinds}}
 
 
-def transforms(robot: RobotStateMessage) -> Json:
+def _in_world(server_time: float, **fields: object) -> Json:
+    return {"timestamp": stamp(server_time), "frame_id": WORLD, **fields}
+
+
+def transforms(robot: bus.RobotStateMessage) -> Json:
     """Every frame of the robot in the world."""
     at = stamp(robot.server_time)
     return {"transforms": [_transform(at, name, values[:3], values[3:]) for name, values in robot.frames.items()]}
 
 
-def base_transform(tick: TickMessage) -> Json:
+def base_transform(tick: bus.TickMessage) -> Json:
     """The base alone, from a tick: for servers that send no robot state."""
     x, y, heading = tick.robot.pose
     turn = [math.cos(heading / 2.0), 0.0, 0.0, math.sin(heading / 2.0)]
     return {"transforms": [_transform(stamp(tick.server_time), "base_link", [x, y, 0.0], turn)]}
 
 
-def scan(message: ScanMessage) -> Json:
+def scan(message: bus.ScanMessage) -> Json:
     """One sweep in the frame of the world; no return is beyond the range."""
     x, y, heading = message.pose
     ox, oy = message.origin
     c, s = math.cos(heading), math.sin(heading)
     beyond = message.range_max * 10.0
-    last = message.angle_min + message.angle_step * max(0, len(message.ranges) - 1)
-    return {
-        "timestamp": stamp(message.server_time),
-        "frame_id": WORLD,
-        "pose": pose(x + c * ox - s * oy, y + s * ox + c * oy, 0.2, heading),
-        "start_angle": message.angle_min,
-        "end_angle": last,
-        "ranges": [beyond if value is None else round(value, 3) for value in message.ranges],
-        "intensities": [],
-    }
+    return _in_world(
+        message.server_time,
+        pose=pose(x + c * ox - s * oy, y + s * ox + c * oy, 0.2, heading),
+        start_angle=message.angle_min,
+        end_angle=message.angle_min + message.angle_step * max(0, len(message.ranges) - 1),
+        ranges=[beyond if value is None else round(value, 3) for value in message.ranges],
+        intensities=[],
+    )
 
 
-def grid(info: GridInfo, cells: bytes, server_time: float) -> Json:
+def grid(info: bus.GridInfo, cells: bytes, server_time: float) -> Json:
     """The map as bytes: 255 occupied, else 254 times the proximity of something."""
-    return {
-        "timestamp": stamp(server_time),
-        "frame_id": WORLD,
-        "pose": pose(info.origin[0], info.origin[1], 0.0),
-        "column_count": info.width,
-        "cell_size": {"x": info.resolution, "y": info.resolution},
-        "row_stride": info.width,
-        "cell_stride": 1,
-        "fields": [{"name": "proximity", "offset": 0, "type": _UINT8}],
-        "data": base64.b64encode(cells).decode(),
-    }
+    place, cell = pose(info.origin[0], info.origin[1], 0.0), {"x": info.resolution, "y": info.resolution}
+    shape = {"column_count": info.width, "cell_size": cell, "row_stride": info.width, "cell_stride": 1}
+    fields = [{"name": "proximity", "offset": 0, "type": _UINT8}]
+    return _in_world(server_time, pose=place, **shape, fields=fields, data=base64.b64encode(cells).decode())
 
 
 def path(points: Iterable[Sequence[float]], server_time: float, height: float = PATH_HEIGHT) -> Json:
     """A path of points x, y (and heading), each pose turned along it."""
     listed = [list(values) for values in points]
-    return {
-        "timestamp": stamp(server_time),
-        "frame_id": WORLD,
-        "poses": [pose(values[0], values[1], height, _heading(listed, at)) for at, values in enumerate(listed)],
-    }
+    poses = [pose(values[0], values[1], height, _heading(listed, at)) for at, values in enumerate(listed)]
+    return _in_world(server_time, poses=poses)
 
 
-def bodies(tick: TickMessage) -> Json:
+def bodies(tick: bus.TickMessage) -> Json:
     """Objects, agents and added obstacles as they truly are; whatever was there before is replaced."""
-    listed = []
-    at = stamp(tick.server_time)
-    for group in (tick.objects, tick.agents, tick.obstacles):
-        for body in group:
-            centred = body.kind == "cube"
-            x, y, z = body.position
-            middle = (x, y, z if centred else z + 0.5 * body.size[2])
-            tint = _BODY_COLOURS.get(body.kind, _OTHER_BODY)
-            shapes, shape = ("cylinders", cylinder) if body.kind in _KINDS_ROUND else ("cubes", cube)
-            listed.append(entity(at, WORLD, body.name, **{shapes: [shape(middle, body.size, tint, body.yaw)]}))
-    return {"deletions": [{"timestamp": at, "type": 1, "id": ""}], "entities": listed}
+    listed, at = [], stamp(tick.server_time)
+    for body in (*tick.objects, *tick.agents, *tick.obstacles):
+        x, y, z = body.position
+        middle = (x, y, z if body.kind == "cube" else z + 0.5 * body.size[2])
+        tint = _BODY_COLOURS.get(body.kind, _OTHER_BODY)
+        shapes, shape = ("cylinders", cylinder) if body.kind in _KINDS_ROUND else ("cubes", cube)
+        listed.append(entity(at, WORLD, body.name, **{shapes: [shape(middle, body.size, tint, body.yaw)]}))
+    return {"deletions": [{"timestamp": at, "type": _ALL, "id": ""}], "entities": listed}
 
 
-def candidates(placement: PlacementMessage, server_time: float) -> Json:
+def candidates(placement: bus.PlacementMessage, server_time: float) -> Json:
     """Base poses: cheap ones yellow, expensive ones violet, rejected ones grey, the chosen one large."""
     known = [cost for cost in placement.cost if cost is not None]
     least, most = min(known, default=0.0), max(known, default=1.0)
@@ -190,32 +170,21 @@ def candidates(placement: PlacementMessage, server_time: float) -> Json:
         chosen = index == placement.chosen
         tint = _CHOSEN if chosen else _REJECTED if cost is None else _scale((cost - least) / max(most - least, 1e-9))
         size = CANDIDATE_SIZE * (2.0 if chosen else 1.0 if cost is not None else 0.6)
-        spheres.append(
-            {"pose": pose(values[0], values[1], PATH_HEIGHT), "size": point(size, size, size), "color": colour(tint)}
-        )
+        place = pose(values[0], values[1], PATH_HEIGHT)
+        spheres.append({"pose": place, "size": point(size, size, size), "color": colour(tint)})
     return {"deletions": [], "entities": [entity(stamp(server_time), WORLD, "candidates", spheres=spheres)]}
 
 
-def log(server_time: float, kind: str, text: str) -> Json:
+def log(event: bus.NumberedEvent) -> Json:
     """An event as a line of a log."""
-    return {
-        "timestamp": stamp(server_time),
-        "level": _WARNING if kind in _BAD_EVENTS else _INFO,
-        "message": text or kind,
-        "name": kind,
-        "file": "",
-        "line": 0,
-    }
+    level = _WARNING if event.kind in _BAD_EVENTS else _INFO
+    said = {"message": event.text or event.kind, "name": event.kind, "file": "", "line": 0}
+    return {"timestamp": stamp(event.server_time), "level": level, **said}
 
 
 def _transform(at: Json, child: str, position: Sequence[float], turn: Sequence[float]) -> Json:
-    return {
-        "timestamp": at,
-        "parent_frame_id": WORLD,
-        "child_frame_id": child,
-        "translation": point(*position),
-        "rotation": {"w": turn[0], "x": turn[1], "y": turn[2], "z": turn[3]},
-    }
+    moved = {"translation": point(*position), "rotation": dict(zip("wxyz", turn, strict=True))}
+    return {"timestamp": at, "parent_frame_id": WORLD, "child_frame_id": child, **moved}
 
 
 def _heading(points: list[list[float]], at: int) -> float:
@@ -244,22 +213,18 @@ def furniture(scene: Scene, server_time: float) -> Json:
 
 def robot_model(server_time: float) -> Json:
     """The light meshes of the links, as triangles, each in the frame of its link."""
-    at = stamp(server_time)
-    return {"deletions": [], "entities": [_link(at, link, name) for link, name in _MESHES.items()]}
+    entities = []  # no embedded models: viewers do not agree on which axis of a glTF file points up
+    for link, name in _MESHES.items():
+        points, indices = _ghost(name)
+        tint = _DARK if link == "base_link" or "finger" in link else _WHITE
+        shape = _triangles(points.tolist(), indices.tolist(), tint)
+        entities.append(entity(stamp(server_time), link, link, triangles=[shape]))
+    return {"deletions": [], "entities": entities}
 
 
-def _link(at: Json, link: str, name: str) -> Json:
-    points, indices = _ghost(name)
-    tint = _DARK if link == "base_link" or "finger" in link else _WHITE
-    # Triangles, not an embedded model: viewers do not agree on which axis of a glTF file points up.
-    shape = {
-        "pose": pose(0.0, 0.0),
-        "points": [point(*values) for values in points.tolist()],
-        "color": colour(tint),
-        "colors": [],
-        "indices": indices.tolist(),
-    }
-    return entity(at, link, link, triangles=[shape])
+def _triangles(corners: Iterable[Sequence[float]], indices: list[int], tint: Colour) -> Json:
+    points = [point(*corner) for corner in corners]
+    return {"pose": pose(0.0, 0.0), "points": points, "color": colour(tint), "colors": [], "indices": indices}
 
 
 def _ghost(name: str) -> tuple[NDArray[np.float32], NDArray[np.uint32]]:
@@ -295,95 +260,114 @@ def _solid(at: Json, solid: Solid, number: int) -> Json:
 
 def _walls(prism: Prism, z_min: float, z_max: float, tint: Colour) -> Json:
     """The upright faces of a prism, without a top, which would need triangulation."""
-    count = len(prism.corners)
-    points = [point(x, y, z) for x, y in prism.corners for z in (z_min, z_max)]
-    indices: list[int] = []
+    count, indices = len(prism.corners), []
     for corner in range(count):
         a, b = 2 * corner, 2 * ((corner + 1) % count)
         indices += [a, b, b + 1, a, b + 1, a + 1]
-    return {"pose": pose(0.0, 0.0), "points": points, "color": colour(tint), "colors": [], "indices": indices}
+    return _triangles([(x, y, z) for x, y in prism.corners for z in (z_min, z_max)], indices, tint)
 
 
 def _bin(item: Bin) -> list[Json]:
     """Floor and four walls."""
-    height = item.rim_z - item.floor_z
-    x, y = item.centre
+    (x, y), height, half = item.centre, item.rim_z - item.floor_z, 0.5 * (item.side - item.wall)
     c, s = math.cos(item.yaw), math.sin(item.yaw)
-    half, middle = 0.5 * (item.side - item.wall), item.floor_z + 0.5 * height
-    floor = cube((x, y, item.floor_z), (item.side, item.side, item.wall), _BIN, item.yaw)
-    walls = [
-        cube(
-            (x + c * dx - s * dy, y + s * dx + c * dy, middle),
-            (item.wall, item.side, height) if dx else (item.side, item.wall, height),
-            _BIN,
-            item.yaw,
-        )
-        for dx, dy in ((half, 0.0), (-half, 0.0), (0.0, half), (0.0, -half))
-    ]
-    return [floor, *walls]
+    found = [cube((x, y, item.floor_z), (item.side, item.side, item.wall), _BIN, item.yaw)]
+    for dx, dy in ((half, 0.0), (-half, 0.0), (0.0, half), (0.0, -half)):
+        place = (x + c * dx - s * dy, y + s * dx + c * dy, item.floor_z + 0.5 * height)
+        size = (item.wall, item.side, height) if dx else (item.side, item.wall, height)
+        found.append(cube(place, size, _BIN, item.yaw))
+    return found
 
 
-_NUMBER: Json = {"type": "number"}
-_COUNT: Json = {"type": "integer", "minimum": 0}
-_STRING: Json = {"type": "string"}
-_NANOSECONDS: Json = {"type": "integer", "minimum": 0, "maximum": 999_999_999}
-_OTHER: Json = {"type": "object"}  # of a primitive that is never drawn here
-_TYPES: dict[str, Json] = {  # of a field, wherever it occurs
-    **dict.fromkeys(("x", "y", "z", "w", "r", "g", "b", "a", "bottom_scale", "top_scale"), _NUMBER),
-    **dict.fromkeys(("start_angle", "end_angle"), _NUMBER),
-    **dict.fromkeys(("column_count", "row_stride", "cell_stride", "offset", "line"), _COUNT),
-    **dict.fromkeys(("frame_id", "parent_frame_id", "child_frame_id", "id", "name", "message", "file"), _STRING),
-}
+class Drawer:
+    """Adds drawn messages to a recording, through ``add`` (channel, server time, JSON)."""
+
+    def __init__(self, add: Add) -> None:
+        self._add = add
+        self._next: dict[str, float] = {}
+        self._robot_shown, self._frames_known = False, False
+        self._placement: bus.PlacementMessage | None = None
+
+    def tick(self, tick: bus.TickMessage) -> None:
+        """Bodies, paths, candidates and curves of a period."""
+        now = tick.server_time
+        if not self._frames_known and self._due(ch.DRAWN_FRAMES, now):
+            self.put(ch.DRAWN_FRAMES, now, base_transform(tick))
+        if self._due(ch.DRAWN_CANDIDATES, now, SLOW) and tick.placement != self._placement:
+            self._placement = tick.placement
+            self.put(ch.DRAWN_CANDIDATES, now, candidates(tick.placement, now))
+        if self._due(ch.PLOTS, now):
+            self.put(ch.PLOTS, now, plots(tick))
+            self.put(ch.DRAWN_BODIES, now, bodies(tick))
+            self.put(ch.DRAWN_GLOBAL, now, path(tick.plan.global_path, now))
+            self.put(ch.DRAWN_NEXT, now, path(tick.plan.next_path, now))
+            self.put(ch.DRAWN_LOCAL, now, path([row[:3] for row in tick.plan.local_poses], now, LOCAL_HEIGHT))
+
+    def wants_tick(self, server_time: float) -> bool:
+        """True when `tick` would add anything now."""
+        return any(server_time >= self._next.get(channel.topic, 0.0) - _TOLERANCE for channel in _FROM_TICK)
+
+    def robot(self, robot: bus.RobotStateMessage) -> None:
+        """The frames of the robot, and once its shape."""
+        self._frames_known = True
+        if not self._robot_shown:
+            self._robot_shown = True
+            self.put(ch.DRAWN_ROBOT, robot.server_time, robot_model(robot.server_time))
+        if self._due(ch.DRAWN_FRAMES, robot.server_time, INTERVAL / 2):
+            self.put(ch.DRAWN_FRAMES, robot.server_time, transforms(robot))
+
+    def scan(self, sweep: bus.ScanMessage) -> None:
+        """A sweep."""
+        if self._due(ch.DRAWN_SCAN, sweep.server_time):
+            self.put(ch.DRAWN_SCAN, sweep.server_time, scan(sweep))
+
+    def event(self, event: bus.NumberedEvent) -> None:
+        """A line of the log."""
+        self.put(ch.DRAWN_LOG, event.server_time, log(event))
+
+    def _due(self, channel: ch.Channel, now: float, interval: float = INTERVAL) -> bool:
+        due = self._next.get(channel.topic, 0.0)
+        if due - 10.0 * interval < now < due - _TOLERANCE:  # farther back: the clock of another server
+            return False
+        self._next[channel.topic] = due + interval if due <= now < due + interval else now + interval
+        return True
+
+    def put(self, channel: ch.Channel, server_time: float, message: object) -> None:
+        """Add a message, whenever it is due."""
+        self._add(channel, server_time, msgspec.json.encode(message))
 
 
-def _object(title: str, names: str = "", **properties: Json) -> Json:
-    """A schema with these properties; ``names``: those of `_TYPES` that come first."""
-    return {"title": title, "type": "object", "properties": {name: _TYPES[name] for name in names.split()} | properties}
+_FROM_TICK = (ch.DRAWN_CANDIDATES, ch.PLOTS)
 
 
-def _array(items: Json) -> Json:
-    return {"type": "array", "items": items}
+def plots(tick: bus.TickMessage) -> ch.PlotsMessage:
+    """The numbers of one period."""
+    steps, score, placement = tick.arm, tick.score, tick.placement
+    slacks = [[value or 0.0 for value in step.slack] for step in steps if len(step.slack) == 6]
+    distances = [step.obstacle_distance for step in steps if step.obstacle_distance is not None]
+    costs, chosen = placement.cost, placement.chosen
+    return ch.PlotsMessage(
+        time=tick.time,
+        run=tick.run,
+        index=tick.index,
+        speed=round(tick.robot.twist[0], _PLOT_DIGITS),
+        yaw_rate=round(tick.robot.twist[1], _PLOT_DIGITS),
+        acceleration=round(tick.plan.acceleration[0], _PLOT_DIGITS),
+        joint_rate=round(max((abs(rate) for rate in tick.robot.dq), default=0.0), _PLOT_DIGITS),
+        gripper_width=round(tick.robot.gripper_width, _PLOT_DIGITS),
+        path_length=_known(None if score is None else score.path_length),
+        manipulability=_known(steps[-1].manipulability if steps else None),
+        position_slack=_known(max((math.hypot(*slack[:3]) for slack in slacks), default=None)),
+        turn_slack=_known(max((math.hypot(*slack[3:]) for slack in slacks), default=None)),
+        obstacle_distance=_known(min(distances, default=None)),
+        base_clearance=_known(None if score is None else score.min_base_clearance),
+        chosen_cost=_known(costs[chosen] if 0 <= chosen < len(costs) else None),
+        period_ms=_known(tick.stage_ms.get("period")),
+        plan_ms=_known(tick.stage_ms.get("plan")),
+        expansions=tick.plan.expansions,
+        stopped=bool(tick.stop_reason),
+    )
 
 
-def _choice(title: str, *names: str) -> Json:
-    """An enumeration: each name is the number of its place."""
-    return {"title": title, "oneOf": [{"title": name, "const": number} for number, name in enumerate(names)]}
-
-
-_TYPES["timestamp"] = _object("time", sec=_COUNT, nsec=_NANOSECONDS)
-_TYPES["lifetime"] = _object("duration", sec={"type": "integer"}, nsec=_NANOSECONDS)
-_TYPES["size"] = _TYPES["position"] = _TYPES["translation"] = _object("foxglove.Vector3", "x y z")
-_TYPES["orientation"] = _TYPES["rotation"] = _object("foxglove.Quaternion", "x y z w")
-_TYPES["pose"] = _object("foxglove.Pose", "position orientation")
-_TYPES["color"] = _object("foxglove.Color", "r g b a")
-_TYPES["points"] = _array(_object("foxglove.Point3", "x y z"))
-_TYPES["colors"], _TYPES["indices"] = _array(_TYPES["color"]), _array(_COUNT)
-_TYPES["frame_locked"] = {"type": "boolean"}
-_TYPES["metadata"] = _array(_object("foxglove.KeyValuePair", key=_STRING, value=_STRING))
-_TYPES["arrows"] = _TYPES["lines"] = _TYPES["texts"] = _TYPES["models"] = _array(_OTHER)
-_TYPES["cubes"] = _array(_object("foxglove.CubePrimitive", "pose size color"))
-_TYPES["spheres"] = _array(_object("foxglove.SpherePrimitive", "pose size color"))
-_TYPES["cylinders"] = _array(_object("foxglove.CylinderPrimitive", "pose size bottom_scale top_scale color"))
-_TYPES["triangles"] = _array(_object("foxglove.TriangleListPrimitive", "pose points color colors indices"))
-_TYPES["cell_size"] = _object("foxglove.Vector2", "x y")
-_TYPES["data"] = {"type": "string", "contentEncoding": "base64"}
-_TYPES["ranges"] = _TYPES["intensities"] = _array(_NUMBER)
-_TYPES["level"] = _choice("foxglove.LogLevel", "UNKNOWN", "DEBUG", "INFO", "WARNING", "ERROR", "FATAL")
-_DELETED = _choice("foxglove.SceneEntityDeletionType", "MATCHING_ID", "ALL")
-_DELETION = _object("foxglove.SceneEntityDeletion", "timestamp", type=_DELETED, id=_STRING)
-_ENTITY = _object(
-    "foxglove.SceneEntity",
-    "timestamp frame_id id lifetime frame_locked metadata arrows cubes spheres cylinders lines triangles texts models",
-)
-_TRANSFORM = _object("foxglove.FrameTransform", "timestamp parent_frame_id child_frame_id translation rotation")
-_NUMERIC = ("UNKNOWN", "UINT8", "INT8", "UINT16", "INT16", "UINT32", "INT32", "FLOAT32", "FLOAT64")
-_FIELD = _object("foxglove.PackedElementField", "name offset", type=_choice("foxglove.NumericType", *_NUMERIC))
-_TYPES["deletions"], _TYPES["entities"], _TYPES["fields"] = _array(_DELETION), _array(_ENTITY), _array(_FIELD)
-_TYPES["transforms"], _TYPES["poses"] = _array(_TRANSFORM), _array(_TYPES["pose"])
-
-SCENE_UPDATE = _object("foxglove.SceneUpdate", "deletions entities")
-FRAME_TRANSFORMS = _object("foxglove.FrameTransforms", "transforms")
-POSES_IN_FRAME = _object("foxglove.PosesInFrame", "timestamp frame_id poses")
-GRID = _object("foxglove.Grid", "timestamp frame_id pose column_count cell_size row_stride cell_stride fields data")
-LASER_SCAN = _object("foxglove.LaserScan", "timestamp frame_id pose start_angle end_angle ranges intensities")
-LOG = _object("foxglove.Log", "timestamp level message name file line")
+def _known(value: float | None) -> float | msgspec.UnsetType:
+    return msgspec.UNSET if value is None else round(value, _PLOT_DIGITS)

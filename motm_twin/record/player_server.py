@@ -22,8 +22,7 @@ from motm_twin.bus.queries import Answering, Idle, LatestValues
 from motm_twin.bus.server import HEARTBEAT, Server, server_clock
 from motm_twin.program import BAD_INPUT
 from motm_twin.record import channels as ch
-from motm_twin.record.frames import Frames
-from motm_twin.record.player import AS_IT_WAS, Playback, Player
+from motm_twin.record.player import AS_IT_WAS, Frames, Playback, Player
 from motm_twin.sessions.session import SessionError
 
 WATCH = 0.1  # [s] between looks at the state for the report
@@ -46,28 +45,17 @@ class PlayerServer(Server):
         super().__init__(port)
         keys = self.keys = Keys(twin)
         self._session = open_server(self.port, LOOPBACK, keys.own, open_bus=open_bus)
-        clock = server_clock()
-        self._encode = msgspec.json.Encoder().encode
+        clock, self._encode = server_clock(), msgspec.json.encode
         idle = Idle()  # always: nothing is computed here
         self._values = LatestValues(self._session, keys, idle)
-        key_of = {
-            ch.TICK.topic: keys.tick,
-            ch.GRID.topic: keys.grid,
-            ch.SCENE.topic: keys.scene,
-            ch.ROBOT.topic: keys.robot,
-            ch.SCAN.topic: keys.scan,
-            ch.EVENT.topic: keys.event,
-            ch.METRICS.topic: keys.metrics,
-        }
-        self.player = Player(
-            frames,
-            name=Path(path).name,
-            twin=twin,
-            put=lambda topic, payload, attachment: self._put(key_of[topic], payload, attachment),
-            now=clock,
-            changed=self._send_status,
-            playback=playback,
-        )
+        played = (ch.TICK, ch.GRID, ch.SCENE, ch.ROBOT, ch.SCAN, ch.EVENT, ch.METRICS)
+        key_of = {channel.topic: getattr(keys, channel.topic.removeprefix("/motm/")) for channel in played}
+
+        def put(topic: str, payload: bytes, attachment: bytes | None) -> None:
+            self._put(key_of[topic], payload, attachment)
+
+        name, changed = Path(path).name, self._send_status
+        self.player = Player(frames, name=name, twin=twin, put=put, now=clock, changed=changed, playback=playback)
         self._log = EventLog(clock, lambda event: self._values.put(keys.event, self._encode(event)))
         self._values.answer(keys.event, self._log.answer)
         self._values.answer(keys.status, lambda _: self._encode(self.player.status()))
@@ -117,13 +105,10 @@ def main() -> None:
     """Play until a signal or the end of the parent."""
     options = _options()
     report, stop = Reporter(options.report), stop_event(options.report is not None)
+    playback = Playback(speed=options.speed, loop=options.loop, playing=not options.paused)
     try:
         server = PlayerServer(
-            options.file,
-            twin=options.twin,
-            port=options.port,
-            playback=Playback(speed=options.speed, loop=options.loop, playing=not options.paused),
-            open_bus=options.open_bus,
+            options.file, twin=options.twin, port=options.port, playback=playback, open_bus=options.open_bus
         )
     except (SessionError, PortTaken, ValueError) as error:
         report("refused", text=str(error))

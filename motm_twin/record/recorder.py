@@ -4,25 +4,29 @@ As a program: ``python -m motm_twin.record.recorder --out run.mcap``.
 """
 
 import argparse
+import hashlib
 import queue
 import sys
 import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import msgspec
 import zenoh
 
+from motm_twin.bus import messages
 from motm_twin.bus.connection import LOOPBACK, direct, open_member
 from motm_twin.bus.keys import DEFAULT_PORT, DEFAULT_TWIN, Keys
 from motm_twin.bus.processes import Reporter, leave, stop_event
 from motm_twin.client.discover import NoTwin, require_answer
+from motm_twin.model.scene import Scene
 from motm_twin.program import BAD_INPUT, FAILED, OK
-from motm_twin.record.channels import CHANNELS
+from motm_twin.record import channels as ch
+from motm_twin.record.foxglove import Add, Drawer, furniture, grid
 from motm_twin.record.mcap_file import McapFile, RecordingFailed
-from motm_twin.record.stream import Stream
-from motm_twin.sessions.session import SessionError
+from motm_twin.sessions.session import Session, SessionError
 
 SAVE_INTERVAL = 0.4  # [s] between two chunks on the disk: what a sudden end can cost
 WAIT = 0.05  # [s] between looks at what else is to be done
@@ -31,9 +35,146 @@ SESSION_INTERVAL = 30.0  # [s] between two sessions, whose state hashes a rerun 
 ASK_INTERVAL = 1.0  # [s] between two at least
 ASK_TIMEOUT = 5.0  # [s]
 WAITING_MOST = 20_000  # payloads: half a minute at eight times real time; a longer backlog never shrinks
-Asked = Callable[[], None]
 _Message = tuple[str, bytes, bytes | None, bool]  # key, payload, attachment, asked for
 LISTENS = 1.0  # [s] limit until the twin knows of the recorder; messages until then are recorded too
+Take = Callable[[bytes, bytes | None], None]  # payload, attachment
+STATUS_INTERVAL = 1.0  # [s] between two recorded status messages that say the same
+
+
+class _TickPart(msgspec.Struct, frozen=True):
+    """The part that is needed of every tick."""
+
+    run: int
+    server_time: float
+    index: int
+    began: float = 0.0
+    preview: bool = False
+
+
+class _Stamped(msgspec.Struct, frozen=True):
+    server_time: float
+
+
+class _OfRun(msgspec.Struct, frozen=True):
+    run: int
+
+
+class Stream:
+    """Sorts payloads of one twin into ``add`` (channel, server time, JSON): as they came, and as drawings for Foxglove.
+
+    Knows no transport and no clock. ``wants_session``: the session should be asked for.
+    """
+
+    def __init__(self, keys: Keys, add: Add) -> None:
+        self._write, self._drawer = add, Drawer(self._add)
+        self._part = msgspec.json.Decoder(_TickPart).decode
+        self._tick = msgspec.json.Decoder(messages.TickMessage).decode
+        self._take: dict[str, Take] = {
+            keys.tick: self._on_tick,
+            keys.grid: self._on_grid,
+            keys.scene: self._on_scene,
+            keys.status: self._on_status,
+            keys.robot: self._kept(ch.ROBOT, messages.RobotStateMessage, self._drawer.robot),
+            keys.scan: self._kept(ch.SCAN, messages.ScanMessage, self._drawer.scan),
+            keys.event: self._kept(ch.EVENT, messages.NumberedEvent, self._drawer.event),
+            keys.metrics: self._kept(ch.METRICS, _Stamped),
+            keys.observations: self._kept(ch.OBSERVATIONS, _Stamped),
+        }
+        self._grid_key, self._of_a_run = keys.grid, (keys.tick, keys.grid, keys.robot, keys.observations)
+        self._told_run: int | None = None  # of the newest status
+        self.wants_session = False
+        self.lost = 0  # periods that did not arrive
+        self.now = 0.0  # [s] newest server time
+        self._earliest = 0.0  # [s] no message is logged before: what is taken may be older than the recording
+        self.run: tuple[float, int] | None = None  # began, number: of the newest tick
+        self.index = -1
+        self._grid, self._said, self._said_at = b"", (), 0.0
+
+    @property
+    def keys(self) -> tuple[str, ...]:
+        """Keys that it takes."""
+        return tuple(self._take)
+
+    def take(self, key: str, payload: bytes, attachment: bytes | None, *, asked: bool = False) -> None:
+        """Sort one payload in. Raises msgspec.MsgspecError for one that is not of its key.
+
+        A last value that was ``asked`` for may be hours old, of a twin whose time stands. It is logged when it was
+        heard, or the recording would begin where nothing was recorded.
+        """
+        self._earliest = self.now if asked else 0.0
+        self._take[key](payload, attachment)
+
+    def is_past(self, key: str, payload: bytes, attachment: bytes | None) -> bool:
+        """True when a last value is of a run before the one that the status tells. Raises msgspec.MsgspecError.
+
+        Until a robot in another program has begun its run, its twin still has the last period of the run before. That
+        is hours old at times, and may be of another scene: no part of what is recorded.
+        """
+        if self._told_run is None or key not in self._of_a_run:
+            return False
+        about = attachment if key == self._grid_key else payload
+        return msgspec.json.decode(about or b"null", type=_OfRun).run < self._told_run
+
+    def session(self, payload: bytes, attachment: bytes | None) -> None:
+        """Take the session of the run that its attachment names. Raises msgspec.MsgspecError."""
+        info = msgspec.json.decode(attachment or b"null", type=messages.SessionInfo)
+        session = msgspec.json.decode(payload, type=Session)
+        recorded = ch.RecordedSession(run=info.run, began=info.began, session=session)
+        self._add(ch.SESSION, self.now, msgspec.json.encode(recorded))
+
+    def _kept(self, channel: ch.Channel, kind: Any, draw: Callable[[Any], None] = lambda message: None) -> Take:
+        """Messages of this kind are recorded as they come, and drawn."""
+        decode = msgspec.json.Decoder(kind).decode
+
+        def take(payload: bytes, _: bytes | None) -> None:
+            message = decode(payload)
+            self._add(channel, message.server_time, payload)
+            draw(message)
+
+        return take
+
+    def _add(self, channel: ch.Channel, log_time: float, data: bytes) -> None:
+        self._write(channel, max(log_time, self._earliest), data)
+
+    def _on_tick(self, payload: bytes, _: bytes | None) -> None:
+        part = self._part(payload)
+        self.now = max(part.server_time, self._earliest)
+        if not part.preview:
+            self._follow(part)
+        self._add(ch.TICK, part.server_time, payload)
+        if not part.preview and self._drawer.wants_tick(part.server_time):
+            self._drawer.tick(self._tick(payload))
+
+    def _follow(self, part: _TickPart) -> None:
+        """Notice another run, and periods that are missing."""
+        run, missing = (part.began, part.run), part.index - self.index - 1
+        if run != self.run or missing > 0:
+            self.wants_session = True
+            self.lost += missing if run == self.run else 0
+        self.run, self.index = run, part.index
+
+    def _on_grid(self, payload: bytes, attachment: bytes | None) -> None:
+        info = msgspec.json.decode(attachment or b"null", type=messages.GridInfo)
+        same = hashlib.sha256(payload + f"{info.run} {info.origin} {info.width}".encode()).digest()
+        if same == self._grid:
+            return  # sent again for late joiners
+        self._grid = same
+        self._add(ch.GRID, self.now, msgspec.json.encode(ch.RecordedGrid(info=info, cells=payload)))
+        self._drawer.put(ch.DRAWN_GRID, self.now, grid(info, payload, self.now))
+
+    def _on_scene(self, payload: bytes, _: bytes | None) -> None:
+        scene = msgspec.json.decode(payload, type=Scene)
+        self._add(ch.SCENE, self.now, msgspec.json.encode(ch.RecordedScene(scene=scene)))
+        self._drawer.put(ch.DRAWN_FURNITURE, self.now, furniture(scene, self.now))
+
+    def _on_status(self, payload: bytes, _: bytes | None) -> None:
+        status = msgspec.json.decode(payload, type=messages.StatusMessage)
+        self._told_run = status.run
+        self.now = max(self.now, status.server_time)
+        said = (status.run, status.state, status.text, status.speed, status.driver, status.plant_text, status.method)
+        if said != self._said or abs(status.server_time - self._said_at) >= STATUS_INTERVAL:
+            self._said, self._said_at = said, status.server_time
+            self._add(ch.STATUS, status.server_time, payload)
 
 
 class Recorder:
@@ -41,8 +182,8 @@ class Recorder:
 
     def __init__(self, session: zenoh.Session, twin: str, path: str | Path) -> None:
         """Raises SessionError when the file can not be made."""
-        for channel in CHANNELS.values():
-            channel.json_schema()  # now: made while messages wait, they would delay the first chunk
+        for channel in ch.CHANNELS.values():
+            _ = channel.json_schema  # made now: while messages wait, they would delay the first chunk
         self._zenoh, self._keys = session, Keys(twin)
         self._file = McapFile(path)
         self._stream = Stream(self._keys, self._file.add)
@@ -149,7 +290,7 @@ class Recorder:
             self._stream.wants_session, self._asked_at = False, now
             self._ask(self._keys.session)
 
-    def _ask(self, key: str, ended: Asked = lambda: None) -> None:
+    def _ask(self, key: str, ended: Callable[[], None] = lambda: None) -> None:
         """``ended`` is called once all answers have come, in Zenoh's thread."""
 
         def on_reply(reply: zenoh.Reply) -> None:
@@ -168,8 +309,7 @@ class Recorder:
     def _on_sample(self, sample: zenoh.Sample, asked: bool = False) -> None:
         """In Zenoh's thread. What was sent to a wildcard is not the twin's."""
         if self._waiting.qsize() < WAITING_MOST and "*" not in str(sample.key_expr):
-            attachment = sample.attachment
-            attached = None if attachment is None else attachment.to_bytes()
+            attached = None if sample.attachment is None else sample.attachment.to_bytes()
             self._waiting.put((str(sample.key_expr), sample.payload.to_bytes(), attached, asked))
 
 

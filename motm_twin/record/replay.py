@@ -1,19 +1,29 @@
-"""Repeats a session: the same scene, edits and searches give the same state, bit for bit."""
+"""Repeats a session, and every run of a recording: the same scene, edits and searches give the same state, bit for bit.
+
+A rerun of a recording compares every recorded period. A `RecordedPlant` reports what was recorded of an external robot.
+"""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from typing import Any
 
 import msgspec
 
+from motm_twin.bus.encode import ObservationsMessage, Sample, seconds, tick_message
+from motm_twin.bus.plant_messages import from_message
 from motm_twin.completion import Completion
 from motm_twin.control.method import Method
 from motm_twin.control.tick import Tick
 from motm_twin.methods.registry import METHODS
-from motm_twin.model.names import hint
+from motm_twin.model.edits import Announce
+from motm_twin.model.names import hint, scene_name
+from motm_twin.model.plant import Detection, Observation, Scan
+from motm_twin.model.scene import Scene
 from motm_twin.model.state import state_hash
 from motm_twin.model.twin_plant import ExternalPlant
+from motm_twin.record.recording import Recording, Run, observations_of, ticks_of
 from motm_twin.sessions.branches import Log
-from motm_twin.sessions.session import Session, SessionError, differences, made_with
+from motm_twin.sessions.session import Session, SessionError, check_session, differences, made_with
 from motm_twin.twin import Twin
 
 TRACK_PERIODS = 20  # periods between two poses of a track: one second
@@ -77,7 +87,8 @@ def rerun(session: Session, method: Method | None = None) -> Rerun:
         finish.add(tick)
         time = tick.time
     twin = twin or begin(session, method=method)
-    now, parts = twin.state_hash(), part_hashes(twin)
+    parts = {name: state_hash(part.snapshot())[:PART_DIGITS] for name, part in twin.parts().items()}
+    now = twin.state_hash()
     ok = now == session.state_hash
     return Rerun(
         ok=ok,
@@ -98,11 +109,6 @@ def updated(session: Session, again: Rerun) -> Session:
     return msgspec.structs.replace(
         session, state_hash=again.state_hash, parts=again.parts, track=again.track, made_with=made_with()
     )
-
-
-def part_hashes(twin: Twin) -> dict[str, str]:
-    """The first digits of the hash of every part of a twin."""
-    return {name: state_hash(part.snapshot())[:PART_DIGITS] for name, part in twin.parts().items()}
 
 
 class Tracker:
@@ -132,3 +138,267 @@ def _first_sign(session: Session, track: Track, parts: dict[str, str]) -> str:
         return f"the track has {len(session.track)} poses, the rerun {len(track)}"
     differ = [name for name, now in parts.items() if session.parts.get(name) != now]
     return f"the base drove the same way; what differs at the end is the state of {', '.join(differ)}"
+
+
+# Of the wall clock, of the server, of what somebody asked to be explained, or what edits tell already: no part of the
+# run itself.
+_NOT_COMPARED = (
+    "server_time", "run", "began", "first", "past", "ended", "stage_ms", "inspected", "preview", "announced",
+)  # fmt: skip
+_NOT_COMPARED_OF_PLAN = ("cut_by_clock", "staa_path")
+_ADDED = ("tracks", "encounters", "courtesy")  # older recordings do not have them
+_OF_TRUTH = ("objects", "agents", "obstacles", "furniture", "removed", "faults", "score")  # nobody knows it again
+MOST_FIELDS = 5
+Json = dict[str, Any]
+
+
+class RecordedPlant:
+    """A robot that reports what was recorded. Commands and edits of the world have no effect."""
+
+    mirror = False
+    shared = True
+
+    def __init__(self, messages: Iterable[ObservationsMessage]) -> None:
+        """``messages``: of one run from its first period on, without a gap; ValueError else."""
+        self.periods = 0  # that it reports
+        self._samples: list[Observation] = []
+        self._restarts: set[int] = set()  # first sample of each period before which control had been away
+        scan, detections = None, ()
+        for expected, message in enumerate(messages):
+            if message.index != expected:
+                raise ValueError(f"the observations of period {expected} are missing: they go on with {message.index}")
+            if message.restarted:
+                self._restarts.add(len(self._samples))
+            for sample in message.samples:
+                _check(sample, expected)
+                scan = scan if sample.scan is None else from_message(sample.scan, Scan)
+                if sample.detections is not None:
+                    detections = tuple(from_message(one, Detection) for one in sample.detections)
+                self._samples.append(from_message(sample, Observation, scan=scan, detections=detections))
+            self.periods = expected + 1
+        self._at = 0
+
+    def begin(self, scene: Scene) -> None:
+        """From the first sample on."""
+        self._at = 0
+
+    def observe(self) -> Observation:
+        """The sample of now; ValueError after the last one."""
+        if self._at >= len(self._samples):
+            raise ValueError(f"the recording has {len(self._samples)} samples: there is no other")
+        return self._samples[self._at]
+
+    def command(self, *_: object, **__: object) -> None:
+        """No effect: the robot's motion is recorded, and the effects of edits with it. The truth is unknown."""
+
+    truth = accept = apply = expect_tasks = expect_map = command
+
+    def step(self, dt: float) -> None:
+        """On to the next sample."""
+        self._at += 1
+
+    def rehearsal(self) -> "RecordedPlant":
+        """Accepts every edit again."""
+        return self
+
+    def ready(self) -> bool:
+        """There is another sample."""
+        return self._at < len(self._samples)
+
+    def text(self) -> str:
+        """A few words about it."""
+        return f"a recorded robot: {len(self._samples)} samples"
+
+    def interrupted(self) -> bool:
+        """True when control was away before the period that begins now."""
+        return self._at in self._restarts
+
+
+_LENGTHS = {"pose": 3, "odometry": 3, "twist": 2, "q": 7, "dq": 7}
+_LENGTHS_SEEN = {"p_base": 3, "odometry": 3}
+_LARGEST = 1e6  # of any number of a pose, a joint or a rate: what is more was not measured
+
+
+def _check(sample: Sample, period: int) -> None:
+    """Raise ValueError for numbers that no robot reports: a recording may come from anybody. Control checks scans."""
+    seen = [(part, _LENGTHS_SEEN) for part in sample.detections or ()]
+    for part, lengths in [(sample, _LENGTHS), *seen]:
+        for name, length in lengths.items():
+            values = getattr(part, name)
+            if len(values) != length or any(abs(value) > _LARGEST for value in values):
+                raise ValueError(f"period {period}: {name} has {len(values)} numbers, or one that cannot be")
+    if not abs(sample.time) <= _LARGEST or not abs(sample.gripper_width) <= 1.0:
+        raise ValueError(f"period {period}: its time or the gripper's width cannot be")
+
+
+class RunReport(msgspec.Struct, frozen=True, kw_only=True):
+    """The result of running one recorded run again."""
+
+    run: int
+    scene: str
+    periods: int  # computed again
+    compared: int  # of them, with what was recorded
+    hashes: int  # states that were compared by their hash
+    ok: bool
+    period: int = -1  # the first that differs; -1: none
+    fields: list[str] = []  # that differ there: "plan.expansions: recorded 12, now 14"
+    state_hash: str  # at the end
+    differences: tuple[str, ...] = ()  # what is not here as it was there
+    text: str = ""  # what could not be compared
+
+
+def rerun_run(recording: Recording, run: Run, method: Method | None = None) -> RunReport:
+    """Compute one run again; ``method`` of a user's file, for runs that were made with it.
+
+    Raises SessionError when nothing of it can be computed and compared: the file does not tell how.
+    """
+    robot = _robot_of(recording, run)
+    session = recording.session_of(run)
+    check_session(session)
+    end, why = _known_end(session, robot)
+    _require_comparable(run, end)
+    own = method if method and method.name == session.method else None
+    twin, log = begin(session, robot, own), Log(session.edits, session.cuts)
+    recorded = ticks_of(recording.path, run.key)
+    waiting = next(recorded, None)
+    compared, hashes, period, fields = 0, 0, -1, []
+    for index in range(end):
+        try:
+            tick = log.advance(twin, index)
+        except SessionError as error:  # an edit that was taken when the run was recorded
+            period, fields = index, [error.problem]
+            break
+        while waiting is not None and waiting[0] < index:
+            waiting = next(recorded, None)
+        if waiting is not None and waiting[0] == index:
+            fields, compared = _differing(waiting[1], tick, of_truth=robot is None), compared + 1
+        wanted = run.hashes.get(index + 1)
+        if not fields and wanted is not None:
+            hashes, now = hashes + 1, twin.state_hash()
+            fields = [] if now == wanted else [f"state hash: recorded {wanted[:12]}, now {now[:12]}"]
+        if fields:
+            period = index
+            break
+    made_with = {} if run.session is None else run.session.made_with
+    return RunReport(
+        run=run.key[1],
+        scene=f"{scene_name(session.scene.name, session.scene.variant)}, seed {session.scene.seed}",
+        periods=twin.index,
+        compared=compared,
+        hashes=hashes,
+        ok=period < 0,
+        period=period,
+        fields=fields,
+        state_hash=twin.state_hash(),
+        differences=differences(made_with) if made_with and period >= 0 else (),
+        text=_not_compared(run, end, why),
+    )
+
+
+def _robot_of(recording: Recording, run: Run) -> RecordedPlant | None:
+    """The external robot of a run, as long as all that it reported is there; None: a simulated one.
+
+    Raises SessionError when not even its first period is known.
+    """
+    if run.plant == "simulated":
+        return None
+    if run.plant == "recording":
+        raise SessionError("a recording was played, no robot was driven: the file that was played can be computed")
+    try:
+        robot = RecordedPlant(_from_the_start(observations_of(recording.path, run)))
+        first = next(observations_of(recording.path, run), None)
+    except RecursionError as error:
+        raise SessionError("what its robot saw is nested too deeply") from error
+    except (msgspec.MsgspecError, UnicodeDecodeError, ValueError) as error:
+        problem = error.problem if isinstance(error, SessionError) else f"what its robot saw is broken: {error}"
+        raise SessionError(problem) from error
+    if robot.ready():
+        return robot
+    told = "nothing of what that saw" if first is None else f"what that saw only from period {first.index} on"
+    raise SessionError(f"its robot was in another program, and the file tells {told}")
+
+
+def _from_the_start(messages: Iterable[ObservationsMessage]) -> Iterator[ObservationsMessage]:
+    """Those from period 0 on up to the first that is missing."""
+    for expected, message in enumerate(messages):
+        if message.index != expected:
+            return
+        yield message
+
+
+def _known_end(session: Session, robot: RecordedPlant | None) -> tuple[int, str]:
+    """The period up to which all inputs are known, and why no further."""
+    unknown = [(session.periods, "some before them are missing in the file")]
+    if robot is not None:
+        unknown.append((robot.periods, f"what the robot saw in period {robot.periods} is missing in the file"))
+        told = (entry.index for entry in session.edits if isinstance(entry.edit, Announce))
+        unknown += [(index, "where announced furniture stood is known to the robot's program only") for index in told]
+    return min(unknown, key=lambda end: end[0])
+
+
+def _require_comparable(run: Run, end: int) -> None:
+    """Raise SessionError when nothing was recorded of what can be computed, the periods before ``end``."""
+    if run.indices[0] >= end and not any(periods <= end for periods in run.hashes):
+        known = f"only of the periods before {end}" if end else "nothing"
+        raise SessionError(
+            f"it was recorded from period {run.indices[0]} on, and of what was done before the file tells {known}"
+        )
+
+
+def _not_compared(run: Run, end: int, why: str) -> str:
+    last = run.indices[-1]
+    if last >= end:
+        return f"periods {end} to {last} were not computed: {why}"
+    return f"{run.missing} periods are missing in the file" if run.missing else ""
+
+
+def _differing(payload: bytes, tick: Tick, *, of_truth: bool) -> list[str]:
+    """The fields that are not as recorded; empty for an equal period. ``of_truth``: those of the ground truth too."""
+    now = msgspec.json.decode(msgspec.json.encode(tick_message(tick, 0, 0.0)))
+    found: list[str] = []
+    try:
+        then = msgspec.json.decode(payload)
+    except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:  # in what nobody has read until now
+        return [f"what was recorded of it cannot be read: {error}"]
+    _compare(_bare(then, of_truth), _bare(now, of_truth), "", found)
+    return found
+
+
+def _bare(message: Json, of_truth: bool) -> Json:
+    if not of_truth:
+        robot = {name: value for name, value in _object(message, "robot").items() if name != "true_pose"}
+        message = {**{name: value for name, value in message.items() if name not in _OF_TRUTH}, "robot": robot}
+    plan = {name: value for name, value in _object(message, "plan").items() if name not in _NOT_COMPARED_OF_PLAN}
+    return {**{name: value for name, value in message.items() if name not in _NOT_COMPARED}, "plan": plan}
+
+
+def _object(message: Json, name: str) -> Json:
+    found = message.get(name)
+    return found if isinstance(found, dict) else {}
+
+
+def _compare(then: Any, now: Any, place: str, found: list[str]) -> None:
+    if then == now or len(found) >= MOST_FIELDS:
+        return
+    if isinstance(then, dict) and isinstance(now, dict):
+        for name in {**then, **now}:
+            if name in _ADDED and name not in then:
+                continue
+            inner = f"{place}.{name}" if place else name
+            _compare(then.get(name), now.get(name), inner, found)
+    elif isinstance(then, list) and isinstance(now, list) and len(then) == len(now):
+        for index, (one, other) in enumerate(zip(then, now, strict=True)):
+            _compare(one, other, f"{place}[{index}]", found)
+    elif not _same_time(place, then, now):
+        found.append(f"{place}: recorded {_short(then)}, now {_short(now)}")
+
+
+def _same_time(place: str, then: Any, now: Any) -> bool:
+    """True for one time: ticks that were recorded before times were rounded have all digits."""
+    both = isinstance(then, float) and isinstance(now, float)
+    return both and place.rpartition(".")[2] == "time" and seconds(then) == now
+
+
+def _short(value: Any) -> str:
+    text = msgspec.json.encode(value).decode()
+    return text if len(text) <= 60 else text[:57] + "..."

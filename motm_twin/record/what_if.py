@@ -175,11 +175,12 @@ class _Side:
             reason = f"dropped, and not picked up and placed again: {', '.join(truth.dropped)}"
         if not reason and caused:
             reason = f"{caused} contact(s) caused by the robot"
-        time = self._finish.time_s
+        time, known = self._finish.time_s, self._session.periods  # those repeat the recording
+        known = min(self._start, known) if self._changes else known
         return Outcome(
             run=self.name,
             time_s=time,
-            forecast_from_s=self._forecast_from(time),
+            forecast_from_s=round(known / PERIODS_PER_SECOND, 3) if round(time * PERIODS_PER_SECOND) >= known else None,
             picks=truth.picks,
             places=truth.places,
             contacts=caused,
@@ -189,11 +190,6 @@ class _Side:
             reason=reason,
             skipped=tuple(self._skipped),
         )
-
-    def _forecast_from(self, time: float) -> float | None:
-        """Time at which the repetition of the recording ended [s], if that was before the period at ``time`` [s]."""
-        known = min(self._start, self._session.periods) if self._changes else self._session.periods
-        return round(known / PERIODS_PER_SECOND, 3) if round(time * PERIODS_PER_SECOND) >= known else None
 
 
 def _doing(tick: Tick) -> str:

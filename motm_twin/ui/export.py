@@ -35,8 +35,7 @@ from motm_twin.model.geometry import Array
 from motm_twin.model.scene import Scene
 from motm_twin.ui.colours import ground_table
 from motm_twin.ui.history import History, unpacked
-from motm_twin.ui.hub import Hub, Shown
-from motm_twin.ui.legend import LAYERS, names_of
+from motm_twin.ui.hub import LAYERS, Hub, Shown, names_of
 from motm_twin.ui.page_server import open_page, scripts
 from motm_twin.ui.panel.why_tab import says
 from motm_twin.ui.scene.cameras import ASPECT
@@ -149,27 +148,23 @@ def draw(recording: Recording, server: viser.ViserServer, progress: Callable[[fl
     hub = Hub(_NoTwin())  # type: ignore[arg-type] - what the view asks of it
     view = SceneView(server, hub)
     read, grids = msgspec.json.Decoder(TickMessage).decode, [unpacked(*entry) for entry in recording.grids]
-    serializer, before = None, 0.0
-    shown: list[TickMessage] = []
-    for number, frame in enumerate(recording.frames, 1):
-        tick = read(zlib.decompress(frame.tick))
+    ticks = [read(zlib.decompress(frame.tick)) for frame in recording.frames]
+    serializer = None
+    for number, (tick, frame) in enumerate(zip(ticks, recording.frames, strict=True)):
+        gap = max(0.0, tick.time - (ticks[number - 1].time if number else 0.0))
         grid = grids[frame.grid] if frame.grid >= 0 else None
         if serializer is not None:
-            serializer.insert_sleep(max(0.0, tick.time - before))
-        view.draw(
-            Shown(state="done", status=None, scene=scene, tick=tick, newest=tick, live=False, view=hub.view, grid=grid),
-            max(0.0, tick.time - before),
-            slow=True,
+            serializer.insert_sleep(gap)
+        shown = Shown(
+            state="done", status=None, scene=scene, tick=tick, newest=tick, live=False, view=hub.view, grid=grid
         )
-        if serializer is None:
-            serializer = server.get_scene_serializer()
-        before = tick.time
-        shown.append(tick)
-        progress(number / len(recording.frames))
+        view.draw(shown, gap, slow=True)
+        serializer = serializer or server.get_scene_serializer()
+        progress((number + 1) / len(ticks))
     assert serializer is not None
     view.stop()
     hub.stop()
-    return page(serializer, scene, shown)
+    return page(serializer, scene, ticks)
 
 
 def page(serializer: StateSerializer, scene: Scene, ticks: list[TickMessage]) -> str:
@@ -193,7 +188,10 @@ def page(serializer: StateSerializer, scene: Scene, ticks: list[TickMessage]) ->
         "names": names_of(scene),
         "events": [(round(event.time, 2), event.kind, event.text) for tick in ticks for event in tick.events],
     }
-    packed = base64.b64encode(gzip.compress(blob(msgspec.json.encode(content), buffers), 9, mtime=0)).decode()
+    text = msgspec.json.encode(content)
+    parts = [len(text).to_bytes(4, "little") + text, *buffers]  # each is padded to a multiple of 8 bytes
+    whole = b"".join(part + bytes(-len(part) % 8) for part in parts)
+    packed = base64.b64encode(gzip.compress(whole, 9, mtime=0)).decode()
     title = html.escape(f"{scene.title or scene.name}, {first:.1f} to {last:.1f} s")
     client = (Path(viser.__file__).parent / "client" / "build" / "index.html").read_text(encoding="utf-8")
     before, head, after = client.partition("<head>")
@@ -201,12 +199,6 @@ def page(serializer: StateSerializer, scene: Scene, ticks: list[TickMessage]) ->
     after = f"{after[:start]}<title>{title}{after[end:]}"
     data = f'<script id="motm-recording" type="application/octet-stream">{packed}</script>'
     return before + head + scripts(PLAYED) + data + after
-
-
-def blob(text: bytes, buffers: list[bytes]) -> bytes:
-    """Length of a text (4 bytes, little-endian), the text, and buffers, each padded to a multiple of 8 bytes."""
-    parts = [len(text).to_bytes(4, "little") + text, *buffers]
-    return b"".join(part + bytes(-len(part) % 8) for part in parts)
 
 
 class Packer:
@@ -293,28 +285,25 @@ def main() -> None:
     """Draw the recording in one file into another."""
     source, result, timeout = Path(sys.argv[1]), Path(sys.argv[2]), float(sys.argv[3])
     os.nice(NICENESS)
-    _end_after(timeout)
-    recording = msgspec.msgpack.decode(source.read_bytes(), type=Recording)
-    server = open_page(LOOPBACK, 0, secrets.token_hex(32))
-    told = [-1]
+    told = -1
 
-    def progress(share: float) -> None:
-        if int(100 * share) > told[0]:
-            told[0] = int(100 * share)
-            print(f"{_PROGRESS}{share:.2f}", flush=True)
-
-    result.write_text(draw(recording, server, progress), encoding="utf-8")
-    server.stop()
-
-
-def _end_after(timeout: float) -> None:
     def end() -> None:
         print(f"it took more than {timeout:.0f} s", flush=True)
         os._exit(1)
 
+    def progress(share: float) -> None:
+        nonlocal told
+        if int(100 * share) > told:
+            told = int(100 * share)
+            print(f"{_PROGRESS}{share:.2f}", flush=True)
+
     watch = threading.Timer(timeout, end)
     watch.daemon = True
     watch.start()
+    recording = msgspec.msgpack.decode(source.read_bytes(), type=Recording)
+    server = open_page(LOOPBACK, 0, secrets.token_hex(32))
+    result.write_text(draw(recording, server, progress), encoding="utf-8")
+    server.stop()
 
 
 if __name__ == "__main__":

@@ -2,7 +2,8 @@
 
 Payloads are kept compressed (about 3 kB each) and decoded only when looked at; the numbers of the plots
 and the list of events are read once, when a period arrives. A branch keeps the shared past and sets aside the rest
-until the branch is undone; a reset or another scene (or server) starts afresh.
+until the branch is undone; a reset or another scene (or server) starts afresh. The events of the timeline are those of
+the run that is shown, and of the runs whose past it shares.
 """
 
 import bisect
@@ -10,7 +11,8 @@ import math
 import threading
 import time
 import zlib
-from collections import namedtuple
+from collections import deque, namedtuple
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import lru_cache
 from operator import attrgetter
@@ -20,17 +22,8 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from motm_twin.bus import messages as bus
 from motm_twin.bus.client import Grid
-from motm_twin.bus.messages import (
-    GRID_VERSION,
-    TICK_VERSION,
-    EventMessage,
-    ForcesMessage,
-    GridInfo,
-    MaybeNumber,
-    TickMessage,
-    Vector,
-)
 from motm_twin.model.period import PERIOD
 
 PERIODS = 2400  # 120 s
@@ -42,13 +35,13 @@ STAGES = ("map", "place", "plan", "arm", "monitor")  # of the period; its time i
 
 
 class _Robot(msgspec.Struct, frozen=True):
-    twist: Vector
-    dq: Vector
+    twist: bus.Vector
+    dq: bus.Vector
 
 
 class _Arm(msgspec.Struct, frozen=True):
-    slack: list[MaybeNumber]
-    obstacle_distance: MaybeNumber
+    slack: list[bus.MaybeNumber]
+    obstacle_distance: bus.MaybeNumber
 
 
 class Part(msgspec.Struct, frozen=True):
@@ -60,13 +53,13 @@ class Part(msgspec.Struct, frozen=True):
     time: float
     robot: _Robot
     arm: list[_Arm]
-    events: list[EventMessage]
+    events: list[bus.EventMessage]
     stage_ms: dict[str, float]
     preview: bool
     began: float = 0.0
     first: int = 0
     past: int = -1
-    forces: ForcesMessage | None = None
+    forces: bus.ForcesMessage | None = None
 
 
 JOINTS = tuple(f"dq{k}" for k in range(1, 8))
@@ -118,14 +111,14 @@ class _Entry:
     index: int
     time: float
     payload: bytes
-    events: tuple[EventMessage, ...]
+    events: tuple[bus.EventMessage, ...]
     sample: NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
 class _Map:
     stamp: float
-    info: GridInfo
+    info: bus.GridInfo
     cells: bytes
 
 
@@ -146,7 +139,7 @@ class History:
     def __init__(self, *, periods: int = PERIODS, max_bytes: int = MAX_BYTES) -> None:
         self._periods, self._max_bytes = periods, max_bytes
         self._lock = threading.Lock()
-        self._read_part, read = msgspec.json.Decoder(Part).decode, msgspec.json.Decoder(TickMessage).decode
+        self._read_part, read = msgspec.json.Decoder(Part).decode, msgspec.json.Decoder(bus.TickMessage).decode
         self._read = lru_cache(1)(lambda entry: read(zlib.decompress(entry.payload)))  # of what is looked at
         self._unpack = lru_cache(1)(lambda kept: unpacked(kept.info, kept.cells))
         self._entries: list[_Entry] = []
@@ -161,8 +154,8 @@ class History:
         Previews are left out. Raises ValueError for a tick of another version.
         """
         part = self._read_part(payload)
-        if part.version != TICK_VERSION:
-            raise ValueError(f"the history holds {TICK_VERSION!r}, not {part.version!r}")
+        if part.version != bus.TICK_VERSION:
+            raise ValueError(f"the history holds {bus.TICK_VERSION!r}, not {part.version!r}")
         if part.preview:
             return
         packed = zlib.compress(payload, LEVEL)
@@ -176,9 +169,9 @@ class History:
 
     def add_grid(self, cells: bytes, info: bytes) -> None:
         """Take a raw grid, unless it equals the last. Raises ValueError (other version)."""
-        read = msgspec.json.decode(info, type=GridInfo)
-        if read.version != GRID_VERSION:
-            raise ValueError(f"the history holds {GRID_VERSION!r}, not {read.version!r}")
+        read = msgspec.json.decode(info, type=bus.GridInfo)
+        if read.version != bus.GRID_VERSION:
+            raise ValueError(f"the history holds {bus.GRID_VERSION!r}, not {read.version!r}")
         if len(cells) != read.width * read.height:
             raise ValueError(f"a grid of {read.width} x {read.height} cells came with {len(cells)} bytes")
         packed = _Map(read.stamp, read, zlib.compress(cells, LEVEL))
@@ -188,15 +181,16 @@ class History:
             any_run = read.run == self._run  # it may take the place of grids of a run that it shares its past with
             while self._maps and self._maps[-1].stamp > read.stamp and (any_run or self._maps[-1].info.run == read.run):
                 self._map_bytes -= len(self._maps.pop().cells)
-            last = self._maps[-1] if self._maps else None
-            if last is not None and _same(last, packed):
-                return
+            last = self._maps[-1] if self._maps else packed
+            last_info = msgspec.structs.replace(last.info, stamp=read.stamp)
+            if last is not packed and last.cells == packed.cells and last_info == read:
+                return  # alike but for their times
             self._maps.append(packed)
             self._map_bytes += len(packed.cells)
             while self._map_bytes > MAX_GRID_BYTES:
                 self._map_bytes -= len(self._maps.pop(0).cells)
 
-    def at(self, index: int) -> TickMessage | None:
+    def at(self, index: int) -> bus.TickMessage | None:
         """The period of this index, else the nearest kept one before it, else the oldest; None when there is none.
 
         Repeated calls return the same object.
@@ -244,9 +238,9 @@ class History:
             start = bisect.bisect_left(self._entries, self._entries[end - 1].time - seconds - 1e-9, 0, end, key=_TIME)
             return np.array([entry.sample for entry in self._entries[start:end]])
 
-    def events(self, index: int | None, count: int) -> list[EventMessage]:
+    def events(self, index: int | None, count: int) -> list[bus.EventMessage]:
         """The last events up to a period (None: the newest), newest first."""
-        found: list[EventMessage] = []
+        found: list[bus.EventMessage] = []
         with self._lock:
             for k in range(self._count(index) - 1, -1, -1):
                 found += reversed(self._entries[k].events)
@@ -315,15 +309,10 @@ class History:
             del self._maps[:old]
 
 
-def unpacked(info: GridInfo, cells: bytes) -> Grid:
+def unpacked(info: bus.GridInfo, cells: bytes) -> Grid:
     """A grid whose cells were compressed."""
     flat = np.frombuffer(zlib.decompress(cells), dtype=np.uint8)
     return Grid(info=info, cells=flat.reshape(info.height, info.width))
-
-
-def _same(a: _Map, b: _Map) -> bool:
-    """True for two grids that are alike but for their times."""
-    return a.cells == b.cells and msgspec.structs.replace(a.info, stamp=b.info.stamp) == b.info
 
 
 class Looking(Protocol):
@@ -390,3 +379,70 @@ class Playback:
             self.live()
         else:
             self._view.at = int(self._place)
+
+
+KEPT = 1000
+BRIEF = 0.5  # [s] a shorter stop is no mark
+TOLD = frozenset({"picked", "placed", "arrived", "missed", "lost", "failed", "postponed", "fault", "contact", "cut_in",
+                  "stop", "go", "edit", "branch", "done", "error"})  # fmt: skip
+
+
+class EventMarks:
+    """A bounded list of events. All methods may be called from any thread."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._events: deque[bus.NumberedEvent] = deque(maxlen=KEPT)
+        self._known: set[int] = set()  # numbers
+        self._shares: dict[int, tuple[int, int]] = {}  # run: the one whose past it shares, and its own first period
+        self._run, self._since = -1, -1.0
+        self.count = 0  # of changes
+
+    def add(self, events: Iterable[bus.NumberedEvent]) -> None:
+        """Take events; those that are known already are left out."""
+        with self._lock:
+            for event in events:
+                if event.numbered_since != self._since:  # another server: its runs have the same numbers
+                    self._since = event.numbered_since
+                    self._events.clear()
+                    self._known.clear()
+                    self.count += 1
+                if event.kind in TOLD and event.seq not in self._known:
+                    self._known.add(event.seq)
+                    self._events.append(event)
+                    self.count += 1
+            if len(self._known) > 2 * KEPT:
+                self._known = {event.seq for event in self._events}
+
+    def follow(self, tick: bus.TickMessage) -> None:
+        """Follow the run of the newest period."""
+        if tick.run == self._run:
+            return
+        with self._lock:
+            self._run = tick.run
+            past = tick.past if tick.past >= 0 else tick.run - 1
+            self._shares[tick.run] = (past if tick.first > 0 else -1, tick.first)
+            self.count += 1
+
+    def last(self, count: int) -> list[bus.NumberedEvent]:
+        """The last of the present run and its past, oldest first."""
+        with self._lock:
+            found, run, before = [], self._run, 1 << 62
+            while run >= 0:
+                past, first = self._shares.get(run, (-1, 0))
+                found += [event for event in self._events if event.run == run and first <= event.index < before]
+                run, before = past, min(first, before)
+        return without_brief_stops(sorted(found, key=lambda event: (event.time, event.seq)))[-count:]
+
+
+def without_brief_stops(events: list[bus.NumberedEvent]) -> list[bus.NumberedEvent]:
+    """The events in order of time, without goes, and without stops that soon end."""
+    found: list[bus.NumberedEvent] = []
+    stop: bus.NumberedEvent | None = None
+    for event in events:
+        if event.kind == "go" and stop is not None and event.time - stop.time < BRIEF:
+            found.remove(stop)
+        stop = event if event.kind == "stop" else None if event.kind == "go" else stop
+        if event.kind != "go":
+            found.append(event)
+    return found

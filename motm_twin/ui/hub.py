@@ -5,6 +5,7 @@ of visitors may look; only the driver, who holds the twin's lease, can change an
 """
 
 import asyncio
+import math
 import queue
 import threading
 import time
@@ -13,39 +14,76 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
+import msgspec
 import viser
 
+from motm_twin.bus import commands as to
 from motm_twin.bus.client import Grid, TwinClient
-from motm_twin.bus.commands import (
-    NAME_MAX,
-    Answer,
-    Command,
-    HandOver,
-    Inspect,
-    Load,
-    Pause,
-    Play,
-    Reset,
-    Seed,
-    Speed,
-    TakeWheel,
-)
+from motm_twin.bus.commands import NAME_MAX, Answer, Command
 from motm_twin.bus.messages import StatusMessage, TickMessage
 from motm_twin.model.period import PERIOD
 from motm_twin.model.scene import Scene
-from motm_twin.ui.history import History, Playback, Span
-from motm_twin.ui.legend import OFF_AT_FIRST, STAA
-from motm_twin.ui.marks import EventMarks
+from motm_twin.ui import colours
+from motm_twin.ui.history import EventMarks, History, Playback, Span
 from motm_twin.ui.what_if import OwnMethod, WhatIf
+
+PLACES, LIDAR, STAA = "places", "lidar", "staa"
+
+
+class Layer(msgspec.Struct, frozen=True):
+    """One chip."""
+
+    key: str
+    title: str
+    hint: str  # one sentence
+    swatch: str  # CSS background
+    shape: str  # of the swatch: area | dots | line | dashed | frame
+    nodes: tuple[str, ...]  # paths of nodes, or of their parents
+    on: bool = True  # at first
+
+
+LAYERS = (
+    Layer("grid", "Ground", "what the robot takes for occupied: brown, and lighter the margin round it",
+          colours.ground_css(), "area", ("/map",)),
+    Layer(PLACES, "Where the base could stand", "each dot is a place for the next target, and its nose the heading: "
+          "yellow costs little time, violet much, grey is impossible; click one to read its costs",
+          colours.viridis_css(), "dots", ("/plan/candidates",)),
+    Layer("there", "Way there", "way of the base to the chosen place; dashed: to the place that you clicked",
+          colours.css(colours.WAY_THERE), "line", ("/plan/global_path", "/plan/inspected")),
+    Layer("on", "Way on", "way from there to the next target, whose time the choice of the place counts as well; "
+          "dashed: from the place that you clicked", colours.css(colours.WAY_ON), "line",
+          ("/plan/next_path", "/plan/inspected_next")),
+    Layer("plan", "Plan", "motion of the next seconds: silhouettes of the base, and the whole robot at its next grasp "
+          "or release; light blue: the curve on which the search judges how to arrive", colours.css(colours.PLAN),
+          "line", ("/plan/local_plan", "/plan/bezier", "/robot/silhouette", "/robot/arrival")),
+    Layer("target", "Target", "the chosen place of the base, and where the robot believes its target to be",
+          colours.css(colours.TARGET), "frame", ("/plan/goal", "/marks")),
+    Layer("people", "People and Temis", "followed by the robot: number, arrow to where each will be in 1 s, ellipses "
+          "of where it may be in 1 s and 2 s, and its trail; bold ring: the robot waits for it, or passes it",
+          colours.css(colours.PEOPLE), "line", ("/bodies/trails", "/tracks")),
+    Layer(LIDAR, "Lidar", "what the beams of the newest sweep have met", colours.css(colours.LIDAR), "dots",
+          ("/lidar",), on=False),
+    Layer(STAA, "STAA* path", "path of the unmodified STAA*, for comparison", colours.css(colours.STAA_PATH),
+          "dashed", ("/plan/staa_path",), on=False),
+)  # fmt: skip
+OFF_AT_FIRST = frozenset(layer.key for layer in LAYERS if not layer.on)
+
+
+def names_of(scene: Scene) -> dict[str, Any]:
+    """Names of the scene and of what stands still in it, with places [m]; opening [deg] of the wrist camera."""
+    bins = [(box.name, *box.centre, box.rim_z) for box in scene.bins]
+    wrist = 2.0 * math.degrees(scene.robot.camera.half_cone) if scene.robot.has_arm else 0.0
+    return {"scene": scene.title or scene.name, "bins": bins, "wrist": wrist}
+
 
 LOOKING_BACK = "looking back: return to live or branch from here"
 NOTE_TIME = 6.0  # [s] a note stays on the page
 BLIND = 20.0  # [s] a page may need until it shows the scene
 NOTES = 2  # at a time: they lie over the scene
 WAITING = 100  # commands that may wait to be sent
-PATIENT = (HandOver, Inspect, Load, Pause, Play, Reset, Seed, Speed, TakeWheel)  # hold for whatever is being loaded
+ASKED = (to.Load, to.Pause, to.Play, to.Reset, to.Seed, to.Speed)  # that a person has clicked, with notes
+PATIENT = (*ASKED, to.HandOver, to.Inspect, to.TakeWheel)  # hold for whatever is being loaded
 LOOK = 0.1  # [s] between looks at what the server is doing
-ASKED = (Load, Pause, Play, Reset, Seed, Speed)  # of them, those that a person has clicked, with notes
 PROMPT, PATIENCE = 5.0, 20.0  # [s] for the twin to answer, for immediate commands and for the `PATIENT`
 KEEP_WHEEL = 3.0  # [s] between renewals of the lease by actions on the page alone
 Act = Callable[[Any, "Visitor"], object]
@@ -178,7 +216,7 @@ class Hub:
         if self.is_driver(visitor):
             self.view.at = None
             self.view.aim_at_nothing()
-            self.send(visitor, HandOver())
+            self.send(visitor, to.HandOver())
         return visitor
 
     def tell(self, visitor: Visitor | None, text: str, title: str = "", colour: str = "orange") -> None:
@@ -210,9 +248,9 @@ class Hub:
 
     def refusal(self, visitor: Visitor) -> str:
         """Reason why this visitor may not change anything now; "" if they may."""
-        if not self.drives(visitor):
-            status = self.client.status()
-            return f"{status.driver_name if status else 'somebody else'} is driving"
+        status = self.client.status()
+        if status is not None and not self.drives(visitor):
+            return f"{status.driver_name} is driving"
         return "" if self.view.at is None else LOOKING_BACK
 
     def live(self, visitor: Visitor) -> bool:
@@ -240,17 +278,17 @@ class Hub:
     def asker(self) -> Visitor | None:
         """The visitor who asked first for the wheel and still does."""
         status = self.client.status()
-        driver = "" if status is None else status.driver
-        if not driver:
+        if status is None or not status.driver:
             self._asking.clear()
-        self._asking.pop(driver, None)
+        else:
+            self._asking.pop(status.driver, None)
         return next(iter(list(self._asking.values())), None)
 
     def keep_wheel(self, visitor: Visitor) -> None:
         """Take a free lease for an active visitor, or renew it for actions that change only the page."""
         quiet = time.monotonic() - visitor.sent > KEEP_WHEEL
         if quiet and self.client.alive and not visitor.gone:
-            self.send(visitor, TakeWheel())
+            self.send(visitor, to.TakeWheel())
 
     # commands
 
@@ -268,9 +306,8 @@ class Hub:
 
         A loading server answers nothing: commands that hold for any scene wait until it is done.
         """
-        timeout = PROMPT
+        timeout = PATIENCE if isinstance(command, PATIENT) else PROMPT
         if isinstance(command, PATIENT):
-            timeout = PATIENCE
             if self.loading() and isinstance(command, ASKED):
                 self.tell(visitor, "the twin is still loading: this comes next")
             while self.loading() and not self._stop.wait(LOOK):
@@ -278,7 +315,7 @@ class Hub:
         with self._speaking:  # no commands for a visitor whose lease was given back
             if visitor is None:
                 answer = self.client.command(command, timeout)
-            elif visitor.gone and not isinstance(command, HandOver):
+            elif visitor.gone and not isinstance(command, to.HandOver):
                 return Answer(ok=False, reason=f"{visitor.name} is gone")
             else:
                 visitor.sent = time.monotonic()
@@ -301,7 +338,7 @@ class Hub:
     def inspect(self) -> None:
         """Ask the twin to explain what the view needs."""
         picked = -1 if self.view.picked is None else self.view.picked
-        self.send(None, Inspect(candidate=picked, staa_path=self.shows(STAA)))
+        self.send(None, to.Inspect(candidate=picked, staa_path=self.shows(STAA)))
 
     def _send_queued(self) -> None:
         while not self._stop.is_set():

@@ -4,6 +4,9 @@ Viser has no login and checks no origin, so its listener is wrapped here. The na
 that no other web page can reach the twin through the visitor's browser, and none may show it in a frame. With a token,
 nothing is served without it. Viser's public tunnel is off for good.
 
+The documentation is served beside it, under /docs. `make docs` builds it as a site. A checkout without that has its
+texts, which a browser shows as they are written; an installed wheel has neither, and then no term is a link.
+
 One page must not cost the others theirs: the number of pages is limited, and the data that each may send. A page sends
 its camera at most sixty times a second, and a picture of some megabytes when asked for one. Faster messages wait in the
 browser, held back by TCP flow control.
@@ -15,14 +18,16 @@ import gzip
 import hmac
 import http
 import ipaddress
+import mimetypes
 import os
 import socket
 import time
 import unittest.mock
-from collections.abc import Awaitable, Callable, Sequence
+from collections.abc import Awaitable, Callable, Mapping, Sequence
 from http.cookies import CookieError, SimpleCookie
+from pathlib import Path
 from typing import Any
-from urllib.parse import parse_qs, parse_qsl, urlencode, urlsplit
+from urllib.parse import parse_qs, parse_qsl, unquote, urlencode, urlsplit
 
 import viser
 import websockets.asyncio.server
@@ -34,7 +39,61 @@ from motm_twin.bus.connection import LOOPBACK, free_port, require_free_port
 from motm_twin.bus.private_folder import folder, own_secret
 from motm_twin.model.data_dirs import web_assets_dir
 from motm_twin.program import give_back
-from motm_twin.ui import documentation
+
+PATH = "/docs/"
+PLAIN, CHECKED = "text/plain; charset=utf-8", {"Cache-Control": "no-cache"}
+TERMS = {  # page, and the heading on it
+    "method": ("method", "all-methods"),
+    "place": ("method", "sec-iv-base-placement"),
+    "plan": ("method", "sec-iii-base-controller"),
+    "end of search": ("method", "iii-c-search-termination"),
+    "penalty": ("method", "iii-d-fading-proximity-penalty"),
+    "arm": ("method", "sec-v-arm-and-obstacle-avoidance"),
+    "program": ("parameters", "arm-quadratic-program"),
+    "avoidance": ("parameters", "arm-obstacle-avoidance-sec-v"),
+    "phases": ("parameters", "arm-phases-and-motion"),
+    "referee": ("method", "the-referee"),
+    "tour": ("results", "measures"),
+    "period": ("performance", "what-a-period-costs"),
+    "faults": ("robustness", "what-is-watched"),
+    "page": ("page", "the-page-a-tour"),
+}
+
+
+@functools.cache
+def _place() -> tuple[Path, str] | None:
+    """Folder of the documentation and the ending of its pages; None without any."""
+    root = web_assets_dir().parent
+    found = ((root / "build" / "site", ".html"), (root / "docs", ".md"))
+    return next(((folder, ending) for folder, ending in found if (folder / f"method{ending}").is_file()), None)
+
+
+def link(term: str) -> str:
+    """Address of what is said about one of `TERMS`; "" where there is no documentation."""
+    place = _place()
+    page, heading = TERMS[term]
+    return "" if place is None else f"{PATH}{page}{place[1]}#{heading}"
+
+
+def documentation(path: str) -> Response | None:
+    """The file under `PATH` that a browser asks for; None for what is none of its business."""
+    if not path.startswith(PATH):
+        return None
+    if (place := _place()) is not None:
+        folder = place[0].resolve()
+        wanted = (folder / (unquote(path.removeprefix(PATH)) or "index.html")).resolve()
+        if wanted.is_relative_to(folder) and wanted.is_file():
+            known = mimetypes.guess_type(wanted.name)[0] or "application/octet-stream"
+            kind = PLAIN if wanted.suffix == ".md" else known
+            return response(http.HTTPStatus.OK, wanted.read_bytes(), {"Content-Type": kind, **CHECKED})
+    return response(http.HTTPStatus.NOT_FOUND, b"no such page", CHECKED)
+
+
+def response(status: http.HTTPStatus, body: bytes, headers: Mapping[str, str]) -> Response:
+    """An answer with these headers besides its length; plain text unless they tell another type."""
+    told = {"Content-Type": PLAIN, "Content-Length": str(len(body)), **headers}
+    return Response(status.value, status.phrase, Headers(told), body)
+
 
 SCRIPTS = ("keys.js", "reconnect.js", "smooth.js", "view.js", "tour.js", "overlay.js")  # in this order
 STYLES = ("overlay.css",)
@@ -99,9 +158,7 @@ def chosen_token(given: str | None, *, none: bool) -> str | None:
     """
     if given is not None and none:
         raise ValueError("--token and --no-token exclude each other")
-    if none:
-        return None
-    return given or os.environ.get(VARIABLE) or own_token()
+    return None if none else given or os.environ.get(VARIABLE) or own_token()
 
 
 def own_token() -> str:
@@ -263,7 +320,7 @@ def open_page(
 
     def serve(handler: Any, host: str, *args: Any, process_request: Callable[..., Any], **options: Any) -> Any:
         def process(connection: Any, request: Request) -> Response | None:
-            refused = guard.check(request) or documentation.answer(urlsplit(request.path).path)
+            refused = guard.check(request) or documentation(urlsplit(request.path).path)
             return _closed(refused or with_scripts(process_request(connection, request)))
 
         wrapped.append(1)
@@ -273,7 +330,7 @@ def open_page(
 
     with unittest.mock.patch.object(websockets.asyncio.server, "serve", serve):
         server = viser.ViserServer(host=host, port=port, verbose=False)
-    server.request_share_url = _no_tunnel
+    server.request_share_url = lambda *_, **__: None  # no tunnel to a public address
     if not wrapped or (port and server.get_port() != port):
         server.stop()
         raise OSError(f"the page did not come up as asked on {host}:{port}: nothing is served")
@@ -285,10 +342,6 @@ def page_url(host: str, port: int, token: str | None) -> str:
     name = LOOPBACK if host in ("0.0.0.0", "::") else host  # noqa: S104 - compared, not bound
     name = f"[{name}]" if ":" in name else name
     return f"http://{name}:{port}/" + (f"?token={token}" if token else "")
-
-
-def _no_tunnel(*_: object, **__: object) -> None:
-    """Replacement for Viser's request for a public address."""
 
 
 def _closed(response: Response | None) -> Response | None:
@@ -326,7 +379,7 @@ def _equal(offered: str, token: str) -> bool:
 
 
 def _response(status: http.HTTPStatus, text: str, **more: str) -> Response:
-    return documentation.response(status, text.encode(), {"Cache-Control": "no-store", **more})
+    return response(status, text.encode(), {"Cache-Control": "no-store", **more})
 
 
 class LoopEvent(asyncio.Event):

@@ -181,10 +181,10 @@ class WhatIf:
     def _watched(self) -> float | None:
         if self._watch_from is None:
             return None
-        time = self.state.start + WATCH_SPEED * (self._now() - self._watch_from)
-        if time > self._runs.common() + WATCH_SPEED * WATCH_END:
+        time, common = self.state.start + WATCH_SPEED * (self._now() - self._watch_from), self._runs.common()
+        if time > common + WATCH_SPEED * WATCH_END:
             self._watch_from = None
-        return None if self._watch_from is None else min(time, self._runs.common())
+        return None if self._watch_from is None else min(time, common)
 
     def start(self, values: Values, from_index: int, run: int = -1) -> None:
         """Compare the run so far, and how it goes on, with the same from a period on with these values.
@@ -224,9 +224,8 @@ class WhatIf:
     def _method_of(self, session: bytes) -> list[str]:
         """The option that tells where the method of a session is, when it is not shipped."""
         own = self._own_method
-        if own is None or msgspec.json.decode(session, type=_Driven).method != own[0]:
-            return []
-        return ["--method", own[1]]
+        shipped = own is None or msgspec.json.decode(session, type=_Driven).method != own[0]
+        return [] if shipped else ["--method", own[1]]
 
     def _run(self, job: int, options: list[str]) -> None:
         with self._lock:

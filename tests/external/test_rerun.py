@@ -26,13 +26,11 @@ from motm_twin.bus.library import FileLibrary
 from motm_twin.cli import rerun as cli_rerun
 from motm_twin.model.edits import Announce
 from motm_twin.record import channels as ch
-from motm_twin.record import rerun_file
-from motm_twin.record.info import info
-from motm_twin.record.mcap_file import McapFile
-from motm_twin.record.reader import read
+from motm_twin.record import replay
+from motm_twin.record.mcap_file import McapFile, read
 from motm_twin.record.recorder import Recorder
-from motm_twin.record.recording import load_recording, observations_of
-from motm_twin.record.rerun_file import rerun_run
+from motm_twin.record.recording import info, load_recording, observations_of
+from motm_twin.record.replay import rerun_run
 from motm_twin.sessions.session import SessionError
 
 PERIODS = 60
@@ -146,7 +144,7 @@ def test_what_the_robot_reported_decides(recorded, monkeypatch):
             ]
             yield msgspec.structs.replace(message, samples=samples)
 
-    monkeypatch.setattr(rerun_file, "observations_of", doctored)
+    monkeypatch.setattr(replay, "observations_of", doctored)
     recording = load_recording(recorded)
     (run,) = (run for run in recording.runs if run.indices)
     report = rerun_run(recording, run)

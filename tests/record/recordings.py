@@ -1,30 +1,20 @@
 """Recordings for tests: a recorder as a process, and files that were changed."""
 
 import json
-import os
 import subprocess
 import sys
 
 from mcap.reader import make_reader
 
 from motm_twin.record.channels import CHANNELS
-from motm_twin.record.mcap_file import McapFile
-from motm_twin.record.reader import read
+from motm_twin.record.mcap_file import McapFile, read
 
 
 class Recording:
     """A recorder process; its events as they come."""
 
     def __init__(self, endpoint, path, *options, **popen):
-        command = [
-            sys.executable,
-            "-m",
-            "motm_twin.record.recorder",
-            "--endpoint",
-            endpoint,
-            "--out",
-            str(path),
-        ]
+        command = [sys.executable, "-m", "motm_twin.record.recorder", "--endpoint", endpoint, "--out", str(path)]
         self.process = subprocess.Popen([*command, *options], stdout=subprocess.PIPE, text=True, **popen)
 
     def event(self):
@@ -52,8 +42,7 @@ def changed(path, target, change):
     """A copy with messages as ``change`` (topic, message) gives them; None leaves one out."""
     file = McapFile(target)
     for entry in read(path):
-        message = change(entry.topic, json.loads(entry.data))
-        if message is not None:
+        if (message := change(entry.topic, json.loads(entry.data))) is not None:
             file.add(CHANNELS[entry.topic], entry.log_time / 1e9, json.dumps(message).encode())
     file.close()
     return target
@@ -69,13 +58,8 @@ def damaged(path, target):
     """With one byte that is wrong, in the chunk in the middle."""
     data = bytearray(path.read_bytes())
     with path.open("rb") as file:
-        summary = make_reader(file).get_summary()
-    assert summary is not None
-    chunk = summary.chunk_indexes[len(summary.chunk_indexes) // 2]
+        chunks = make_reader(file).get_summary().chunk_indexes
+    chunk = chunks[len(chunks) // 2]
     data[chunk.chunk_start_offset + chunk.chunk_length // 2] ^= 0xFF
     target.write_bytes(bytes(data))
     return target
-
-
-def unprivileged():
-    return os.geteuid() != 0

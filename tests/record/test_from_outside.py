@@ -1,11 +1,14 @@
-"""Files from anybody: what they hold is bounded by their size, and what is broken is said to be that."""
+"""Files from anybody are bounded by their size, and what is broken is said; so the tool finds that mutates files."""
 
 import json
+import os
 import struct
+import time
 
 import msgspec
 import pytest
 from mcap.writer import CompressionType, IndexType, Writer
+from rich.table import Table
 
 from motm_twin.bus.commands import Refused
 from motm_twin.bus.data_folder import DataFolder
@@ -13,12 +16,10 @@ from motm_twin.bus.encode import ObservationEncoder, tick_message
 from motm_twin.cli.rerun import rerun_file
 from motm_twin.program import plain_console, printable, table_console
 from motm_twin.record import channels as ch
-from motm_twin.record.frames import Frames
-from motm_twin.record.info import info, show
-from motm_twin.record.mcap_file import McapFile
-from motm_twin.record.reader import FREE_MESSAGES, MAX_NAMES, read, recover
-from motm_twin.record.recording import load_recording
-from motm_twin.record.rerun_file import RecordedPlant
+from motm_twin.record.mcap_file import FREE_MESSAGES, MAX_NAMES, McapFile, read, recover
+from motm_twin.record.player import Frames
+from motm_twin.record.recording import info, load_recording, show
+from motm_twin.record.replay import RecordedPlant
 from motm_twin.sessions import session as session_module
 from motm_twin.sessions.session import SessionError, decode_session, encode_session, save_session
 from motm_twin.twin import Twin
@@ -46,15 +47,14 @@ def ticks(recorded):
     return [msgspec.json.encode(tick_message(twin.advance(), 1, 5.0 + 0.05 * k, began=1.0)) for k in range(6)]
 
 
-@pytest.fixture
-def good(recorded, ticks, tmp_path):
-    """A small whole recording."""
-    file = McapFile(tmp_path / "good.mcap")
-    file.add(ch.SCENE, 4.0, msgspec.json.encode(ch.RecordedScene(scene=recorded.session.scene)))
+def recording(path, scene, ticks):
+    """A small whole recording, with a scene as JSON takes it."""
+    file = McapFile(path)
+    file.add(ch.SCENE, 4.0, msgspec.json.encode({"scene": scene}))
     for payload in ticks:
         file.add(ch.TICK, 5.0, payload)
     file.close()
-    return tmp_path / "good.mcap"
+    return path
 
 
 def uses(path, tmp_path):
@@ -68,9 +68,8 @@ def uses(path, tmp_path):
 def test_a_small_file_that_unpacks_to_millions_of_messages_is_refused_as_it_is_read(tmp_path):
     bomb = written(tmp_path / "bomb.mcap", [b""] * (10 * FREE_MESSAGES), topic="/x")
     for use, path in uses(bomb, tmp_path):
-        with pytest.raises(
-            SessionError, match=r"bomb\.mcap: holds more than [0-9,]+ messages in .* MB: it is no recording"
-        ):
+        words = r"bomb\.mcap: holds more than [0-9,]+ messages in .* MB: it is no recording"
+        with pytest.raises(SessionError, match=words):
             use(path)
     assert sorted(file.name for file in tmp_path.iterdir()) == ["bomb.mcap"]
     seen = 0
@@ -81,7 +80,7 @@ def test_a_small_file_that_unpacks_to_millions_of_messages_is_refused_as_it_is_r
 
 
 def test_a_file_that_unpacks_to_more_than_its_size_can_is_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr("motm_twin.record.reader.FREE_BYTES", 1_000_000)
+    monkeypatch.setattr("motm_twin.record.mcap_file.FREE_BYTES", 1_000_000)
     bomb = written(tmp_path / "bomb.mcap", [bytes(1_000_000)] * 8, topic="/x")
     with pytest.raises(SessionError, match=r"unpacks to more than .* MB from .* MB"):
         info(bomb)
@@ -125,33 +124,21 @@ def test_a_message_that_cannot_be_read_is_said_to_be_that(payload, tmp_path):
         assert str(refusal.value).startswith(f"{path}: ")
 
 
-@pytest.mark.parametrize("field", ["plan", "robot", "tasks"])
-def test_a_tick_without_what_is_compared_is_a_difference(good, ticks, field, tmp_path, capsys):
-    def change(payload):
-        tick = json.loads(payload)
-        tick[field] = {"expansions": 1, "cut_by_clock": False} if field == "plan" else 7
-        return json.dumps(tick).encode()
-
-    file = McapFile(tmp_path / "changed.mcap")
-    for entry in read(good):
-        data = change(entry.data) if entry.topic == ch.TICK.topic else entry.data
-        file.add(ch.CHANNELS[entry.topic], entry.log_time / 1e9, data)
-    file.close()
-    assert rerun_file(str(tmp_path / "changed.mcap")) == 1
-    assert "different first in period 0" in capsys.readouterr().out
-
-
-def test_a_tick_that_can_be_read_only_in_part_is_a_difference(good, tmp_path, capsys):
-    """Its bytes are no text where nothing but the comparison reads."""
-    file = McapFile(tmp_path / "changed.mcap")
-    for entry in read(good):
-        data = entry.data
-        if entry.topic == ch.TICK.topic:
-            data = json.dumps(json.loads(data) | {"robot": "BROKEN"}).encode().replace(b"BROKEN", b"\xff")
-        file.add(ch.CHANNELS[entry.topic], entry.log_time / 1e9, data)
-    file.close()
-    assert rerun_file(str(tmp_path / "changed.mcap")) == 1
-    assert "what was recorded of it cannot be read" in capsys.readouterr().out
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"plan": {"expansions": 1, "cut_by_clock": False}}, "different first in period 0"),
+        ({"robot": 7}, "different first in period 0"),
+        ({"tasks": 7}, "different first in period 0"),
+        ({"robot": "BROKEN"}, "what was recorded of it cannot be read"),  # only the comparison reads it
+    ],
+)
+def test_a_tick_without_what_is_compared_or_that_is_read_only_in_part_is_a_difference(
+    recorded, ticks, change, said, tmp_path, capsys
+):
+    changed = [json.dumps(json.loads(tick) | change).encode().replace(b"BROKEN", b"\xff") for tick in ticks]
+    assert rerun_file(str(recording(tmp_path / "changed.mcap", recorded.session.scene, changed))) == 1
+    assert said in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(("name", "value"), [("index", 10**400), ("index", -5), ("run", 2**60), ("first", 10**9)])
@@ -164,12 +151,8 @@ def test_numbers_that_no_twin_gives_are_refused(ticks, name, value, tmp_path):
 def test_a_scene_in_a_recording_is_checked_as_that_of_a_session(recorded, ticks, tmp_path, capsys):
     scene = json.loads(msgspec.json.encode(recorded.session.scene))
     scene["robot"]["lidar"]["beams"] = 10**9
-    file = McapFile(tmp_path / "large.mcap")
-    file.add(ch.SCENE, 4.0, json.dumps({"scene": scene}).encode())
-    file.add(ch.TICK, 5.0, ticks[0])
-    file.close()
     with pytest.raises(SessionError, match="beams"):
-        rerun_file(str(tmp_path / "large.mcap"))
+        rerun_file(str(recording(tmp_path / "large.mcap", scene, ticks[:1])))
 
 
 @pytest.mark.parametrize(
@@ -198,19 +181,12 @@ def test_no_control_character_of_a_file_reaches_the_terminal(recorded, ticks, tm
     save_session(session, tmp_path / "odd.json")
     rerun_file(str(tmp_path / "odd.json"))
     scene = msgspec.structs.replace(recorded.session.scene, name=ODD, variant=ODD)
-    file = McapFile(tmp_path / "odd.mcap")
-    file.add(ch.SCENE, 4.0, msgspec.json.encode(ch.RecordedScene(scene=scene)))
-    file.add(ch.TICK, 5.0, ticks[0])
-    file.close()
-    show(info(tmp_path / "odd.mcap"))
+    show(info(recording(tmp_path / "odd.mcap", scene, ticks[:1])))
     said = capsys.readouterr().out
-    assert printable(said) == said
-    assert "[red]c" in said
+    assert printable(said) == said and "[red]c" in said
 
 
 def test_what_is_styled_or_in_a_table_is_cleaned_too(capsys):
-    from rich.table import Table
-
     table = Table("a\x1b[31m")
     table.add_row("b\x9b")
     for console in (plain_console(), table_console()):
@@ -233,3 +209,53 @@ def test_save_and_record_follow_no_link_out_of_their_folder(tmp_path, suffix, th
         folder_of_server._new("run", suffix)
     assert elsewhere.exists() is there
     folder_of_server.close()
+
+
+TOOL = "hostile_files"  # of the fixture `tool`
+
+
+def test_mutated_files_are_read_or_refused_with_a_sentence(tool, tmp_path):
+    hunt = tool.Hunt(5, tmp_path / "kept", tmp_path)
+    hunt.run(0, 120)
+    assert hunt.found == [] and sum(hunt.verdicts.values()) == 120
+    assert set(hunt.verdicts) == {"json read", "json refused", "mcap read", "mcap refused"}
+
+
+class Odd(SessionError):
+    def __str__(self):
+        return "a\x1b[2J"
+
+
+def says_control_characters():
+    raise Odd("")
+
+
+@pytest.mark.parametrize(
+    ("use", "words"),
+    [
+        pytest.param(lambda: {}["scene"], "KeyError", id="fails"),
+        pytest.param(lambda: time.sleep(60.0), "hangs", id="hangs"),
+        pytest.param(lambda: os._exit(1), "ends its process", id="ends"),
+        pytest.param(lambda: time.sleep(0.5), "took 0", id="is slow"),
+        pytest.param(lambda: len(bytearray(b"x") * 600_000_000), " MB", id="takes memory"),
+        (says_control_characters, "not printable"),
+    ],
+)
+def test_what_is_no_sentence_is_found_and_kept_and_the_next_file_is_read(tool, tmp_path, monkeypatch, use, words):
+    if words in ("hangs", "took 0"):
+        monkeypatch.setattr(tool, "SECONDS", 0.3)
+        monkeypatch.setattr(tool, "GRACE", 0.5)
+    hunt = tool.Hunt(5, tmp_path / "kept", tmp_path)
+    for kind in hunt._kinds:
+        monkeypatch.setattr(kind, "use", lambda path, rng: use() if path.read_bytes() else None)
+    hunt.run(0, 1)
+    (found,) = hunt.found
+    assert found.startswith("file 0: ")
+    assert words in found
+    (kept,) = (tmp_path / "kept").iterdir()
+    assert kept.stem == "0"
+    for kind in hunt._kinds:
+        monkeypatch.setattr(kind, "use", lambda path, rng: None)
+    hunt.run(1, 3)
+    assert len(hunt.found) == 1
+    assert sum(hunt.verdicts.values()) == 3

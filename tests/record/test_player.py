@@ -16,11 +16,9 @@ from motm_twin.bus.connection import open_client
 from motm_twin.bus.messages import EventsMessage
 from motm_twin.model.period import PERIOD
 from motm_twin.record import channels as ch
-from motm_twin.record.frames import Frames
-from motm_twin.record.mcap_file import McapFile
-from motm_twin.record.player import Playback, Player
+from motm_twin.record.mcap_file import McapFile, read
+from motm_twin.record.player import Frames, Playback, Player
 from motm_twin.record.player_server import PlayerServer
-from motm_twin.record.reader import read
 from motm_twin.sessions.session import SessionError
 
 LAST = 60
@@ -31,10 +29,7 @@ def path(tmp_path_factory):
     """A minute's twentieth of the stand-in, an obstacle in it."""
     folder = tmp_path_factory.mktemp("recordings")
     first, out = Load(scene="fake", method="staa"), folder / "x.mcap"
-    with (
-        fake_server(first=first, playing=False, data=folder) as server,
-        TwinClient(server.endpoint) as client,
-    ):
+    with fake_server(first=first, playing=False, data=folder) as server, TwinClient(server.endpoint) as client:
         recorder = Recording(server.endpoint, out)
         assert recorder.event()["event"] == "recording"
         until(lambda: client.tick() and client.status(), "no tick")
@@ -57,8 +52,7 @@ def client(path):
 
 def test_a_recording_looks_like_a_twin(client):
     status = client.status()
-    assert (status.state, status.plant, status.scene) == ("paused", "recording", "fake")
-    assert status.method == "staa"
+    assert (status.state, status.plant, status.scene, status.method) == ("paused", "recording", "fake", "staa")
     assert [choice.title for choice in status.methods] == ["STAA* without the paper's changes"]
     assert "x.mcap, 0.0 of 3.0 s" in status.plant_text
     assert (client.scene().name, client.tick().index, client.grid().info.run) == ("fake", 0, status.run)
@@ -106,27 +100,18 @@ def test_steps_and_leaps_keep_a_past_that_readers_can_look_back_at(client):
     until(lambda: client.tick().index == 30, "it did not leap")
     assert len(seen) == 30  # all between as well
     run, began = client.tick().run, client.tick().began
-    assert client.command(Branch(index=10)).ok
-    until(lambda: client.tick().index == 10, "it did not leap back")
-    tick = client.tick()
-    assert (tick.run, tick.began, tick.first, tick.past) == (run + 1, began, 10, run)
-    assert client.command(Step(count=2)).ok
-    until(lambda: client.tick().index == 12, "the steps were not made")
-    assert client.command(Reset()).ok
-    until(lambda: client.tick().index == 0, "it did not go to its start")
+    for command, index in ((Branch(index=10), 10), (Step(count=2), 12), (Reset(), 0)):
+        assert client.command(command).ok
+        until(lambda index=index: client.tick().index == index, f"{command} was not done")
+        if index == 10:
+            tick = client.tick()
+            assert (tick.run, tick.began, tick.first, tick.past) == (run + 1, began, 10, run)
 
 
 def test_while_it_plays_the_states_of_the_robot_come_one_after_the_other_as_they_were(path, tmp_path):
     sent, frames = [], Frames(with_more_states(path, tmp_path / "more.mcap"))
-    player = Player(
-        frames,
-        name="x",
-        twin="x",
-        put=lambda topic, *_: sent.append(topic),
-        now=time.time,
-        changed=lambda: None,
-        playback=Playback(speed=0.125),
-    )
+    ways = {"put": lambda topic, *_: sent.append(topic), "now": time.time, "changed": lambda: None}
+    player = Player(frames, name="x", twin="x", playback=Playback(speed=0.125), **ways)
     robots = [[item for item in frame.sent() if item[0] == ch.ROBOT.topic] for frame in frames]
     number = next(number for number, found in enumerate(robots) if number and len(found) > 1)
     player._show(0)
@@ -149,9 +134,7 @@ def with_more_states(path, target):
     entries = list(read(path))
     robot = json.loads(next(entry.data for entry in entries if entry.topic == ch.ROBOT.topic))
     file = McapFile(target)
-    for entry in entries:
-        if entry.topic == ch.ROBOT.topic:
-            continue
+    for entry in (entry for entry in entries if entry.topic != ch.ROBOT.topic):
         file.add(ch.CHANNELS[entry.topic], entry.log_time / 1e9, entry.data)
         if entry.topic == ch.TICK.topic:
             for k in range(3):
@@ -164,8 +147,7 @@ def with_more_states(path, target):
 def test_what_would_change_it_is_refused_with_a_reason(client):
     for command in (AddObstacle(name="box", x=1.0, y=1.0), Load(scene="other")):
         answer = client.command(command)
-        assert not answer.ok
-        assert answer.reason.startswith("this is a recording")
+        assert not answer.ok and answer.reason.startswith("this is a recording")
     assert "0 to 60" in client.command(Branch(index=61)).reason
     with pytest.raises(NoSession, match="this is a recording"):
         client.session()

@@ -2,6 +2,7 @@
 
 import json
 import random
+from pathlib import Path
 
 import jsonschema
 import msgspec
@@ -12,19 +13,21 @@ from waiting import until
 
 from motm_twin.bus.client import TwinClient
 from motm_twin.bus.commands import AddObstacle, Branch, Load, MoveBody, SetParameter, Step
-from motm_twin.bus.encode import tick_message
+from motm_twin.bus.encode import RobotEncoder, tick_message
 from motm_twin.bus.library import TwinSetup
 from motm_twin.bus.server import TwinServer
 from motm_twin.cli.record import recover as recover_command
 from motm_twin.cli.rerun import rerun_file
+from motm_twin.model.profile import RobotProfile
 from motm_twin.model.reason import Kind, Reason
 from motm_twin.model.scene_file import load_scene
 from motm_twin.record import channels as ch
-from motm_twin.record.info import info, show
-from motm_twin.record.reader import Health, read, recover
-from motm_twin.record.recording import load_recording
-from motm_twin.record.rerun_file import _differing, rerun_run
+from motm_twin.record.foxglove import WORLD
+from motm_twin.record.mcap_file import Health, read, recover
+from motm_twin.record.recording import info, load_recording, show
+from motm_twin.record.replay import _differing, rerun_run
 from motm_twin.sessions.session import SessionError
+from motm_twin.twin import Twin
 
 READY = 240.0  # [s] the first start compiles, on a machine that may be busy
 BRANCHED, ENDED = 25, 45
@@ -104,18 +107,18 @@ def test_every_run_is_the_same_again_with_its_branch_and_with_half_of_its_past(f
         recording = load_recording(path)
         assert len(recording.runs) == 2
         reports = [rerun_run(recording, run) for run in recording.runs]
-        assert [(report.ok, report.fields, report.periods) for report in reports] == [
-            (True, [], BRANCHED + 11),
-            (True, [], ENDED),
-        ]
-        assert all(report.hashes for report in reports)
+        assert all(report.ok and not report.fields and report.hashes for report in reports)
+        assert [report.periods for report in reports] == [BRANCHED + 11, ENDED]
         assert reports[1].compared == ENDED - BRANCHED
     assert reports[0].compared < BRANCHED + 11
 
 
+def without_session(topic, message):
+    return None if topic == "/motm/session" else message
+
+
 def test_without_any_session_the_ticks_alone_repeat_the_run(whole, tmp_path):
-    path = changed(whole, tmp_path / "x.mcap", lambda topic, message: None if topic == "/motm/session" else message)
-    recording = load_recording(path)
+    recording = load_recording(changed(whole, tmp_path / "x.mcap", without_session))
     assert [rerun_run(recording, run).ok for run in recording.runs] == [True, True]
 
 
@@ -155,8 +158,7 @@ def test_another_state_behind_equal_periods_is_found_by_its_hash(whole, tmp_path
 
     recording = load_recording(changed(whole, tmp_path / "x.mcap", other))
     report = rerun_run(recording, recording.runs[0])
-    assert not report.ok
-    assert report.fields[0].startswith("state hash: recorded 000000000000")
+    assert not report.ok and report.fields[0].startswith("state hash: recorded 000000000000")
 
 
 def test_an_edit_in_a_period_that_is_missing_is_not_made_up(whole, tmp_path):
@@ -180,11 +182,9 @@ def test_an_edit_that_is_refused_now_is_a_difference(whole, tmp_path, capsys):
 
 
 def test_a_run_of_which_only_the_end_is_known_is_not_computed_and_is_no_difference(files, tmp_path):
-    path = changed(files[1], tmp_path / "x.mcap", lambda topic, message: None if topic == "/motm/session" else message)
-    with pytest.raises(
-        SessionError, match=r"on, and of what was done before the file tells nothing; run 2: it goes on"
-    ):
-        rerun_file(str(path))
+    words = "on, and of what was done before the file tells nothing; run 2: it goes on"
+    with pytest.raises(SessionError, match=words):
+        rerun_file(str(changed(files[1], tmp_path / "x.mcap", without_session)))
 
 
 def test_every_message_fits_its_schema(whole):
@@ -225,9 +225,8 @@ def test_viewers_that_know_no_references_find_plain_fields_in_front():
             plain(schema["items"])
 
     for channel in (channel for channel in ch.CHANNELS.values() if channel.struct):
-        schema = msgspec.json.decode(channel.json_schema())
-        assert schema["type"] == "object"
-        assert schema["properties"]
+        schema = msgspec.json.decode(channel.json_schema)
+        assert schema["type"] == "object" and schema["properties"]
         for inner in schema["properties"].values():
             plain(inner)
 
@@ -238,8 +237,7 @@ def test_a_file_that_is_cut_anywhere_gives_what_is_before(whole, tmp_path):
     for length in [9, 30, size - 1, *(dice.randrange(8, size) for _ in range(80))]:
         health = Health()
         found = list(read(cut(whole, tmp_path / "cut.mcap", length), health))
-        assert not health.complete
-        assert health.text
+        assert health.text and not health.complete
         assert found == entries[: len(found)]
 
 
@@ -254,13 +252,11 @@ def test_what_is_no_recording_is_refused_with_a_sentence(tmp_path):
 
 def test_a_cut_file_is_recovered_and_the_proof_is_read(whole, tmp_path):
     path = cut(whole, tmp_path / "cut.mcap", whole.stat().st_size * 2 // 3)
-    before = len(list(read(path)))
-    found = recover(path)
+    before, found = len(list(read(path))), recover(path)
     assert found.file == str(tmp_path / "cut.recovered.mcap")
     assert (found.messages, found.was_complete, found.broken_chunks) == (before, False, 0)
     again = info(found.file)
-    assert again.complete
-    assert sum(channel.messages for channel in again.channels) == before
+    assert again.complete and sum(channel.messages for channel in again.channels) == before
     recording = load_recording(found.file)
     assert rerun_run(recording, recording.runs[0]).ok
     with pytest.raises(SessionError, match="exists already"):
@@ -275,8 +271,7 @@ def test_of_a_file_that_is_damaged_in_its_middle_is_said_what_is_true(whole, tmp
     report = json.loads((tmp_path / "report.json").read_text())
     assert report["runs"][-1]["periods"] == last + 1, "what comes after was not compared"
     said = capsys.readouterr().out
-    assert "is broken" in said
-    assert "only what is whole in it could be compared" in said
+    assert "is broken" in said and "only what is whole in it could be compared" in said
     found = recover(path)
     assert (found.lost_bytes, found.broken_chunks, found.was_complete) == (0, 1, False)
     assert recover_command(str(path), str(tmp_path / "again.mcap")) == 0
@@ -289,3 +284,38 @@ def test_when_the_work_was_done_is_of_the_server_and_no_part_of_the_run():
     assert _differing(payload, tick, of_truth=True) == []
     moved = msgspec.structs.replace(tick, why=Reason(kind=Kind.NO_TARGET))
     assert _differing(payload, moved, of_truth=True) != []
+
+
+LAYOUT = json.loads((Path(__file__).parents[2] / "docs" / "foxglove_layout.json").read_text())
+PANELS = LAYOUT["configById"]
+
+
+def leaves(node):
+    return [node] if isinstance(node, str) else [*leaves(node["first"]), *leaves(node["second"])]
+
+
+def test_every_panel_is_placed_and_every_placed_panel_is_there():
+    placed = leaves(LAYOUT["layout"])
+    tabs = [leaf for tab in PANELS["Tab!right"]["tabs"] for leaf in leaves(tab["layout"])]
+    assert sorted([*placed, *tabs]) == sorted(PANELS)
+
+
+def test_the_scene_shows_every_drawn_topic_and_no_other():
+    shown = set(PANELS["3D!motm"]["topics"])
+    drawn = {topic for topic, channel in ch.CHANNELS.items() if channel.schema}
+    assert shown == drawn - {ch.DRAWN_FRAMES.topic, ch.DRAWN_LOG.topic}
+    assert PANELS["RosOut!log"]["topicToRender"] == ch.DRAWN_LOG.topic
+    assert PANELS["RawMessages!tick"]["topicPath"] == ch.TICK.topic
+
+
+def test_no_frame_is_drawn_over_the_robot():
+    """Foxglove draws axes at every frame that is not hidden, and a line from it to its parent."""
+    hidden = {name for name, frame in PANELS["3D!motm"]["transforms"].items() if not frame["visible"]}
+    robot = RobotEncoder(RobotProfile()).state(Twin(load_scene("exp1", "trial1", 0)).advance().observation, 1, 0.0)
+    assert hidden == {f"frame:{name}" for name in (WORLD, *robot.frames)}
+
+
+def test_every_curve_is_a_field_of_the_plots():
+    fields = {field.name for field in msgspec.structs.fields(ch.PlotsMessage)}
+    paths = [path["value"] for name, panel in PANELS.items() if name.startswith("Plot!") for path in panel["paths"]]
+    assert paths and set(paths) <= {f"{ch.PLOTS.topic}.{name}" for name in fields}

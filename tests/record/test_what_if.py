@@ -6,12 +6,12 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import msgspec
 import pytest
 from rich.console import Console
+from waiting import until
 
 from motm_twin.cli.rerun import BothRuns
 from motm_twin.model.edits import AddObstacle, InsertTask, MoveBody, SetParameter
@@ -51,8 +51,7 @@ def session():
 
 def ends(session, changes, start=0):
     *samples, end = run_one(session, changes=changes, start=start)
-    assert all(isinstance(sample, Sample) for sample in samples)
-    assert isinstance(end, Outcome)
+    assert all(isinstance(sample, Sample) for sample in samples) and isinstance(end, Outcome)
     return samples, end
 
 
@@ -70,18 +69,11 @@ def slowed(session):
 def test_the_run_as_it_was_goes_on_to_the_end_of_its_tasks(session, as_it_was):
     samples, end = as_it_was
     assert (end.run, end.success, end.reason, end.skipped) == (AS_IT_WAS, True, "", ())
-    assert end.time_s > session.periods * 0.05
-    assert end.path_length > 1.0
+    assert end.time_s > session.periods * 0.05 and end.path_length > 1.0
     assert [sample.time for sample in samples[:4]] == pytest.approx([0.0, 0.1, 0.2, 0.3])
-    assert len(samples[0].pose) == 3
-    assert len(samples[0].q) == 7
-
-
-def test_who_moves_about_in_a_run_is_told_with_its_robot(as_it_was):
-    samples, _ = as_it_was
+    assert (len(samples[0].pose), len(samples[0].q)) == (3, 7)
     assert not samples[0].movers  # the guest comes later
-    (guest,) = samples[-1].movers
-    assert guest == (2.0, 1.0, 0.25, 1.0)
+    assert samples[-1].movers == ((2.0, 1.0, 0.25, 1.0),), "who moves about is told with the robot"
 
 
 def test_a_run_that_was_recorded_to_its_end_ends_at_its_recorded_time(clocked):
@@ -177,26 +169,21 @@ def test_a_run_waits_for_tasks_that_a_person_adds_later():
 def fenced(session):
     """The session with walls round the robot."""
     walls = [(0.85, 0.0, 0.3, 1.8), (-0.85, 0.0, 0.3, 1.8), (0.0, 0.8, 1.3, 0.3), (0.0, -0.8, 1.3, 0.3)]
-    crowd = [
-        LoggedEdit(index=0, edit=AddObstacle(name=f"wall{i}", x=x, y=y, size=(sx, sy, 0.8)))
-        for i, (x, y, sx, sy) in enumerate(walls)
-    ]
-    return replace(session, edits=tuple(crowd))
+    solid = [AddObstacle(name=f"wall{i}", x=x, y=y, size=(sx, sy, 0.8)) for i, (x, y, sx, sy) in enumerate(walls)]
+    return replace(session, edits=tuple(LoggedEdit(index=0, edit=wall) for wall in solid))
 
 
 def test_a_run_whose_tasks_are_given_up_ends_with_their_reasons(session):
     _, end = ends(fenced(session), {})
-    assert not end.success
+    assert not end.success and end.time_s < 25.0
     assert end.reason.count("not free for 10 s") == 2  # one drive after the other
-    assert end.time_s < 25.0
 
 
 def test_a_run_that_gets_nowhere_ends_with_the_reason(session, monkeypatch):
     monkeypatch.setattr("motm_twin.record.what_if.PATIENCE", 5.0)
     _, end = ends(fenced(session), {})
-    assert not end.success
+    assert not end.success and end.time_s == pytest.approx(7.0, abs=0.2)
     assert "nothing was achieved for 5 s during drive_to" in end.reason
-    assert end.time_s == pytest.approx(7.0, abs=0.2)
 
 
 @pytest.mark.parametrize(
@@ -219,24 +206,15 @@ def test_changes_that_cannot_be_are_refused_with_what_is_allowed(texts, words):
 
 
 def test_changes_are_read_by_the_kind_of_their_parameter():
-    assert parse_changes(["next_weight=0.5", "bezier=off", "termination=pass"]) == {
-        "next_weight": 0.5,
-        "bezier": False,
-        "termination": "pass",
-    }
+    changes = {"next_weight": 0.5, "bezier": False, "termination": "pass"}
+    assert parse_changes(["next_weight=0.5", "bezier=off", "termination=pass"]) == changes
 
 
 def test_the_moment_of_the_change_must_be_in_the_session(session):
-    assert start_period(session, 1.0) == 20
-    assert start_period(session, 2.0) == 40
+    assert [start_period(session, seconds) for seconds in (1.0, 2.0)] == [20, 40]
     for wrong in (-1.0, 2.1, float("nan"), float("inf")):
         with pytest.raises(SessionError, match="0 to 2 s"):
             start_period(session, wrong)
-
-
-def program(*arguments, **options):
-    command = [sys.executable, "-m", "motm_twin.record.what_if", *map(str, arguments)]
-    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, **options)
 
 
 @pytest.fixture
@@ -291,13 +269,7 @@ linux = pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="needs L
 
 def gone(pids):
     """Wait until none of the processes is there; a zombie of somebody else's child does not count."""
-    deadline = time.monotonic() + 30.0
-    while time.monotonic() < deadline:
-        left = [pid for pid in pids if Path(f"/proc/{pid}").exists() and _state(pid) not in ("Z", "")]
-        if not left:
-            return True
-        time.sleep(0.05)
-    return False
+    until(lambda: not [pid for pid in pids if Path(f"/proc/{pid}").exists() and _state(pid) not in ("Z", "")], "left")
 
 
 def _state(pid):
@@ -312,7 +284,9 @@ def both_run(tmp_path):
     """A program that runs both, and its processes; nobody reads what it writes, so it is never done."""
     path = tmp_path / "run.json"
     save_session(Session(scene=drive_scene(tasks=((1.2, 0.0), (1.2, -0.6)) * 20), periods=4), path)
-    process = program(path, "--set", "bezier=off", "--from", "0.1", "--stream", stdin=subprocess.PIPE)
+    options = [str(path), "--set", "bezier=off", "--from", "0.1", "--stream"]
+    pipes = dict.fromkeys(("stdin", "stdout", "stderr"), subprocess.PIPE)
+    process = subprocess.Popen([sys.executable, "-m", "motm_twin.record.what_if", *options], text=True, **pipes)
     try:
         assert "pose" in json.loads(process.stdout.readline())
         children = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text(encoding="ascii").split()
@@ -327,24 +301,17 @@ def both_run(tmp_path):
 @pytest.mark.parametrize("how", ["input closed", "killed", "output closed"])
 def test_both_runs_end_with_whoever_started_them(both_run, how):
     process, pids = both_run
-    if how == "input closed":
-        process.stdin.close()
-    elif how == "killed":
-        process.kill()
-    else:
-        process.stdout.close()
+    {"input closed": process.stdin.close, "killed": process.kill, "output closed": process.stdout.close}[how]()
     process.wait(timeout=30)
-    assert gone(pids)
+    gone(pids)
 
 
 @linux
 def test_a_run_whose_process_dies_is_told_and_takes_the_other_with_it(both_run):
     process, pids = both_run
-    os.kill(
-        next(pid for pid in pids if "spawn_main" in Path(f"/proc/{pid}/cmdline").read_text(encoding="utf-8")),
-        signal.SIGKILL,
-    )
+    run = next(pid for pid in pids if "spawn_main" in Path(f"/proc/{pid}/cmdline").read_text(encoding="utf-8"))
+    os.kill(run, signal.SIGKILL)
     out = process.stdout.read()  # its standard input stays open
     assert process.wait(timeout=30) == 1
     assert "ended before it was done" in json.loads(out.splitlines()[-1])["error"]
-    assert gone(pids)
+    gone(pids)

@@ -44,8 +44,7 @@ def server():
 @pytest.fixture(scope="session")
 def served(tmp_path_factory):
     """The room, as a user serves it. Not for a test: it is as the last one left it."""
-    from page import serving
-    from room import TEXT
+    from page import TEXT, serving
 
     path = tmp_path_factory.mktemp("served") / "room.yaml"
     path.write_text(TEXT, encoding="utf-8")

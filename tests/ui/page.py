@@ -1,11 +1,12 @@
-"""A person at the page, for tests: Chromium, a mouse that aims at points of the world, a client to check the twin."""
+"""A person at the page, for tests: Chromium, a mouse that aims at points of the world, and a small room to play in."""
 
+import http.client
 import io
 import math
 import os
 import shutil
 import time
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -29,6 +30,7 @@ BETWEEN = 1000  # [ms] between two looks at whether the picture has changed: two
 AT_REST = 600  # [ms] after which a camera that moves was drawn elsewhere: more than the gap of lightly.js
 MOMENT = 8000  # [ms] for something that does not last
 SHOWN = 60.0  # [s] for something to appear: software rendering on a busy machine
+ROW = "xpath=ancestor::div[contains(@class, 'mantine-Flex-root')][1]"  # of the panel, round a label
 
 
 def chromium_path():
@@ -46,11 +48,20 @@ def until(condition, timeout=SHOWN, what="it does not happen"):
     """Wait for something that must happen; how fast is not the test's business."""
     deadline = time.monotonic() + timeout
     while time.monotonic() < deadline:
-        value = condition()
-        if value:
+        if value := condition():
             return value
         time.sleep(0.05)
     raise AssertionError(f"after {timeout:.0f} s: {what}")
+
+
+def get(server, path="/", address="127.0.0.1", **headers):
+    """The answer of a server of pages, with its body."""
+    connection = http.client.HTTPConnection(address, server.get_port(), timeout=10)
+    connection.request("GET", path, headers={name.replace("_", "-"): value for name, value in headers.items()})
+    response = connection.getresponse()
+    response.body = response.read()
+    connection.close()
+    return response
 
 
 @contextmanager
@@ -128,6 +139,17 @@ def tidy(browser):
             page.close()
 
 
+def in_time(act, moment=MOMENT):
+    """Whether something could be done on a page within a moment [ms]."""
+    from playwright.sync_api import TimeoutError as TooLate
+
+    try:
+        act(timeout=moment)
+    except TooLate:
+        return False
+    return True
+
+
 class Visitor:
     """A person with a browser page in the overview."""
 
@@ -173,13 +195,7 @@ class Visitor:
 
     def said(self, text):
         """Whether a text appears on the page within a moment; it may be gone again before it is seen."""
-        from playwright.sync_api import TimeoutError as TooLate
-
-        try:
-            self.page.get_by_text(text).first.wait_for(timeout=MOMENT)
-        except TooLate:
-            return False
-        return True
+        return in_time(self.page.get_by_text(text).first.wait_for)
 
     def state(self, name):
         """Wait until the page shows this state of the twin, such as Running."""
@@ -198,15 +214,14 @@ class Visitor:
 
     def settled(self, quiet=2):
         """The picture once it has stayed the same for a while; the twin must be paused."""
-        same, last = 0, self.picture()
+        same, now = 0, self.picture()
         deadline = time.monotonic() + SHOWN
         while same < quiet and time.monotonic() < deadline:
             self.page.wait_for_timeout(BETWEEN)
-            now = self.picture()
+            last, now = now, self.picture()
             same = same + 1 if changed(last, now) < 1e-4 else 0
-            last = now
         assert same >= quiet, "the picture goes on changing: pause the twin first"
-        return last
+        return now
 
     def _canvas(self):
         """Where the scene is on the screen."""
@@ -227,13 +242,7 @@ class Visitor:
 
     def presses(self, name, *, exact=True):
         """Whether a button could be clicked within a moment; it may be gone again before."""
-        from playwright.sync_api import TimeoutError as TooLate
-
-        try:
-            self.page.get_by_role("button", name=name, exact=exact).locator("visible=true").first.click(timeout=MOMENT)
-        except TooLate:
-            return False
-        return True
+        return in_time(self.page.get_by_role("button", name=name, exact=exact).locator("visible=true").first.click)
 
     def tab(self, name):
         """Open a tab of the panel."""
@@ -284,22 +293,18 @@ class Visitor:
 
     def write(self, label, text):
         """Type into a field of the panel; Viser's labels of text fields point nowhere."""
-        row = "xpath=ancestor::div[contains(@class, 'mantine-Flex-root')][1]"
-        field = self.page.get_by_text(label, exact=True).first.locator(row).locator("input")
+        field = self.page.get_by_text(label, exact=True).first.locator(ROW).locator("input")
         field.fill(text, timeout=SHOWN * 1000)
         field.press("Enter")
 
     def close_notes(self):
         """Close what lies over the scene."""
-        for name in ("Got it",):
-            if self.button(name).is_visible():
-                self.press(name)
-        playwright = pytest.importorskip("playwright.sync_api")
+        if self.button("Got it").is_visible():
+            self.press("Got it")
         note = self.page.locator(".mantine-Notification-closeButton").locator("visible=true")
         deadline = time.monotonic() + SHOWN
         while note.count():
-            with suppress(playwright.TimeoutError):  # it went by itself, as notes do: look again
-                note.first.click(timeout=1000)
+            in_time(note.first.click, 1000)  # it may go by itself, as notes do: look again
             assert time.monotonic() < deadline, "a note can not be closed"
 
     # mouse in the scene
@@ -309,10 +314,8 @@ class Visitor:
         view, projection = until(self._camera, SHOWN, "no picture was drawn")
         box = self._canvas()
         x, y, _, depth = projection @ view @ np.append(WORLD @ np.asarray(point, dtype=float), 1.0)
-        return (
-            float(box["x"] + box["width"] * (1.0 + x / depth) / 2.0),
-            float(box["y"] + box["height"] * (1.0 - y / depth) / 2.0),
-        )
+        across, down = (1.0 + x / depth) / 2.0, (1.0 - y / depth) / 2.0
+        return float(box["x"] + box["width"] * across), float(box["y"] + box["height"] * down)
 
     def overlooks(self):
         """Whether the camera is where a visitor's begins, and stays as long as they want nothing else."""
@@ -344,10 +347,8 @@ class Visitor:
         found = None
         for matrices in self.page.evaluate("sceneCameras()"):
             view, projection = (np.array(matrix).reshape(4, 4).T for matrix in matrices)
-            if (
-                projection[3, 2] == -1.0
-                and 0.999 * FROM_FAR < 2.0 * math.atan(1.0 / projection[1, 1]) < 1.001 * FIELD_OF_VIEW
-            ):
+            opening = 2.0 * math.atan(1.0 / projection[1, 1])
+            if projection[3, 2] == -1.0 and 0.999 * FROM_FAR < opening < 1.001 * FIELD_OF_VIEW:
                 found = view, projection
         return found
 
@@ -409,3 +410,39 @@ class Hand:
 def changed(before, after, by=24.0):
     """Share of the pixels of two pictures that differ clearly."""
     return float((np.abs(before - after).max(axis=2) > by).mean())
+
+
+EVIL = "<img src=x onerror=window.hacked=1>"
+SHELF, SHELF_TOP = (-1.5, 0.5), 0.5  # [m]
+DRIVES = "".join(f"\n      - drive_to: {{x: {x}, y: -0.3}}" for x in 40 * (0.9, 0.3))  # 3 min: outlasts a test
+TEXT = f"""
+format: motm-scene/1
+title: "{EVIL}<script>window.hacked=1</script>"
+start: {{x: 0.0, y: 0.0}}
+furniture:
+  table: {{shape: box, centre: [1.6, 1.0], size: [0.8, 0.8], z: [0.0, 0.75], style: desk}}
+  desk: {{shape: box, centre: [1.6, -1.4], size: [0.8, 0.8], z: [0.0, 0.6], style: desk}}
+  shelf: {{shape: box, centre: [{SHELF[0]}, {SHELF[1]}], size: [0.6, 0.6], z: [0.0, {SHELF_TOP}], style: desk}}
+objects:
+  cube: {{surface: table, at: [1.45, 0.72]}}
+bins:
+  bin: {{at: [1.45, -1.2]}}
+tasks:
+  - pick: cube
+  - place: bin
+variants:
+  delivery:
+    furniture:
+      table: {{shape: box, centre: [2.2, 1.0], size: [0.8, 0.8], z: [0.0, 0.75], style: desk}}
+      desk: {{shape: box, centre: [2.2, -1.4], size: [0.8, 0.8], z: [0.0, 0.6], style: desk}}
+      shelf: null
+    objects: {{cube: {{surface: table, at: [2.05, 0.72]}}}}
+    bins: {{bin: {{at: [2.05, -1.2]}}}}
+  nothing_to_do:
+    tasks:
+      - drive_to: {{x: 0.0, y: 0.0}}
+  long:
+    tasks:
+      - pick: cube
+      - place: bin{DRIVES}
+"""

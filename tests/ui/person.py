@@ -13,8 +13,7 @@ from motm_twin.bus.commands import Answer
 from motm_twin.bus.messages import BeliefMessage, SceneChoice, StatusMessage
 from motm_twin.ui.history import History
 from motm_twin.ui.hub import Hub, Shown
-from motm_twin.ui.panel.overlay import ASK
-from motm_twin.ui.panel.panel import Panel
+from motm_twin.ui.panel.panel import ASK, Panel
 
 replace = msgspec.structs.replace
 ENCODE = msgspec.json.Encoder().encode
@@ -75,9 +74,8 @@ class Page:
 
     def __init__(self, gui=None, number=0):
         self.client_id, self.gui, self.notes, self.removed, self.files = number, gui, [], [], []
-        self.camera = SimpleNamespace(
-            position=(-1.0, -4.0, 6.0), look_at=(3.0, 1.0, 0.0), fov=0.8, image_width=900, image_height=800
-        )
+        eye = {"position": (-1.0, -4.0, 6.0), "look_at": (3.0, 1.0, 0.0), "fov": 0.8}
+        self.camera = SimpleNamespace(**eye, image_width=900, image_height=800)
 
     def add_notification(self, title, text, **_):
         self.notes.append(text)
@@ -102,8 +100,7 @@ class Person:
         self.sent = []
         self.hub.send = self._send
         self.cameras, self.drives = [], []
-        choose = lambda _, preset: self.cameras.append(preset)  # noqa: E731
-        cameras = SimpleNamespace(choose=choose, mode=lambda _: [*self.cameras, "Overview"][-1])
+        cameras = SimpleNamespace(choose=lambda _, preset: self.cameras.append(preset), mode=lambda _: "Overview")
         scene_view = SimpleNamespace(cameras=cameras, clicks=SimpleNamespace(drive=lambda _: self.drives.append(1)))
         self.panel = Panel(self.hub, self.visitor, scene_view)
         self.widgets = server.gui._gui_input_handle_from_uuid
@@ -123,27 +120,30 @@ class Person:
         newest = self.ticks[-1] if tick is None else tick
         at = self.hub.view.at
         shown = newest if at is None else self.hub.history.at(at)
-        self.panel.update(
-            Shown(state=state, status=self.status, scene=self.scene, tick=shown, newest=newest, live=at is None,
-                  view=self.hub.view)
-        )  # fmt: skip
+        said = {"state": state, "status": self.status, "scene": self.scene, "view": self.hub.view}
+        self.panel.update(Shown(**said, tick=shown, newest=newest, live=at is None))
 
     def widget(self, text):
         """The widget with this label, or the row of buttons with one of this name."""
-        found = [
-            widget
-            for widget in self.widgets.values()
-            if label(widget) == text or (isinstance(widget, viser.GuiButtonGroupHandle) and text in widget.options)
-        ]
+        found = [widget for widget in self.widgets.values() if label(widget) == text] or self._rows(text)
         assert found, f"no widget {text!r}"
         return found[0]
 
+    def _rows(self, text):
+        return [w for w in self.widgets.values() if isinstance(w, viser.GuiButtonGroupHandle) and text in w.options]
+
     def presses(self, text, number=0):
         """Press a button, or one in a row."""
-        rows = [w for w in self.widgets.values() if isinstance(w, viser.GuiButtonGroupHandle) and text in w.options]
+        rows = self._rows(text)
         if rows:
             rows[number]._impl.value = text
         self._does(rows[number] if rows else self.widget(text))
+
+    def selects(self, name):
+        """Select a thing, once the panel shows that; its name."""
+        self.chooses("Selected", name)
+        self.shows()
+        return name
 
     def asks(self, *words):
         """Ask for something as the script of the page does."""

@@ -4,6 +4,7 @@ import asyncio
 import itertools
 import math
 import time
+from contextlib import nullcontext
 from types import SimpleNamespace
 
 import numpy as np
@@ -12,17 +13,8 @@ from fake_twin import fake_scene
 
 from motm_twin.model.scene import DriveTo
 from motm_twin.model.scene_file import load_scene
-from motm_twin.ui.scene.cameras import (
-    ASPECT,
-    EASE,
-    FIELD_OF_VIEW,
-    FROM_FAR,
-    Cameras,
-    Visibility,
-    extent,
-    from_above,
-    overview,
-)
+from motm_twin.ui.scene import cameras as module
+from motm_twin.ui.scene.cameras import FIELD_OF_VIEW, FROM_FAR, Cameras, Visibility, extent, from_above, overview
 from motm_twin.ui.scene.picking import Surroundings
 
 SCENE = load_scene("exp1", "trial1")
@@ -31,19 +23,18 @@ ROOM = fake_scene()
 TABLE = (4.2, 1.77)
 
 
+def camera(position, look_at, width=900, height=760):
+    return SimpleNamespace(
+        position=position, look_at=look_at, fov=FIELD_OF_VIEW, image_width=width, image_height=height
+    )
+
+
 class Page:
     """What a page and its connection are for the cameras; it answers as late as it likes."""
 
     def __init__(self, position):
-        self.client_id, self.atomic = 1, self._nothing
-        self.camera = SimpleNamespace(
-            position=np.array(position),
-            look_at=np.zeros(3),
-            fov=FIELD_OF_VIEW,
-            image_width=1024,
-            image_height=700,
-            on_update=self._keep,
-        )
+        self.client_id, self.atomic, self.camera = 1, nullcontext, camera(np.array(position), np.zeros(3), 1024, 700)
+        self.camera.on_update = self._keep
 
     def tells(self, position, look_at=None):
         """Where its camera is, or was; it looks where it was told to, unless it is said."""
@@ -52,15 +43,6 @@ class Page:
 
     def _keep(self, moved):
         self._moved = moved
-
-    def _nothing(self):
-        return self
-
-    def __enter__(self):
-        return self
-
-    def __exit__(self, *_):
-        return None
 
 
 @pytest.fixture
@@ -96,13 +78,10 @@ def test_a_page_that_tells_its_first_camera_late_has_not_moved_it(entered) -> No
     page.tells(first)  # its size has changed, and what was sent is still on the way
     page.tells(page.camera.position)
     assert cameras.mode(page) == "Overview"
-
-
-def test_a_page_that_tells_where_it_was_before_it_began_has_not_moved_its_camera() -> None:
-    page, cameras = enter(LIBRARY)
+    before, cameras = enter(LIBRARY)
     pictures(cameras)
-    page.tells(overview(SCENE)[0])
-    assert cameras.mode(page) == "Overview"
+    before.tells(overview(SCENE)[0])  # where it was before it began
+    assert cameras.mode(before) == "Overview"
 
 
 def test_a_page_that_put_its_camera_back_when_it_began_is_sent_there_again(entered) -> None:
@@ -143,14 +122,6 @@ def test_a_slow_page_that_reports_late_on_its_way_to_a_view_has_not_moved_its_ca
     assert cameras.mode(page) == "Free", "a hand moves it"
 
 
-def test_a_grip_that_does_not_turn_the_view_leaves_it_fixed(entered) -> None:
-    page, cameras = entered
-    pictures(cameras)
-    cameras.turned(page)
-    page.tells(page.camera.position)
-    assert cameras.mode(page) == "Overview"
-
-
 @pytest.mark.parametrize("arrived", [False, True])
 @pytest.mark.parametrize("place", [LIBRARY, np.array([-5.0, 0.0, 0.0])])
 def test_a_slow_page_that_tells_late_where_it_began_is_sent_to_its_view_again(arrived, place) -> None:
@@ -178,31 +149,28 @@ def test_a_page_that_is_there_but_looks_elsewhere_is_told_again_where_to_look(en
     assert cameras.mode(page) == "Overview"
 
 
-def test_a_page_that_is_not_there_yet_was_moved_by_no_hand(entered) -> None:
-    page, cameras = entered
-    pictures(cameras)
-    page.tells(page.camera.position + np.array([0.0, 0.3, 0.2]))
-    assert cameras.mode(page) == "Overview"
-
-
-def test_a_hand_makes_the_camera_free(entered) -> None:
-    page, cameras = entered
-    pictures(cameras)
-    page.tells(page.camera.position)
-    cameras.turned(page)
-    page.tells(page.camera.position + np.array([0.0, 0.3, 0.2]))
-    assert cameras.mode(page) == "Free"
-
-
-def test_where_the_page_is_on_its_way_to_a_view_is_no_hand(entered) -> None:
+@pytest.mark.parametrize(
+    ("told", "turned", "way", "aside", "mode"),
+    [
+        pytest.param(True, True, 1.0, 0.3, "Free", id="a hand makes the camera free"),
+        pytest.param(False, True, 1.0, 0.0, "Overview", id="a grip that does not turn the view leaves it fixed"),
+        pytest.param(False, False, 1.0, 0.3, "Overview", id="a page that is not there yet was moved by no hand"),
+        pytest.param(False, False, 0.5, 0.0, "Overview", id="on its way to a view a page was moved by no hand"),
+    ],
+)
+def test_only_a_hand_makes_the_camera_free(entered, told, turned, way, aside, mode) -> None:
     page, cameras = entered
     first = page.camera.position.copy()
     pictures(cameras)
-    page.tells(0.5 * (first + page.camera.position))
-    assert cameras.mode(page) == "Overview"
+    if told:
+        page.tells(page.camera.position)
+    if turned:
+        cameras.turned(page)
+    page.tells(first + way * (page.camera.position - first) + np.array([0.0, aside, aside]))
+    assert cameras.mode(page) == mode
 
 
-@pytest.mark.parametrize("aspect", [0.7, ASPECT, 2.2])
+@pytest.mark.parametrize("aspect", [0.7, module.ASPECT, 2.2])
 @pytest.mark.parametrize(("view", "fov"), [(overview, FIELD_OF_VIEW), (from_above, FROM_FAR)])
 def test_everything_is_in_the_picture_and_fills_it(view, fov, aspect):
     points = extent(fake_scene())
@@ -227,7 +195,7 @@ def test_on_the_way_to_the_plan_view_and_back_the_middle_of_the_picture_keeps_it
         cameras.choose(page, preset)
         sizes = []
         for _ in range(12):
-            now[0] += EASE / 10
+            now[0] += module.EASE / 10
             pictures(cameras, 1)
             far = np.linalg.norm(page.camera.position - page.camera.look_at)
             sizes.append(far * math.tan(page.camera.fov / 2))
@@ -266,12 +234,6 @@ def test_the_picture_of_a_scene_holds_where_its_robot_is_sent():
     scene = load_scene("line")
     (end,) = (task.point for task in scene.tasks if isinstance(task, DriveTo))
     assert end[0] + 0.4 < extent(scene)[:, 0].max()
-
-
-def camera(position, look_at):
-    return SimpleNamespace(
-        position=position, look_at=look_at, fov=FIELD_OF_VIEW, image_width=900, image_height=760
-    )  # fmt: skip
 
 
 def test_behind_a_table_or_beside_the_picture_is_out_of_sight(tick):

@@ -1,25 +1,31 @@
-"""The server of the page, over real sockets. If a newer Viser slips past the guard, these fail."""
+"""The server of the page, over real sockets, and of the documentation. If a newer Viser slips past it, these fail."""
 
 import asyncio
 import gzip
-import http.client
+import re
 import socket
 import threading
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
 import websockets
+from page import get
 from viser._messages import RemoveNotificationMessage
 from viser.infra._async_message_buffer import AsyncMessageBuffer
 from websockets.asyncio.client import connect
 
 from motm_twin.bus.connection import PortTaken, free_port
 from motm_twin.perf.page_reader import PageReader
-from motm_twin.ui.documentation import link
+from motm_twin.ui import page_server
 from motm_twin.ui.page_server import (
+    PATH,
+    TERMS,
     Guard,
     LoopEvent,
     check_token,
+    documentation,
+    link,
     open_page,
     page_url,
     scripts,
@@ -46,16 +52,6 @@ def secret():
     server.stop()
 
 
-def get(server, path="/", address="127.0.0.1", **headers):
-    """The answer, with its body."""
-    connection = http.client.HTTPConnection(address, server.get_port(), timeout=10)
-    connection.request("GET", path, headers={name.replace("_", "-"): value for name, value in headers.items()})
-    response = connection.getresponse()
-    response.body = response.read()
-    connection.close()
-    return response
-
-
 def websocket_opens(server, origin=None, cookie=None):
     async def attempt():
         headers = {} if cookie is None else {"Cookie": cookie}
@@ -69,17 +65,12 @@ def websocket_opens(server, origin=None, cookie=None):
         return False
 
 
-def test_the_page_is_served_on_loopback_under_its_own_names(local):
-    port = local.get_port()
-    assert get(local).status == 200
-    assert get(local, Host=f"localhost:{port}").status == 200
-    assert get(local, Host="localhost:9000").status == 200  # through a forwarded port
-    assert get(local, "/healthz").status == 200
-
-
-def test_a_name_that_somebody_pointed_at_this_machine_is_refused(local):
-    assert get(local, Host="evil.example").status == 403
-    assert get(local, Host="localhost.evil.example").status == 403
+def test_the_page_is_served_on_loopback_under_its_own_names_and_no_other_that_leads_here(local):
+    assert get(local).status == get(local, "/healthz").status == 200
+    for host in (f"localhost:{local.get_port()}", "localhost:9000"):  # this one through a forwarded port
+        assert get(local, Host=host).status == 200
+    for host in ("evil.example", "localhost.evil.example"):
+        assert get(local, Host=host).status == 403
 
 
 def answer_to(server, request):
@@ -98,10 +89,8 @@ def test_a_request_without_a_name_or_with_two_is_refused(local):
 def test_only_this_machine_reaches_the_page(local):
     port = f":{local.get_port():04X}"
     lines = [line.split() for line in Path("/proc/net/tcp").read_text().splitlines()[1:]]
-    listening = {
-        address.removesuffix(port) for _, address, _, state, *_ in lines if address.endswith(port) and state == "0A"
-    }
-    assert listening == {"0100007F"}  # 127.0.0.1
+    listening = {address for _, address, _, state, *_ in lines if address.endswith(port) and state == "0A"}
+    assert listening == {f"0100007F{port}"}  # 127.0.0.1
 
 
 def test_files_beside_the_page_stay_private(secret, local):
@@ -122,18 +111,15 @@ def test_the_documentation_is_served_to_whom_the_page_is(secret, local):
 def test_another_web_page_can_not_open_the_websocket(local):
     port = local.get_port()
     assert websocket_opens(local, origin=f"http://127.0.0.1:{port}")
-    assert not websocket_opens(local, origin="http://evil.example")
-    assert not websocket_opens(local, origin=f"http://127.0.0.1:{port + 1}")
-    assert not websocket_opens(local, origin="null")
+    for origin in ("http://evil.example", f"http://127.0.0.1:{port + 1}", "null"):
+        assert not websocket_opens(local, origin=origin)
 
 
 def test_nothing_is_served_without_the_token(secret):
-    port = secret.get_port()
-    assert get(secret).status == 401
-    assert get(secret, "/?token=wrong").status == 401
-    assert get(secret, Cookie="motm_token=wrong").status == 401
-    assert not websocket_opens(secret, origin=f"http://127.0.0.1:{port}")
-    assert not websocket_opens(secret, origin=f"http://127.0.0.1:{port}", cookie="motm_token=wrong")
+    wrong, origin = "motm_token=wrong", f"http://127.0.0.1:{secret.get_port()}"
+    assert get(secret).status == get(secret, "/?token=wrong").status == get(secret, Cookie=wrong).status == 401
+    assert not websocket_opens(secret, origin=origin)
+    assert not websocket_opens(secret, origin=origin, cookie=wrong)
     assert get(secret, "/healthz").status == 200
 
 
@@ -143,8 +129,7 @@ def test_the_token_in_the_address_becomes_a_cookie_that_opens_page_and_websocket
     assert (answer.status, answer.getheader("Location")) == (303, "/")
     assert get(secret, f"/?a=1&token={TOKEN}&b=x%26y").getheader("Location") == "/?a=1&b=x%26y"
     cookie = answer.getheader("Set-Cookie")
-    assert "HttpOnly" in cookie
-    assert "SameSite=Strict" in cookie
+    assert "HttpOnly" in cookie and "SameSite=Strict" in cookie
     pair = cookie.split(";")[0]
     assert get(secret, Cookie=pair).status == 200
     assert websocket_opens(secret, origin=f"http://127.0.0.1:{port}", cookie=pair)
@@ -203,15 +188,12 @@ def test_the_public_tunnel_is_switched_off(local, monkeypatch):
     assert opened == []
 
 
-def test_a_taken_port_is_an_error_and_never_the_next_one(local):
-    with pytest.raises(PortTaken, match=str(local.get_port())):
-        open_page("127.0.0.1", local.get_port())
-
-
-def test_a_given_port_is_the_port():
+def test_a_given_port_is_the_port_and_a_taken_one_an_error_and_never_the_next_one():
     port = free_port()
     server = open_page("127.0.0.1", port)
     assert server.get_port() == port
+    with pytest.raises(PortTaken, match=str(port)):
+        open_page("127.0.0.1", port)
     server.stop()
 
 
@@ -312,26 +294,25 @@ def test_what_threads_write_wakes_every_page_that_waits():
     write_through_the_loop()
     loop = asyncio.new_event_loop()
 
-    async def page(buffer: AsyncMessageBuffer, seen: list[int]) -> None:
-        while seen[0] < WRITERS * MESSAGES:
+    async def page(buffer: AsyncMessageBuffer) -> None:
+        seen = 0
+        while seen < WRITERS * MESSAGES:
             await buffer.message_event.wait()
             buffer.message_event.clear()
-            seen[0] = buffer.message_counter
+            seen = buffer.message_counter
 
     async def everything() -> None:
         buffer = AsyncMessageBuffer(loop, persistent_messages=False)
-        pages = [asyncio.ensure_future(page(buffer, [0])) for _ in range(WAITERS)]
+        pages = [asyncio.ensure_future(page(buffer)) for _ in range(WAITERS)]
 
         def write() -> None:
             for _ in range(MESSAGES):
                 buffer.push(RemoveNotificationMessage("note"))
 
-        threads = [threading.Thread(target=write) for _ in range(WRITERS)]
-        for thread in threads:
-            thread.start()
-        await asyncio.wait_for(asyncio.gather(*pages), 60.0)
-        for thread in threads:
-            thread.join()
+        with ThreadPoolExecutor(WRITERS) as pool:
+            for _ in range(WRITERS):
+                pool.submit(write)
+            await asyncio.wait_for(asyncio.gather(*pages), 60.0)
 
     loop.run_until_complete(everything())
     loop.close()
@@ -339,3 +320,47 @@ def test_what_threads_write_wakes_every_page_that_waits():
 
 def test_the_page_is_opened_with_such_events(local):
     assert isinstance(local._websock_server.get_message_buffer().message_event, LoopEvent)
+
+
+DOCS = Path(__file__).resolve().parents[2] / "docs"
+ENDINGS = {"docs": ".md", "site": ".html"}
+
+
+@pytest.fixture(params=ENDINGS)
+def kind(request, tmp_path, monkeypatch):
+    """With the texts of a checkout, and with a site."""
+    folder = DOCS if request.param == "docs" else tmp_path / "site"
+    folder.mkdir(exist_ok=True)
+    if folder != DOCS:
+        (folder / "method.html").write_text("<title>The method</title>", encoding="utf-8")
+        (tmp_path / "secret.html").write_text("secret", encoding="utf-8")
+    monkeypatch.setattr(page_server, "_place", lambda: (folder, ENDINGS[request.param]))
+    return request.param
+
+
+def headings(page):
+    """Anchors of a page, as the site makes them of its headings."""
+    found = re.findall(r"^#+ (.+)$", (DOCS / f"{page}.md").read_text(encoding="utf-8"), re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", title.lower()).strip().replace(" ", "-") for title in found}
+
+
+@pytest.mark.parametrize("term", TERMS)
+def test_a_term_leads_to_a_heading(term):
+    page, heading = TERMS[term]
+    assert heading in headings(page)
+
+
+def test_pages_are_served_and_nothing_beside_them(kind):
+    address = link("method")
+    assert address.startswith(f"{PATH}method{ENDINGS[kind]}#")
+    found = documentation(address.partition("#")[0])
+    assert found.status_code == 200
+    assert found.headers["Content-Type"].startswith("text/plain" if kind == "docs" else "text/html")
+    for path in ("../README.md", "%2e%2e/secret.html", "nothing.html", "/etc/passwd", "notebook"):
+        assert documentation(PATH + path).status_code == 404
+    assert documentation("/") is None and documentation("/docs") is None
+
+
+def test_without_documentation_no_term_is_a_link(monkeypatch):
+    monkeypatch.setattr(page_server, "_place", lambda: None)
+    assert link("method") == "" and documentation(f"{PATH}method.html").status_code == 404

@@ -16,8 +16,7 @@ from motm_twin.bus.messages import TaskMessage
 from motm_twin.ui.history import Playback, Span
 from motm_twin.ui.hub import Hub, View, clean_name
 from motm_twin.ui.panel import widgets
-from motm_twin.ui.panel.disturb import Thing
-from motm_twin.ui.panel.disturb_tab import about, faults
+from motm_twin.ui.panel.disturb import Thing, about, faults
 from motm_twin.ui.panel.drive_tab import TaskBlock, ended_lines, jobs, label, moved
 from motm_twin.ui.panel.panel import asked_line, driver_line, status_card
 from motm_twin.ui.panel.replay_tab import file_name, rerun_text
@@ -59,20 +58,12 @@ class TestNames:
         visitor.rename("Ann")
         assert visitor.name == "Ann"
 
-    @pytest.mark.parametrize(
-        "text",
-        [
-            driver_line(status("x", HOSTILE), "me"),
-            asked_line(HOSTILE),
-            about(None, HOSTILE),
-            about(Thing(HOSTILE, "agent"), HOSTILE),
-            faults([HOSTILE]),
-            ended_lines(jobs([task("pick", HOSTILE, "done"), task("place", HOSTILE, "done")])),
-            rerun_text(file_name(status(scene=HOSTILE, variant=HOSTILE), "json")),
-        ],
-    )
-    def test_texts_from_outside_are_escaped(self, text):
-        assert "<img" not in text
+    def test_texts_from_outside_are_escaped(self):
+        done = jobs([task("pick", HOSTILE, "done"), task("place", HOSTILE, "done")])
+        texts = driver_line(status("x", HOSTILE), "me"), asked_line(HOSTILE), about(None, HOSTILE), faults([HOSTILE])
+        file = rerun_text(file_name(status(scene=HOSTILE, variant=HOSTILE), "json"))
+        for text in (*texts, about(Thing(HOSTILE, "agent"), HOSTILE), ended_lines(done), file):
+            assert "<img" not in text
 
 
 def test_notes_do_not_pile_up_and_the_same_is_not_shown_twice(hub):
@@ -92,8 +83,7 @@ def test_a_long_list_of_tasks_has_a_dozen_rows_and_says_how_many_more_there_are(
     for count, rows, more in ((99, 12, "and 87 more"), (12, 12, ""), (3, 3, "")):
         block._show(jobs([task("drive_to", f"place {k}") for k in range(count)]))
         assert sum(row.visible for row in block._rows) == rows
-        assert more in block._more.content
-        assert bool(block._more.content) == bool(more)
+        assert more in block._more.content and bool(block._more.content) == bool(more)
 
 
 def test_rows_of_buttons_turn_grey_too(server):
@@ -111,9 +101,8 @@ def test_rows_of_buttons_turn_grey_too(server):
 
 class TestWheel:
     def test_the_line_says_who_drives(self):
-        assert "Nobody" in driver_line(status(), "me")
-        assert "You" in driver_line(status("me", "Ann"), "me")
-        assert "Ann" in driver_line(status("other", "Ann"), "me")
+        for driver, words in (("", "Nobody"), ("me", "You"), ("other", "Ann")):
+            assert words in driver_line(status(driver, "Ann"), "me")
 
     def test_a_viewer_is_refused_in_the_callback_and_told_who_drives(self, hub):
         visitor, acted = hub.enter(Page(number=3)), []
@@ -213,16 +202,13 @@ class TestTasks:
         assert moved(listed, listed[2], up=False) == MoveTask(index=4, to=8)
         assert moved(listed, listed[4], up=False) is None
         assert moved(listed, listed[1], up=True) is None, "what has ended stays before it"
+        assert moved(listed[:2], listed[4], up=True) is None, "it is gone"
 
     def test_of_a_job_that_has_begun_the_rest_is_moved_and_removed(self):
         begun = jobs((task("pick", "a", "done", 1), task("drive_to", "(1.00, 2.00)", "active"), task("place", "x")))
         assert (begun[0].first, begun[0].now) == (0, 1)
         more = jobs((*self.LIST[2:4], *self.LIST[5:8]))
         assert moved(more, more[1], up=True) == MoveTask(index=2, to=1)
-
-    def test_a_task_that_is_gone_moves_nothing(self):
-        listed = jobs(self.LIST)
-        assert moved(listed[:2], listed[4], up=True) is None
 
     @given(st.lists(st.tuples(st.sampled_from(["pick", "place", "drive_to"]), st.sampled_from("wad")), max_size=60))
     def test_every_task_is_in_one_job(self, kinds):
@@ -233,64 +219,53 @@ class TestTasks:
 
 
 class TestLookingBack:
-    def test_seconds_before_now_choose_the_period(self):
-        view = View()
-        playback = Playback(view)
-        playback.look(2.0, SPAN)
-        assert view.at == 460
-        playback.look(1000.0, SPAN)
-        assert view.at == SPAN.first
-        playback.look(0.0, SPAN)
-        assert view.at is None
+    @pytest.fixture
+    def view(self):
+        return View()
 
-    def test_steps_end_at_the_newest_period(self):
-        view = View()
-        playback = Playback(view)
-        playback.step(-1, SPAN)
-        assert view.at == 499
-        playback.step(1, SPAN)
-        assert view.at is None
+    @pytest.fixture
+    def playback(self, view):
+        return Playback(view)
 
-    def test_it_plays_at_its_speed_until_it_is_live(self):
-        view = View(at=400)
-        playback = Playback(view)
+    def test_seconds_before_now_choose_the_period(self, view, playback):
+        for seconds, at in ((2.0, 460), (1000.0, SPAN.first), (0.0, None)):
+            playback.look(seconds, SPAN)
+            assert view.at == at
+
+    def test_steps_end_at_the_newest_period(self, view, playback):
+        for step, at in ((-1, 499), (1, None)):
+            playback.step(step, SPAN)
+            assert view.at == at
+
+    def test_it_plays_at_its_speed_until_it_is_live(self, view, playback):
+        view.at = 400
         playback.play(2.0, SPAN)
         start = playback._last
-        playback.advance(SPAN, start + 1.0)
-        assert view.at == 440 and playback.playing
-        playback.advance(SPAN, start + 3.0)
-        assert view.at is None and not playback.playing
+        for seconds, at in ((1.0, 440), (3.0, None)):
+            playback.advance(SPAN, start + seconds)
+            assert (view.at, playback.playing) == (at, at is not None)
 
-    def test_what_is_forgotten_meanwhile_is_skipped(self):
-        view = View(at=100)
-        playback = Playback(view)
+    def test_what_is_forgotten_meanwhile_is_skipped(self, view, playback):
+        view.at = 100
         playback.play(1.0, SPAN)
         playback.advance(SPAN._replace(first=300), playback._last + 0.06)
         assert view.at == 301
 
-    def test_from_live_it_plays_all_there_is(self):
-        view = View()
-        Playback(view).play(1.0, SPAN)
-        assert view.at == SPAN.first
-
-    def test_without_a_history_nothing_happens(self):
-        view = View()
-        playback = Playback(view)
+    def test_from_live_it_plays_all_there_is_and_without_a_history_nothing(self, view, playback):
         playback.look(3.0, None)
         playback.step(-1, None)
         playback.play(1.0, None)
         playback.advance(None, time.monotonic())
         assert view.at is None and not playback.playing
+        playback.play(1.0, SPAN)
+        assert view.at == SPAN.first
 
 
-def test_files_have_names_that_any_system_takes():
+def test_files_have_names_that_any_system_takes_with_the_time_of_the_moment():
     assert file_name(status(), "json") == "exp2-random-0-12.3s.json"
     assert file_name(status(variant=""), "png") == "exp2-0-12.3s.png"
     assert file_name(status(scene="../../etc/passwd", variant="a b\n"), "json") == "etc_passwd-a_b-0-12.3s.json"
     assert file_name(None, "html") == "twin.html"
-
-
-def test_a_picture_of_an_earlier_moment_has_its_time_in_its_name():
     assert file_name(status(), "png", looked_at=4.25) == "exp2-random-0-4.25s.png"
 
 
@@ -306,31 +281,24 @@ def test_a_note_before_the_first_period_has_room_for_two_lines():
     assert 'class="alert"' in status_card("playing", status(), words, says="<div>Driving to cube_F1.</div>")
 
 
-@pytest.mark.parametrize(
-    ("actual", "capped", "shown"),
-    [
-        (0.0, False, "8&times;<"),
-        (7.9, False, "8&times;<"),
-        (3.1, False, "8&times;, in fact 3.10&times;<"),
-        (3.1, True, "(all it can)"),
-    ],
-)
-def test_the_speed_is_what_was_asked_for_and_what_it_is_when_that_differs(actual, capped, shown):
-    now = status(speed=8.0, actual_speed=actual, capped=capped)
-    assert shown in status_card("playing", now, "", time=4.25)
+def test_the_speed_is_what_was_asked_for_and_what_it_is_when_that_differs():
+    wanted, differs = "8&times;<", "8&times;, in fact 3.10&times;<"
+    for actual, capped, shown in ((0.0, 0, wanted), (7.9, 0, wanted), (3.1, 0, differs), (3.1, 1, "(all it can)")):
+        now = status(speed=8.0, actual_speed=actual, capped=bool(capped))
+        assert shown in status_card("playing", now, "", time=4.25)
+
+
+class Box:
+    """A widget that viser keeps the time of."""
+
+    def __init__(self):
+        self.value, self._impl = True, SimpleNamespace(update_timestamp=0.0)
+
+    update_timestamp = property(lambda self: self._impl.update_timestamp)
 
 
 @pytest.fixture
 def box():
-    impl = SimpleNamespace(update_timestamp=0.0)
-
-    class Box:
-        value, _impl = True, impl
-
-        @property
-        def update_timestamp(self):
-            return impl.update_timestamp
-
     return Box()
 
 
@@ -348,5 +316,4 @@ def test_what_a_person_has_just_chosen_is_not_set_back(box, monkeypatch):
 def test_what_others_choose_is_followed_at_once(box):
     follow(box, False)
     follow(box, True)
-    assert box.value is True
-    assert box.update_timestamp == 0.0
+    assert (box.value, box.update_timestamp) == (True, 0.0)

@@ -9,30 +9,7 @@ import pytest
 import viser
 from person import Person, grey_, label, status
 
-from motm_twin.bus.commands import (
-    AddObstacle,
-    Announce,
-    Answer,
-    Branch,
-    FreezeBody,
-    HandOver,
-    InjectFault,
-    InsertTask,
-    Load,
-    MoveObject,
-    MoveTask,
-    Pause,
-    Play,
-    PushRobot,
-    RemoveBody,
-    RemoveTask,
-    SendAgent,
-    SetBehaviour,
-    SetParameter,
-    Speed,
-    Step,
-    UndoBranch,
-)
+from motm_twin.bus import commands as to
 from motm_twin.bus.encode import tick_message
 from motm_twin.bus.library import MethodLibrary
 from motm_twin.methods import DEFAULT_METHOD
@@ -40,9 +17,8 @@ from motm_twin.methods.registry import FAST
 from motm_twin.model.furniture import pieces
 from motm_twin.model.scene_file import load_scene
 from motm_twin.twin import Twin
-from motm_twin.ui.hub import BLIND, Shown
-from motm_twin.ui.legend import LAYERS, STAA
-from motm_twin.ui.panel.overlay import ASK, MARK
+from motm_twin.ui.hub import BLIND, LAYERS, STAA, Shown
+from motm_twin.ui.panel.panel import ASK, MARK
 from motm_twin.ui.panel.why_tab import headline
 from motm_twin.ui.scene.scene_view import SceneView
 
@@ -67,9 +43,8 @@ def person(server, scene, ticks):
 
 
 def test_it_can_be_shown_before_there_is_a_twin(person):
-    person.panel.update(
-        Shown(state="waiting", status=None, scene=None, tick=None, newest=None, live=True, view=person.hub.view)
-    )
+    nothing = dict.fromkeys(("status", "scene", "tick", "newest"))
+    person.panel.update(Shown(state="waiting", live=True, view=person.hub.view, **nothing))
     person.shows("lost")
     person.shows("done")
     assert person.page.notes == []
@@ -90,37 +65,29 @@ def texts(part, depth=3):
     return found + [html for part in inner for html in texts(part, depth - 1)]
 
 
-def test_another_scene_is_chosen(person):
-    person.chooses("Scene", "exp1")
-    assert person.widget("Variant").options == ("trial1",)
-    person.presses("Load")
-    assert person.sent == [Load(scene="exp1", variant="trial1", seed=0, method=DEFAULT_METHOD)]
-
-
 def test_a_run_that_has_ended_begins_anew_by_its_button_and_by_no_key_that_was_meant_to_pause_it(person):
     drive = person.panel._blocks[1]
     drive.toggle()
-    assert person.sent == [Pause()]
+    assert person.sent == [to.Pause()]
     person.shows("done")
-    person.sent.clear()
     drive.toggle()
-    assert person.sent == [] and "Restart" in person.page.notes[-1]
+    assert len(person.sent) == 1 and "Restart" in person.page.notes[-1]
     person.asks("toggle")
-    assert person.sent == [Play()]
+    assert person.sent == [to.Play()]
     person.shows("paused")
     drive.toggle()
-    assert person.last == Play()
+    assert person.last == to.Play()
 
 
-def test_news_of_an_earlier_load_do_not_undo_what_a_person_chooses_next(person):
+def test_another_scene_is_chosen_and_news_of_an_earlier_load_do_not_undo_what_a_person_chooses_next(person):
     person.chooses("Scene", "exp1")
+    assert person.widget("Variant").options == ("trial1",)
     person.shows(variant="still")  # loaded before, heard of late
     assert (person.widget("Scene").value, person.widget("Variant").value) == ("exp1", "trial1")
     person.presses("Load")
-    assert person.sent == [Load(scene="exp1", variant="trial1", seed=0, method=DEFAULT_METHOD)]
+    assert person.sent == [to.Load(scene="exp1", variant="trial1", seed=0, method=DEFAULT_METHOD)]
     person.shows(scene="exp2", variant="random", seed=3)  # somebody else was quicker
-    assert (person.widget("Scene").value, person.widget("Variant").value) == ("exp2", "random")
-    assert person.widget("Seed").value == 3
+    assert [person.widget(name).value for name in ("Scene", "Variant", "Seed")] == ["exp2", "random", 3]
     person.chooses("Scene", "exp1")
     person.shows(driver="somebody", driver_name="Bob")
     assert person.widget("Scene").value == "exp2"  # who only looks sees what is loaded
@@ -131,27 +98,25 @@ def test_tasks_are_added_moved_and_removed(person):
     person.chooses("Cube", cube)
     person.chooses("Into bin", box)
     person.presses("Add to the tasks")
-    assert isinstance(person.last, InsertTask) and len(person.last.tasks) == 2
+    assert isinstance(person.last, to.InsertTask) and len(person.last.tasks) == 2
     person.presses("▼", 1)
-    assert person.sent == [MoveTask(index=2, to=6)]
+    assert person.sent == [to.MoveTask(index=2, to=6)]
     person.presses("✕", 2)
-    assert person.sent == [RemoveTask(index=4)]
+    assert person.sent == [to.RemoveTask(index=4)]
 
 
 def test_bodies_are_added_and_the_selected_one_is_sent_and_deleted(person):
     person.presses("Temi")
     (added,) = person.client.heard
-    assert isinstance(added, AddObstacle) and person.hub.view.selected == person.hub.view.placing == added.name
+    assert isinstance(added, to.AddObstacle) and person.hub.view.selected == person.hub.view.placing == added.name
     assert f"{added.name} stands" in person.page.notes[-1]
-    agent = person.scene.agents[0].name
-    person.chooses("Selected", agent)
-    person.shows()
+    agent = person.selects(person.scene.agents[0].name)
     assert person.widget("Freeze").visible and not person.widget("Tell the robot").visible
     person.presses("Send to…")
-    assert person.hub.view.sending == agent and not any(isinstance(c, SendAgent) for c in person.sent)
+    assert person.hub.view.sending == agent and not any(isinstance(c, to.SendAgent) for c in person.sent)
     person.shows()
     person.presses("Delete")
-    assert person.last == RemoveBody(name=agent)
+    assert person.last == to.RemoveBody(name=agent)
 
 
 def test_people_and_temis_behave_as_it_is_chosen_for_the_selected_one(person):
@@ -165,36 +130,30 @@ def test_people_and_temis_behave_as_it_is_chosen_for_the_selected_one(person):
     person.chooses("On its way", "As the scene says")
     assert person.sent == []
     person.chooses("On its way", "Stops for nobody")
-    assert person.last == SetBehaviour(name=agent, behaviour="blind")
+    assert person.last == to.SetBehaviour(name=agent, behaviour="blind")
     assert ("Steers clear (ORCA)" in manner.options) == (find_spec("pyrvo") is not None)
-    person.chooses("Selected", next(iter(pieces(person.scene))))
-    person.shows()
+    person.selects(next(iter(pieces(person.scene))))
     assert not manner.visible
 
 
 def test_furniture_is_announced_and_cubes_are_put_elsewhere(person):
-    piece = next(iter(pieces(person.scene)))
-    person.chooses("Selected", piece)
-    person.shows()
+    piece = person.selects(next(iter(pieces(person.scene))))
     person.presses("Tell the robot")
-    assert person.client.heard == [Announce(name=piece)] and piece in person.page.notes[-1]
-    person.client.answer = Answer(ok=False, reason="no")
+    assert person.client.heard == [to.Announce(name=piece)] and piece in person.page.notes[-1]
+    person.client.answer = to.Answer(ok=False, reason="no")
     person.presses("Tell the robot")
     assert person.page.notes[-1] == "no"
-    cube = person.scene.objects[0].name
-    person.chooses("Selected", cube)
-    person.shows()
+    cube = person.selects(person.scene.objects[0].name)
     person.presses("In front of the robot")
-    assert isinstance(person.last, MoveObject) and person.last.name == cube
+    assert isinstance(person.last, to.MoveObject) and person.last.name == cube
     assert not person.widget("Delete").visible
 
 
 def test_the_robot_is_pushed_and_blinded(person):
     person.presses("◀ Left")
-    assert isinstance(person.last, PushRobot)
-    assert math.hypot(person.last.dx, person.last.dy) == pytest.approx(0.1)
+    assert isinstance(person.last, to.PushRobot) and math.hypot(person.last.dx, person.last.dy) == pytest.approx(0.1)
     person.presses("Camera off 2 s")
-    assert person.last == InjectFault(fault="camera_off", seconds=2.0)
+    assert person.last == to.InjectFault(fault="camera_off", seconds=2.0)
     person.shows(tick=msgspec.structs.replace(person.ticks[-1], faults=["camera off for 2 s"]))
     assert any("camera off for 2 s" in html.content for html in texts(person.panel))
 
@@ -210,30 +169,27 @@ def shows_with(person, bodies, name, state):
 
 def test_the_cube_is_taken_from_the_gripper_while_it_holds_one(person):
     take, cube = "Take the cube from the gripper", person.scene.objects[0]
-    person.shows()
     assert not person.widget(take).visible
     shows_with(person, "objects", cube.name, "held")
     assert person.widget(take).visible
     person.presses(take)
-    assert person.last == MoveObject(name=cube.name, x=cube.position[0], y=cube.position[1])
+    assert person.last == to.MoveObject(name=cube.name, x=cube.position[0], y=cube.position[1])
 
 
 def test_the_selected_agent_is_frozen_and_goes_on(person):
-    agent = person.scene.agents[0].name
-    person.chooses("Selected", agent)
-    person.shows()
+    agent = person.selects(person.scene.agents[0].name)
     person.presses("Freeze")
-    assert person.last == FreezeBody(name=agent, frozen=True)
+    assert person.last == to.FreezeBody(name=agent, frozen=True)
     shows_with(person, "agents", agent, "frozen")
     person.presses("Go on")
-    assert person.last == FreezeBody(name=agent, frozen=False)
+    assert person.last == to.FreezeBody(name=agent, frozen=False)
 
 
 def test_sliders_send_and_follow(person):
     title = "Weight of the next target"
     person.chooses(title, 1.5)
     person.shows()
-    assert person.last == SetParameter(name="next_weight", value=1.5)
+    assert person.last == to.SetParameter(name="next_weight", value=1.5)
     person.shows(parameters={"next_weight": 1.5, "xi": 1.0})
     assert person.widget("● Approach speed  xi [m/s]").value == 1.0
     assert person.widget("● " + title).value == 1.5
@@ -248,9 +204,9 @@ def test_as_shipped_means_the_method_that_drives_and_without_a_change_nothing_is
     assert [mark["value"] for mark in offset._impl.props._marks] == [0.1, 0.25]
     person.presses("Reset everything")
     person.shows()
-    assert not any(isinstance(command, SetParameter) for command in person.sent)
+    assert not any(isinstance(command, to.SetParameter) for command in person.sent)
     started = []
-    person.hub.what_if.start = lambda *arguments: started.append(arguments[0])
+    person.hub.what_if.start = lambda values, *_: started.append(values)
     person.presses("Compare")
     assert "nothing is changed" in person.page.notes[-1] and started == []
     person.chooses("Approach speed  xi [m/s]", 1.0)
@@ -265,7 +221,7 @@ def test_as_shipped_means_the_method_that_drives_and_without_a_change_nothing_is
 
 def test_what_is_refused_is_not_said_to_be_added_and_every_press_is_answered(person):
     no = "this is a recording"
-    person.client.answer = Answer(ok=False, reason=no)
+    person.client.answer = to.Answer(ok=False, reason=no)
     for kind in ("Temi", "Box"):
         person.presses(kind)
         assert person.page.notes[-1] == no and not any("stands" in note for note in person.page.notes)
@@ -284,10 +240,10 @@ def test_nothing_is_changed_while_looking_back(person):
     person.shows()
     for press in ("Temi", "✕", "◀ Left"):
         person.presses(press)
-        assert all(not isinstance(c, RemoveTask | PushRobot) for c in person.sent) and person.client.heard == []
+        assert all(not isinstance(c, to.RemoveTask | to.PushRobot) for c in person.sent) and person.client.heard == []
     assert len(person.page.notes) == 3 and "looking back" in person.page.notes[0]
     person.asks("branch")
-    assert person.last == Branch(index=19) and person.hub.view.at is None
+    assert person.last == to.Branch(index=19) and person.hub.view.at is None
 
 
 def test_a_branch_says_what_it_does_and_is_undone(person):
@@ -299,26 +255,22 @@ def test_a_branch_says_what_it_does_and_is_undone(person):
     person.shows(tick=newest)
     assert len(person.page.notes) == 1
     person.asks("undo")
-    assert person.last == UndoBranch()
+    assert person.last == to.UndoBranch()
     person.shows(tick=msgspec.structs.replace(newest, run=6, first=30, past=4), aside=1.0)
     assert "as before the branch" in person.page.notes[-1]
 
 
-def test_the_session_is_downloaded(person):
+def test_who_only_looks_has_grey_widgets_and_downloads_the_session(person):
+    person.shows(driver="somebody", driver_name="Bob")
     person.presses("Save the session")
     assert person.page.files == [("exp2-random-0-1.0s.json", b"{}")]
-
-
-def test_who_only_looks_has_grey_widgets(person):
-    person.shows(driver="somebody", driver_name="Bob")
-    grey = [widget.label for widget in person.widgets.values() if grey_(widget)]
-    assert len(grey) > 50
     usable = {label(widget) for widget in person.widgets.values() if not grey_(widget)}
+    assert len(person.widgets) - len(usable) > 50
     assert {"Ask for the wheel", "Your name", "Save the session"} <= usable
     person.shows(driver=person.visitor.sender)
     assert not person.widget("Load")._impl.props.disabled
     person.presses("Hand over")
-    assert person.last == HandOver()
+    assert person.last == to.HandOver()
 
 
 def test_what_does_not_change_is_not_sent_again(person):
@@ -344,23 +296,18 @@ def test_the_timeline_knows_what_is_kept_and_the_legend_what_is_drawn(person, se
     assert now["span"] == [0.0, 1.45]
     assert {layer["key"] for layer in overlaid(person, "legend")} == {layer.key for layer in LAYERS}
     SceneView(server, person.hub).stop()
-    drawn = {
-        name for name in server.scene._handle_from_node_name if not name.startswith(("/scene", "/light", "/furniture"))
-    }
-    for layer in LAYERS:
-        for node in layer.nodes:
-            assert node == "/map" or any(f"{name}/".startswith(f"{node}/") for name in drawn), node
+    still = ("/scene", "/light", "/furniture")
+    drawn = {f"{name}/" for name in server.scene._handle_from_node_name if not name.startswith(still)}
+    for node in (node for layer in LAYERS for node in layer.nodes):
+        assert node == "/map" or any(name.startswith(f"{node}/") for name in drawn), node
     assert [name for name, *_ in overlaid(person, "names")["bins"]] == [box.name for box in person.scene.bins]
 
 
 def test_the_timeline_plays_steps_and_looks_back(person):
     person.client.status = lambda: person.status
-    person.asks("toggle")
-    assert person.last == Pause()
-    person.asks("speed", "1/4")
-    assert person.last == Speed(factor=0.25)
-    person.asks("step", 1)
-    assert person.last == Step()
+    for command, *words in ((to.Pause(), "toggle"), (to.Speed(factor=0.25), "speed", "1/4"), (to.Step(), "step", 1)):
+        person.asks(*words)
+        assert person.last == command
     person.asks("step", -1)
     assert person.hub.view.at == 28 and person.sent == []
     person.shows()
@@ -385,17 +332,14 @@ def test_a_drive_is_proposed_confirmed_or_cancelled_and_the_last_one_undone(pers
     person.shows(tick=msgspec.structs.replace(tick, tasks=[task, *tick.tasks], task_index=0))
     assert overlaid(person, "now")["sent_to"] == "Drive to (1.00, 2.00) has begun"
     person.asks("stay")
-    assert person.last == RemoveTask(index=0)
+    assert person.last == to.RemoveTask(index=0)
     person.shows()
     assert overlaid(person, "now")["sent_to"] == "", "it has ended"
 
 
-def test_a_link_chooses_the_camera(person):
+def test_a_link_chooses_the_camera_and_what_no_script_of_ours_would_ask_is_left(person):
     person.asks("camera", "Follow")
     assert person.cameras == ["Follow"]
-
-
-def test_what_no_script_of_ours_would_ask_is_left(person):
     for words in ("", "no JSON", "[1]", '[1, "format"]', "{}", "[1, []]", "17"):
         person.chooses(ASK, words)
     assert person.sent == [] and person.page.notes == []

@@ -23,26 +23,16 @@ from motm_twin.planning.prediction import ellipses
 from motm_twin.twin import Twin
 from motm_twin.ui import colours
 from motm_twin.ui.hub import Hub, Shown
+from motm_twin.ui.scene import light
 from motm_twin.ui.scene.furniture import bin_mesh, bump_mesh, loose_box_mesh, solids_mesh
-from motm_twin.ui.scene.ghosts import APART, FREE, SILHOUETTES, reaching, silhouette_poses
-from motm_twin.ui.scene.light import (
-    MARGIN,
-    SHADOW_SHIFT,
-    box_shadow_glb,
-    floor,
-    floor_glb,
-    ground_glb,
-    ground_tone,
-    on_screen,
-    shining,
-    sky_glb,
-)
 from motm_twin.ui.scene.picking import Surroundings
-from motm_twin.ui.scene.plan_view import believed, dashes, drive_points, relative_cost, target_spot
-from motm_twin.ui.scene.scene_view import SceneView, hits
+from motm_twin.ui.scene.robot_view import APART, FREE, SILHOUETTES, reaching, silhouette_poses
+from motm_twin.ui.scene.scene_view import SceneView, believed, dashes, drive_points, hits, relative_cost, target_spot
 from motm_twin.ui.what_if import Other
 
 FIXED = ("/scene/", "/light/", "/furniture/")
+replace = msgspec.structs.replace
+SCENE = fake_scene()
 
 
 @pytest.fixture
@@ -56,7 +46,7 @@ def view(server):
         hub.stop()
 
 
-def show(view, tick, scene):
+def show(view, tick, scene=SCENE):
     looks = view._hub.view
     shown = Shown(state="playing", status=None, scene=scene, tick=tick, newest=tick, live=True, view=looks)
     view.draw(shown, 0.03, slow=True)
@@ -68,33 +58,30 @@ def nodes(view):
     return {name for name, handle in table.items() if type(handle).__name__ != "FrameHandle"}
 
 
-def person(name, **fields):
+def person(name):
     return BodyMessage(
-        name=name, kind="person", position=[0.5, 0.5, 0.0], yaw=0.3, state="standing", size=[0.5, 0.5, 1.75], **fields
+        name=name, kind="person", position=[0.5, 0.5, 0.0], yaw=0.3, state="standing", size=[0.5, 0.5, 1.75]
     )
 
 
 def test_a_place_that_was_clicked_tells_its_costs(view, tick):
-    placement = msgspec.structs.replace(
+    placement = replace(
         tick.placement, poses=[[1.0, 0.0, 0.0], [2.0, 0.0, 0.0], [3.0, 0.0, 0.0]], cost_current=[2.0, 3.0, None],
         cost_next=[4.0, None, None], cost=[6.0, 3.0, None], rejected=["", "", "collision with desk"], chosen=0,
     )  # fmt: skip
-    label = view._plan.candidates._cost
-    for picked, words in enumerate(("2.0 s to get there, 4.0 s on to the next target", "3.0 s to get there",
-                                    "collision with desk")):  # fmt: skip
+    label, now = view._plan.candidates._cost, replace(tick, placement=placement)
+    show(view, now)  # another scene forgets what was picked
+    there = "2.0 s to get there, 4.0 s on to the next target"
+    for picked, words in enumerate((there, "3.0 s to get there", "collision with desk")):
         view._hub.view.picked = picked
-        if picked == 0:
-            show(view, msgspec.structs.replace(tick, placement=placement), fake_scene())
-            view._hub.view.picked = picked  # another scene forgets it
-        show(view, msgspec.structs.replace(tick, placement=placement), view._scene)
+        show(view, now)
         assert label.visible and label.text == words
         assert label.position[0] == pytest.approx(placement.poses[picked][0], abs=0.05)
     view._hub.view.picked = None
-    show(view, msgspec.structs.replace(tick, placement=placement), view._scene)
+    show(view, now)
     assert not label.visible
     view._hub.view.picked = 1
-    later = msgspec.structs.replace(tick, placement=placement, task_index=tick.task_index + 1)
-    show(view, later, view._scene)
+    show(view, replace(now, task_index=tick.task_index + 1))
     assert not label.visible and view._hub.view.picked is None, "it was of another task"
 
 
@@ -107,9 +94,9 @@ def a_track(number, position, velocity):
 
 
 def test_tracks_have_a_number_an_arrow_and_ellipses_that_grow_and_a_ring_marks_the_one_that_is_met(view, tick):
-    scene, why = fake_scene(), Reason(kind=Kind.MEETS_MOVER, value=0.4, limit=0.5)
+    why = Reason(kind=Kind.MEETS_MOVER, value=0.4, limit=0.5)
     tracks = [a_track(3, (2.0, 1.0), (0.5, 0.0)), a_track(7, (3.0, 2.0), (0.0, 0.0))]
-    show(view, msgspec.structs.replace(tick, tracks=tracks, why=why), scene)
+    show(view, replace(tick, tracks=tracks, why=why))
     drawn = view._tracks
     assert [label.text for label in drawn._labels if label.visible] == ["3", "7"]
     assert np.allclose([label.position[:2] for label in drawn._labels[:2]], [(2.5, 1.0), (3.0, 1.55)])
@@ -122,17 +109,16 @@ def test_tracks_have_a_number_an_arrow_and_ellipses_that_grow_and_a_ring_marks_t
     assert np.all(np.ptp(second, axis=0)[:2] > np.ptp(first, axis=0)[:2])
     assert np.ptp(second, axis=0)[0] > np.ptp(second, axis=0)[1] > 0.5  # longer along its way
     assert drawn._ring.visible and np.allclose(drawn._ring.position[:2], (2.0, 1.0))
-    show(view, msgspec.structs.replace(tick, tracks=[], why=None), scene)
+    show(view, replace(tick, tracks=[], why=None))
     assert not (drawn._lines.visible or drawn._ring.visible or any(label.visible for label in drawn._labels))
 
 
 def test_a_trail_is_left_by_what_goes_and_not_by_what_is_put_elsewhere_or_seen_earlier(view, tick):
     def at(x, time):
-        walker = msgspec.structs.replace(person("Ann"), position=[x, 0.5, 0.0])
-        show(view, msgspec.structs.replace(tick, agents=[walker], time=time), scene)
+        walker = replace(person("Ann"), position=[x, 0.5, 0.0])
+        show(view, replace(tick, agents=[walker], time=time))
         return len(view._bodies._bodies["body/Ann"].trail)
 
-    scene = fake_scene()
     assert [at(0.5 + 0.1 * k, 1.0 + 0.1 * k) for k in range(4)] == [1, 2, 3, 4]
     assert at(3.0, 1.3) == 1  # while time stands
     assert [at(3.1, 1.4), at(3.2, 1.5), at(6.0, 1.6)] == [2, 3, 1]  # while it runs
@@ -143,7 +129,7 @@ def test_a_trail_is_left_by_what_goes_and_not_by_what_is_put_elsewhere_or_seen_e
 def test_what_the_robot_holds_is_hidden_with_it(view, tick):
     """A cube of the hidden robot hung in the air while both runs were watched."""
     held, *rest = tick.objects
-    now = msgspec.structs.replace(tick, objects=[msgspec.structs.replace(held, state="held"), *rest])
+    now = replace(tick, objects=[replace(held, state="held"), *rest])
     for on in (True, False):
         view._bodies.on = on
         view._bodies.update(now)
@@ -152,54 +138,48 @@ def test_what_the_robot_holds_is_hidden_with_it(view, tick):
 
 
 def test_fewer_than_a_hundred_nodes_move(view, tick):
-    show(view, tick, fake_scene())
+    show(view, tick)
     view._others.update([Other(label="changed: 7.1 s", pose=(0.0, 0.0, 0.0), q=(0.0,) * 7, gripper=0.08)])
     moving = [name for name in nodes(view) if not name.startswith(FIXED)]
     assert 20 < len(moving) <= 100
 
 
 def test_the_same_tick_again_sends_nothing(view, tick):
-    scene = fake_scene()
-    show(view, tick, scene)
+    show(view, tick)
     sent = []
     view._server.scene._queue_scene_message = sent.append
-    show(view, tick, scene)
+    show(view, tick)
     assert sent == []
 
 
 def test_a_body_comes_moves_is_marked_frozen_and_goes_without_a_trace(view, tick):
-    scene = fake_scene()
-    show(view, tick, scene)
+    show(view, tick)
     before = nodes(view)
-    show(view, msgspec.structs.replace(tick, obstacles=[person("ann")]), scene)
-    frozen = msgspec.structs.replace(person("ann"), state="frozen")
-    show(view, msgspec.structs.replace(tick, obstacles=[frozen]), scene)
+    show(view, replace(tick, obstacles=[person("ann")]))
+    show(view, replace(tick, obstacles=[replace(person("ann"), state="frozen")]))
     assert any(name.endswith("sign") for name in nodes(view) - before)
-    show(view, msgspec.structs.replace(tick, obstacles=[]), scene)
+    show(view, replace(tick, obstacles=[]))
     assert nodes(view) == before
 
 
 def test_furniture_stands_where_the_tick_has_it_and_is_hidden_when_gone(view, tick):
-    scene = fake_scene()
-    show(view, tick, scene)
+    show(view, tick)
     name = next(iter(view._surroundings.pieces))
     frame = view._server.scene._handle_from_node_name[f"/furniture/{name}"]
-    body = BodyMessage(
-        name=name, kind="furniture", position=[1.0, -2.0, 0.0], yaw=math.pi / 2, state="", size=[1.0, 1.0, 1.0]
-    )
-    show(view, msgspec.structs.replace(tick, furniture=[body]), scene)
+    body = replace(person(name), kind="furniture", position=[1.0, -2.0, 0.0], yaw=math.pi / 2)
+    show(view, replace(tick, furniture=[body]))
     assert tuple(frame.position[:2]) == (1.0, -2.0)
     assert frame.wxyz[3] == pytest.approx(math.sin(math.pi / 4))
-    show(view, msgspec.structs.replace(tick, removed=[name]), scene)
+    show(view, replace(tick, removed=[name]))
     assert not frame.visible
-    show(view, tick, scene)
+    show(view, tick)
     assert frame.visible
 
 
 def test_another_scene_replaces_everything_of_the_last_one(view, tick):
-    show(view, tick, fake_scene())
+    show(view, tick)
     before = nodes(view)
-    show(view, tick, msgspec.structs.replace(fake_scene(), seed=5))
+    show(view, tick, replace(SCENE, seed=5))
     assert nodes(view) == before
 
 
@@ -215,19 +195,16 @@ def test_every_shipped_scene_is_drawn(view):
 def test_relative_costs_run_from_the_cheapest_to_the_dearest(tick):
     relative = relative_cost(tick.placement)
     viable = np.array([not reason for reason in tick.placement.rejected])
-    assert relative[viable].min() == 0.0
-    assert relative[viable].max() == pytest.approx(1.0)
+    assert (relative[viable].min(), relative[viable].max()) == (0.0, pytest.approx(1.0))
     assert np.isnan(relative[~viable]).all()
     assert tuple(colours.scale(np.array([0.0]))[0]) == (253, 231, 37)
 
 
 def test_free_ground_is_clear_and_occupied_ground_is_dark_brown():
     table = colours.ground_table()
-    assert table.shape == (256, 4)
-    assert table[0, 3] == 0
+    assert table.shape == (256, 4) and table[0, 3] == 0
     red, green, blue, alpha = (int(value) for value in table[255])
-    assert 200 > red > green > blue
-    assert alpha > 100
+    assert 200 > red > green > blue and alpha > 100
 
 
 @pytest.mark.parametrize(
@@ -242,16 +219,12 @@ def test_free_ground_is_clear_and_occupied_ground_is_dark_brown():
 @pytest.mark.parametrize("style", ["table", "desk", "cabinet", "shelf", "box", "wall", "plain", "unheard of"])
 def test_furniture_is_drawn_as_large_as_the_referee_knows_it(shape, low, high, style):
     solid = Solid(name="s", shape=shape, z_min=0.0, z_max=0.6, mapped=True, style=style)
-    bounds = solids_mesh([solid]).bounds
-    np.testing.assert_allclose(bounds[0], (*low, 0.0), atol=0.003)
-    np.testing.assert_allclose(bounds[1], (*high, 0.6), atol=0.003)
+    np.testing.assert_allclose(solids_mesh([solid]).bounds, [(*low, 0.0), (*high, 0.6)], atol=0.003)
 
 
 def test_a_bump_is_drawn_as_wide_and_high_as_wheels_meet_it():
     bump = Bump(name="b", centre=(1.0, 2.0), length=0.8, yaw=math.pi / 2, width=0.1, height=0.01)
-    low, high = bump_mesh([bump]).bounds
-    np.testing.assert_allclose(low, (0.95, 1.6, 0.0), atol=1e-3)
-    np.testing.assert_allclose(high, (1.05, 2.4, 0.01), atol=1e-3)
+    np.testing.assert_allclose(bump_mesh([bump]).bounds, [(0.95, 1.6, 0.0), (1.05, 2.4, 0.01)], atol=1e-3)
 
 
 def test_a_shelf_of_one_board_is_drawn():
@@ -261,7 +234,7 @@ def test_a_shelf_of_one_board_is_drawn():
 
 
 def test_a_bin_is_open_and_stands_where_it_belongs():
-    box = fake_scene().bins[0]
+    box = SCENE.bins[0]
     scene = bin_mesh(box)
     middle = (scene.bounds[0] + scene.bounds[1]) / 2
     np.testing.assert_allclose(middle[:2], box.centre, atol=1e-6)
@@ -275,27 +248,25 @@ def test_a_loose_box_has_its_size():
 
 
 def test_the_floor_covers_the_map_and_goes_over_into_the_ground_around():
-    scene = fake_scene()
-    picture, (x, y, u, v) = floor(scene)
-    assert u - x == scene.bounds[2] - scene.bounds[0] + 2 * MARGIN
-    assert np.abs(picture[0, 0] - ground_tone(np.array(0.5 * math.hypot(u - x, v - y)))).max() < 1.5
-    for mesh in (floor_glb(scene), ground_glb((1.0, 2.0)), sky_glb((1.0, 2.0))):
+    picture, (x, y, u, v) = light.floor(SCENE)
+    assert u - x == SCENE.bounds[2] - SCENE.bounds[0] + 2 * light.MARGIN
+    assert np.abs(picture[0, 0] - light.ground_tone(np.array(0.5 * math.hypot(u - x, v - y)))).max() < 1.5
+    for mesh in (light.floor_glb(SCENE), light.ground_glb((1.0, 2.0)), light.sky_glb((1.0, 2.0))):
         assert mesh[:4] == b"glTF"
 
 
 def test_what_shines_by_itself_is_seen_as_wanted():
     wanted = np.repeat(np.array([40.0, 120.0, 200.0, 226.0])[:, None], 3, axis=1)
-    code = shining(wanted) / 255.0
+    code = light.shining(wanted) / 255.0
     linear = np.where(code < 0.04045, code / 12.92, ((code + 0.055) / 1.055) ** 2.4)
-    assert np.abs(on_screen(linear) - wanted).max() < 1.0
+    assert np.abs(light.on_screen(linear) - wanted).max() < 1.0
 
 
 def test_a_shadow_lies_under_its_body_and_away_from_the_sun():
-    mesh = trimesh.load_scene(trimesh.util.wrap_as_stream(box_shadow_glb(0.4, 0.4, 1.0)), file_type="glb")
-    (low, high), shift = mesh.bounds, np.array(SHADOW_SHIFT)
-    assert (low[:2] < -0.2).all()
-    assert (high[:2] > 0.2).all()
-    assert high[0] > 0.2 + shift[0]
+    mesh = trimesh.load_scene(trimesh.util.wrap_as_stream(light.box_shadow_glb(0.4, 0.4, 1.0)), file_type="glb")
+    low, high = mesh.bounds
+    assert (low[:2] < -0.2).all() and (high[:2] > 0.2).all()
+    assert high[0] > 0.2 + light.SHADOW_SHIFT[0]
 
 
 def test_silhouettes_are_few_and_keep_off_the_robot_the_arrival_and_each_other():
@@ -329,30 +300,29 @@ def test_dashes_leave_gaps_and_end_where_the_line_ends():
 
 
 def test_points_to_drive_to_are_read_from_the_tasks_that_are_left(tick):
-    drive = msgspec.structs.replace(tick.tasks[0], kind="drive_to", target="(1.50, -0.25)", status="waiting")
-    assert drive_points(msgspec.structs.replace(tick, tasks=[drive, *tick.tasks], task_index=0)) == [(1.5, -0.25)]
-    assert drive_points(msgspec.structs.replace(tick, tasks=[drive, *tick.tasks], task_index=1)) == []
+    drive = replace(tick.tasks[0], kind="drive_to", target="(1.50, -0.25)", status="waiting")
+    assert drive_points(replace(tick, tasks=[drive, *tick.tasks], task_index=0)) == [(1.5, -0.25)]
+    assert drive_points(replace(tick, tasks=[drive, *tick.tasks], task_index=1)) == []
 
 
 def test_beliefs_are_marked_only_where_they_are_off(tick):
     item = tick.objects[0]
-    belief = msgspec.structs.replace(tick.beliefs[0], name=item.name, position=[p + 0.004 for p in item.position])
-    assert len(believed(msgspec.structs.replace(tick, beliefs=[belief]))) == 0
-    off = msgspec.structs.replace(belief, position=[p + 0.02 for p in item.position])
-    assert believed(msgspec.structs.replace(tick, beliefs=[off])).shape == (1, 3)
+    for off, count in ((0.004, 0), (0.02, 1)):
+        belief = replace(tick.beliefs[0], name=item.name, position=[p + off for p in item.position])
+        assert believed(replace(tick, beliefs=[belief])).shape == (count, 3)
 
 
 def test_the_target_is_marked_where_the_robot_believes_it(tick):
-    surroundings, item = Surroundings(fake_scene()), tick.objects[0]
+    surroundings, item = Surroundings(SCENE), tick.objects[0]
     surroundings.update(tick)
     picks = [task for task in tick.tasks if task.kind == "pick" and task.target == item.name]
     assert picks, "the first cube is to be picked"
-    active = msgspec.structs.replace(tick, task_index=tick.tasks.index(picks[0]))
+    active = replace(tick, task_index=tick.tasks.index(picks[0]))
     off = [item.position[0] + 0.3, item.position[1] - 0.1, item.position[2] + 0.05]
-    belief = msgspec.structs.replace(tick.beliefs[0], name=item.name, position=off)
-    spot = target_spot(msgspec.structs.replace(active, beliefs=[belief]), surroundings)
+    belief = replace(tick.beliefs[0], name=item.name, position=off)
+    spot = target_spot(replace(active, beliefs=[belief]), surroundings)
     assert (spot.x, spot.y, spot.z) == pytest.approx((off[0], off[1], off[2] - 0.5 * item.size[0]))
-    known = target_spot(msgspec.structs.replace(active, beliefs=[]), surroundings)
+    known = target_spot(replace(active, beliefs=[]), surroundings)
     assert (known.x, known.y) == pytest.approx(tuple(item.position[:2]))
 
 

@@ -1,6 +1,6 @@
 // What lies over the scene: a timeline, the legend, names of things under the mouse, and a cover until there is a picture.
 //
-// The server keeps what is shown in widgets that nobody sees, as JSON behind a mark (motm_twin/ui/panel/overlay.py). They
+// The server keeps what is shown in widgets that nobody sees, as JSON behind a mark (motm_twin/ui/panel/panel.py). They
 // are read as they pass by; wishes of the visitor go back through a text widget.
 (() => {
   const MARK = /^<!--motm:(\w+)-->/, ASK = "motm-ask";

@@ -23,7 +23,6 @@ SPEEDS = {"1/8": 0.125, "1/4": 0.25, "1/2": 0.5, "1x": 1.0, "2x": 2.0, "4x": 4.0
 UP, DOWN, DELETE = "▲", "▼", "✕"
 ROWS = 12  # of jobs that have not ended: a hundred make a browser slow
 _SIGNS = {"done": ("✓", GREEN), "active": ("▶", BLUE), "failed": ("✗", RED)}
-_WAITING = ("○", "var(--motm-edge)")
 _HOW = "Click a cube, then a bin. Double-click the floor to send the robot there."
 
 
@@ -211,20 +210,19 @@ def moved(listed: Sequence[Job], job: Job, up: bool) -> MoveTask | None:
     number = next((i for i, other in enumerate(listed) if other.first == job.first), None)
     if number is None:
         return None
-    if up:
-        before = listed[number - 1] if number > 0 else None
-        return None if before is None or before.ended else MoveTask(index=job.now, to=before.now)
-    after = listed[number + 1] if number + 1 < len(listed) else None
-    return None if after is None else MoveTask(index=job.now, to=after.first + after.count)
+    neighbour = (listed[:number][-1:] if up else listed[number + 1 : number + 2]) or [job]
+    other = neighbour[0]
+    if other is job or (up and other.ended):
+        return None
+    return MoveTask(index=job.now, to=other.now if up else other.first + other.count)
 
 
 def ended_lines(listed: Sequence[Job]) -> str:
     """Jobs that have ended, two a row, as HTML."""
     cells = ""
-    for job in listed:
-        if job.ended:
-            sign, colour = _SIGNS[job.status]
-            cells += f'<div><span style="color:{colour}">{sign}</span> {text(label(job)[2:])}</div>'
+    for job in (job for job in listed if job.ended):
+        sign, colour = _SIGNS[job.status]
+        cells += f'<div><span style="color:{colour}">{sign}</span> {text(label(job)[2:])}</div>'
     if not cells:
         return "" if listed else note("no tasks yet")
     return note(f'<div class="two">{cells}</div>', "inherit")
@@ -233,7 +231,7 @@ def ended_lines(listed: Sequence[Job]) -> str:
 def label(job: Job) -> str:
     """A job with the sign of its state, as plain text."""
     again = f" (try {job.attempts})" if job.attempts > 1 else ""
-    return f"{_SIGNS.get(job.status, _WAITING)[0]} {job.text}{again}"
+    return f"{_SIGNS.get(job.status, '○')[0]} {job.text}{again}"
 
 
 class TaskBlock(Block):

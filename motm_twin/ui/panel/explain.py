@@ -21,23 +21,17 @@ from motm_twin.model.profile import RobotProfile
 from motm_twin.model.reason import Kind
 from motm_twin.model.scene import Scene
 from motm_twin.model.scene_shapes import outline, rectangle
+from motm_twin.ui.scene.body_view import met
 from motm_twin.ui.scene.picking import body_outline, furniture_poses
-from motm_twin.ui.scene.track_view import met
 
 PLANS = {
-    "goal": "reaches the goal",
-    "aborted": "part of the way",
-    "braking": "braking",
-    "escaping": "moving clear",
+    "goal": "reaches the goal", "aborted": "part of the way", "braking": "braking", "escaping": "moving clear",
     "idle": "standing",
-}
+}  # fmt: skip
 MODES = {
-    "reach": "closest in reach",
-    "closest": "closest free place",
-    "whole body": "base and arm together",
-    "drive": "drive target",
-    "none": "no target",
-}
+    "reach": "closest in reach", "closest": "closest free place", "whole body": "base and arm together",
+    "drive": "drive target", "none": "no target",
+}  # fmt: skip
 LIDAR = "what the lidar sees"
 STANDS = (0.03, 0.05)  # [m/s], [rad/s] below which the base stands
 _ORDINAL = {2: "second", 3: "third", 4: "fourth", 5: "fifth"}
@@ -57,15 +51,9 @@ SAME = 0.2  # [m] tolerance between a named body's distance and the lidar's
 ROUNDED = 1e-3  # [m], [rad] places of a tick are rounded to less
 AHEAD, BEHIND = math.radians(40.0), math.radians(120.0)
 _HOLDS = (
-    Kind.IN_STOPPING_WAY,
-    Kind.MEETS_MOVER,
-    Kind.FLOOR_UNSEEN,
-    Kind.NO_MOTION,
-    Kind.LEAVES_REACH,
-    Kind.NO_WAY,
-    Kind.CLOSED_IN,
-    Kind.NO_BETTER_MOTION,
-)
+    Kind.IN_STOPPING_WAY, Kind.MEETS_MOVER, Kind.FLOOR_UNSEEN, Kind.NO_MOTION, Kind.LEAVES_REACH, Kind.NO_WAY,
+    Kind.CLOSED_IN, Kind.NO_BETTER_MOTION,
+)  # fmt: skip
 
 
 def method_title(status: StatusMessage, name: str) -> str:
@@ -147,13 +135,12 @@ def slowed_by(steps: Sequence[ArmMessage], name: str = "") -> str:
     limited = slowed(steps)
     if not limited:
         return ""
-    step = limited[-1]
-    what = name.rstrip(",") or f"A {step.limiter}"
+    step, name = limited[-1], name.rstrip(",")
     allowed = step.allowed_approach
     if allowed is None or step.obstacle_distance is None:
-        return f"The gripper is slowed by {name.rstrip(',') or 'a ' + step.limiter}"
+        return f"The gripper is slowed by {name or f'a {step.limiter}'}"
     how = f"may approach at {allowed:.2f} m/s" if allowed > 0.0 else f"backs off at {-allowed:.2f} m/s or more"
-    return f"{what} is {step.obstacle_distance:.2f} m away: the gripper {how}"
+    return f"{name or f'A {step.limiter}'} is {step.obstacle_distance:.2f} m away: the gripper {how}"
 
 
 def _ended(tasks: Sequence[TaskMessage]) -> str:
@@ -210,11 +197,9 @@ def _joint_bound(k: int, step: ArmMessage, q: Sequence[float]) -> str:
 def _listed(names: Iterable[str]) -> str:
     """Names in a row: joints share their word, none comes twice."""
     unique = list(dict.fromkeys(names))
-    joints = [found[1] for name in unique if (found := _JOINT.match(name))]
+    joints = sorted(found[1] for name in unique if (found := _JOINT.match(name)))
     others = [name for name in unique if not _JOINT.match(name)]
-    if joints:
-        others.append(("joints " if len(joints) > 1 else "joint ") + ", ".join(sorted(joints)))
-    return ", ".join(others)
+    return ", ".join([*others, f"joint{'s' * (len(joints) > 1)} {', '.join(joints)}"] if joints else others)
 
 
 @dataclass(frozen=True)
@@ -266,11 +251,8 @@ def unmapped(tick: TickMessage, scene: Scene) -> Iterator[Unmapped]:
         yield Unmapped(body.name if known_kind else f"{body.name} ({body.kind})", body_outline(body))
     known = pieces(scene)
     moved = {name: pose for name, pose in furniture_poses(tick).items() if name in known}
-    strange = [
-        piece
-        for piece in known.values()
-        if piece.name not in tick.removed and not (piece.mapped and _known(piece, tick))
-    ]
+    there = (piece for piece in known.values() if piece.name not in tick.removed)
+    strange = [piece for piece in there if not (piece.mapped and _known(piece, tick))]
     if not strange:
         return
     solids = {solid.name: solid for solid in moved_scene(scene, moved, ()).solids}

@@ -1,29 +1,32 @@
 """The panel of one visitor: state of the twin, who drives, tabs to drive, disturb, explain, tune and look back; keys.
 
 One is made for every browser page when it connects, and dropped when the page closes. Viser's palette lists the
-commands (the icon on top).
+commands (the icon on top). The script web_assets/page/overlay.js, which lays a timeline, the legend, names and a cover
+over the scene, finds what it shows in widgets that nobody sees, as JSON behind a mark, and asks for things through one
+of them, as a JSON list: a number that rises, a name of `Overlay`'s table, and arguments.
 """
 
-import threading
+import json
 import warnings
 from collections.abc import Callable
 from functools import partial
+from typing import Any
 
+import msgspec
 import viser
 
-from motm_twin.bus.commands import NAME_MAX, HandOver, Reset, Step, TakeWheel
-from motm_twin.bus.messages import StatusMessage
+from motm_twin.bus.commands import NAME_MAX, HandOver, RemoveTask, Reset, Speed, Step, TakeWheel
+from motm_twin.bus.messages import StatusMessage, TickMessage
 from motm_twin.model.names import scene_name
 from motm_twin.ui import colours
-from motm_twin.ui.documentation import link
-from motm_twin.ui.hub import Hub, Shown, Visitor, clean_name
-from motm_twin.ui.panel.disturb_tab import DisturbTab
-from motm_twin.ui.panel.drive_tab import DriveTab
-from motm_twin.ui.panel.overlay import Overlay
+from motm_twin.ui.hub import LAYERS, Hub, Shown, Visitor, clean_name, names_of
+from motm_twin.ui.page_server import link
+from motm_twin.ui.panel.disturb import DisturbTab, is_free
+from motm_twin.ui.panel.drive_tab import SPEEDS, DriveTab
 from motm_twin.ui.panel.plots import PLOTS, PLOTS_KEY
 from motm_twin.ui.panel.replay_tab import ReplayTab
 from motm_twin.ui.panel.tune_tab import TuneTab
-from motm_twin.ui.panel.why_tab import WhyTab, headline, held_up
+from motm_twin.ui.panel.why_tab import NEXT_WEIGHT, WhyTab, headline, held_up, says
 from motm_twin.ui.panel.widgets import AMBER, BLUE, GREEN, MUTED, RED, Block, card, chip, ends, note, text
 from motm_twin.ui.scene.cameras import PRESETS
 from motm_twin.ui.scene.scene_view import SceneView
@@ -129,7 +132,6 @@ class Panels:
 
     def __init__(self, server: viser.ViserServer, hub: Hub, scene: SceneView) -> None:
         self._hub, self._scene_view = hub, scene
-        self._lock = threading.Lock()
         self._panels: dict[int, Panel] = {}
         self._scene: tuple[str, str, int] | None = None
         server.on_client_connect(self._enter)
@@ -143,9 +145,7 @@ class Panels:
         if scene != self._scene and None not in (scene, self._scene):
             self._hub.what_if.stop()  # a comparison is about one scene
         self._scene = scene or self._scene
-        with self._lock:
-            panels = list(self._panels.values())
-        for panel in panels:
+        for panel in list(self._panels.values()):
             try:
                 if not panel.visitor.gone:
                     panel.update(shown)
@@ -156,16 +156,12 @@ class Panels:
     async def _enter(self, client: viser.ClientHandle) -> None:
         visitor = self._hub.enter(client)
         try:
-            panel = Panel(self._hub, visitor, self._scene_view)
+            self._panels[client.client_id] = Panel(self._hub, visitor, self._scene_view)
         except Exception as error:
             self._hub.tell_error(visitor, error, "There is no panel")
-            return
-        with self._lock:
-            self._panels[client.client_id] = panel
 
     async def _leave(self, client: viser.ClientHandle) -> None:
-        with self._lock:
-            self._panels.pop(client.client_id, None)
+        self._panels.pop(client.client_id, None)
         visitor = self._hub.leave(client)
         if visitor is not None:
             self._scene_view.leave(visitor)
@@ -317,3 +313,131 @@ def asked_line(name: str) -> str:
 
 def _line(colour: str, content: str) -> str:
     return card(f'<div class="driver"><i style="background:{colour}"></i>{content}</div>', style="padding:0 12px 10px")
+
+
+ASK = "motm-ask"  # label of the widget that the script writes to
+MARK = "<!--motm:{}-->"
+EVENTS = 200  # on the timeline
+
+
+class Overlay(Block):
+    """One visitor's."""
+
+    def __init__(
+        self, visitor: Visitor, hub: Hub, scene: SceneView, drive: DriveTab, disturb: DisturbTab, replay: ReplayTab
+    ) -> None:
+        gui = visitor.client.gui
+        super().__init__(gui, hub, visitor)
+        self._replay, self._cameras = replay, scene.cameras
+        self._legend, self._now, self._events, self._names = (gui.add_html("", visible=False) for _ in range(4))
+        self._legend.content = _packed("legend", LAYERS)
+        self._scene: object = None
+        self._count = -1
+        playback = hub.playback
+        self._acts: dict[str, tuple[bool, Callable[..., object]]] = {  # for the driver only, and what is done
+            "toggle": (True, lambda: replay.toggle() or drive.press()),
+            "reset": (True, lambda: self.send(Reset())),
+            "step": (True, self._step),
+            "speed": (True, lambda name: self.send(Speed(factor=SPEEDS[name]))),
+            "look": (True, lambda seconds: playback.look(float(seconds), hub.span)),
+            "live": (True, playback.live),
+            "branch": (True, replay.branch),
+            "undo": (True, replay.undo),
+            "save": (False, replay.save),
+            "page": (False, replay.export),
+            "picture": (False, replay.screenshot),
+            "go": (True, lambda: scene.clicks.drive(visitor)),
+            "stay": (True, self._stay),
+            "temi": (True, lambda: disturb.add("temi")),
+            "ahead": (True, self._ahead),
+            "hide": (False, self._hide),
+            "camera": (False, lambda name: scene.cameras.choose(visitor.client, name)),
+            "turned": (False, lambda: scene.cameras.turned(visitor.client)),
+            "width": (False, lambda pixels: scene.cameras.tell_width(visitor.client, pixels)),
+            "drawn": (False, self._drawn),
+        }
+        asked = gui.add_text(ASK, "", visible=False)
+        asked.on_update(self._asked)
+
+    def _refresh(self, shown: Shown) -> None:
+        hub, status, span = self.hub, shown.status, self.hub.span
+        if shown.scene is not None and shown.scene is not self._scene:
+            self._scene = shown.scene
+            self._names.content = _packed("names", names_of(shown.scene))
+        if self._count != hub.events.count:
+            self._count, found = hub.events.count, hub.events.last(EVENTS)
+            self._events.content = _packed("events", [(round(e.time, 2), e.kind, e.text) for e in found])
+        now = {
+            "state": shown.state,
+            "text": "" if status is None else status.text,
+            "t": None if shown.tick is None else round(shown.tick.time, 2),
+            "span": None if span is None else [round(span.first_time, 2), round(span.last_time, 2)],
+            "live": shown.live,
+            "playing": shown.state == "playing" if shown.live else hub.playback.playing,
+            "speed": next((name for name, factor in SPEEDS.items() if status and factor == status.speed), "1x"),
+            "says": "" if shown.tick is None else says(shown.tick, shown.scene),
+            "mine": hub.drives(self.visitor),
+            "picked": shown.view.picked,
+            "camera": self._cameras.mode(self.visitor.client),
+            "going": shown.view.going if shown.live else None,
+            "free": shown.view.going is None or is_free(shown.grid, shown.view.going),
+            "sent_to": sent_to(shown.newest, shown.view.sent_to),
+            "aside": None if status is None else status.aside,
+        }
+        self._now.content = _packed("now", now)
+
+    async def _asked(self, event: Any) -> None:
+        try:
+            _, name, *more = json.loads(event.target.value)
+            drives, act = self._acts[name]
+        except (ValueError, KeyError, TypeError):
+            return  # not from our script
+        guard = self.hub.driving if drives else self.hub.watching
+        await guard(lambda *_: act(*more))(event)
+
+    def _step(self, periods: int) -> None:
+        """One period back, or on: of the past, or of a twin that waits for it."""
+        if periods > 0 and self.hub.view.at is None:
+            self.send(Step())
+        else:
+            self._replay.step(int(periods))
+
+    def _stay(self) -> None:
+        """Do not drive to the proposed place; without one, undo the drive that was confirmed last."""
+        view, newest = self.hub.view, None if self.shown is None else self.shown.newest
+        index = drive_index(newest, view.sent_to)
+        if view.going is not None:
+            view.going = None
+        elif index is not None and self.hub.live(self.visitor):
+            self.send(RemoveTask(index=index))
+
+    def _ahead(self) -> None:
+        """Compare the run with one that does not count what comes after the next target."""
+        if self.shown is not None and self.shown.newest is not None:
+            self.hub.what_if.start({NEXT_WEIGHT: 0.0}, 0, self.shown.newest.run)
+
+    def _drawn(self) -> None:
+        self.visitor.drawn = True
+
+    def _hide(self, keys: list[str]) -> None:
+        self.visitor.hidden = frozenset(map(str, keys))
+
+
+def sent_to(tick: TickMessage | None, target: str) -> str:
+    """A sentence about the drive to this target that can be undone; "" when it has ended."""
+    index = drive_index(tick, target)
+    if tick is None or index is None:
+        return ""
+    return f"Drive to {target} {'has begun' if index == tick.task_index else 'comes next'}"
+
+
+def drive_index(tick: TickMessage | None, target: str) -> int | None:
+    """Number of the drive to this target that has not ended; None when there is none."""
+    for index, task in enumerate([] if tick is None else tick.tasks):
+        if task.kind == "drive_to" and task.target == target and task.status in ("waiting", "active"):
+            return index
+    return None
+
+
+def _packed(mark: str, content: object) -> str:
+    return MARK.format(mark) + msgspec.json.encode(content).decode()

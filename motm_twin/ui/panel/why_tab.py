@@ -6,15 +6,15 @@ from collections.abc import Mapping, Sequence
 
 import viser
 
-from motm_twin.bus.messages import ArmMessage, EventMessage, PlacementMessage, StatusMessage, TickMessage
+from motm_twin.bus import messages as bus
 from motm_twin.control.arm.types import ProgramStatus
 from motm_twin.model.edits import ParameterValue
+from motm_twin.model.physics import REFLEXES
 from motm_twin.model.scene import Scene
 from motm_twin.ui import colours
 from motm_twin.ui.hub import Hub, Shown, Visitor
 from motm_twin.ui.panel import explain
 from motm_twin.ui.panel.explain import avoided, limited_by, strange
-from motm_twin.ui.panel.forces import forces_card
 from motm_twin.ui.panel.plots import PlotsPanel, bands
 from motm_twin.ui.panel.score import WINDOW, score_card, timing_card
 from motm_twin.ui.panel.widgets import (
@@ -85,7 +85,7 @@ class WhyTab(Block):
             self._timing = gui.add_html("")
         with gui.add_folder("Score"):
             self._score = gui.add_html("")
-        self._explained: tuple[TickMessage | None, int | None] = (None, None)
+        self._explained: tuple[bus.TickMessage | None, int | None] = (None, None)
 
     def _refresh(self, shown: Shown) -> None:
         tick, history = shown.tick, self.hub.history
@@ -112,30 +112,30 @@ class WhyTab(Block):
         self._plots.update(shown)
 
 
-def headline(tick: TickMessage, scene: Scene | None = None) -> str:
+def headline(tick: bus.TickMessage, scene: Scene | None = None) -> str:
     """One big sentence: the robot's activity, and with the scene the body that it avoids."""
     colour = GREEN if tick.done and tick.success else "var(--motm-ink)"
     return f'<div class="big two" style="color:{colour}">{text(says(tick, scene))}</div>'
 
 
-def says(tick: TickMessage, scene: Scene | None = None) -> str:
+def says(tick: bus.TickMessage, scene: Scene | None = None) -> str:
     """One sentence: what the robot does, and whom it avoids."""
     near = avoided(tick, scene)
     return explain.doing(tick) + (near and f", {near}") + "."
 
 
-def held_up(tick: TickMessage, scene: Scene | None = None) -> str:
+def held_up(tick: bus.TickMessage, scene: Scene | None = None) -> str:
     """Reason why the robot waits or is slowed; "" when nothing holds it up."""
     return next((why for why, holds in _reasons(tick, scene) if holds), "")
 
 
-def _reasons(tick: TickMessage, scene: Scene | None) -> list[tuple[str, bool]]:
+def _reasons(tick: bus.TickMessage, scene: Scene | None) -> list[tuple[str, bool]]:
     """As of `explain.waiting`, without the end of a run that the headline tells."""
     said = explain.doing(tick).lower() if tick.done else ""
     return [(why, holds) for why, holds in explain.waiting(tick, limited_by(tick, scene)) if why.lower() != said]
 
 
-def now_card(tick: TickMessage, scene: Scene | None = None, status: StatusMessage | None = None) -> str:
+def now_card(tick: bus.TickMessage, scene: Scene | None = None, status: bus.StatusMessage | None = None) -> str:
     """Reasons why the robot waits, and its motion; with the scene by names, with the status the method that drives."""
     rows = [sentence(why, AMBER if holds else MUTED) for why, holds in _reasons(tick, scene)]
     if tick.done and explain.stands(tick):
@@ -159,7 +159,7 @@ def moving(speed: float, turn: float) -> str:
     return "base " + (", ".join(parts) or "stands")
 
 
-def _driven_by(status: StatusMessage | None) -> str:
+def _driven_by(status: bus.StatusMessage | None) -> str:
     """The method that decides, HTML."""
     if status is None or not status.method:
         return ""
@@ -168,7 +168,7 @@ def _driven_by(status: StatusMessage | None) -> str:
     return f'<div class="mu">method {explained(title, about, "method") if about else title}</div>'
 
 
-def task_card(tick: TickMessage) -> str:
+def task_card(tick: bus.TickMessage) -> str:
     """The task in hand: the place to stand for it, and the result of the local plan."""
     task, plan, placement = explain.active_task(tick), tick.plan, tick.placement
     if task is None:
@@ -194,7 +194,7 @@ def task_card(tick: TickMessage) -> str:
     return card(heading("Task in hand"), pairs(rows))
 
 
-def arm_card(tick: TickMessage, parameters: Mapping[str, ParameterValue], scene: Scene | None = None) -> str:
+def arm_card(tick: bus.TickMessage, parameters: Mapping[str, ParameterValue], scene: Scene | None = None) -> str:
     """The arm's program: solved or not, active limits, manipulability, and the obstacle that it avoids.
 
     With the scene also names, and remarks on things that the map does not have.
@@ -215,7 +215,7 @@ def arm_card(tick: TickMessage, parameters: Mapping[str, ParameterValue], scene:
     return card(ends(heading("Arm"), name), failure, distance, _manipulability(step), hand, limits)
 
 
-def _distance(steps: Sequence[ArmMessage], parameters: Mapping[str, ParameterValue], name: str) -> str:
+def _distance(steps: Sequence[bus.ArmMessage], parameters: Mapping[str, ParameterValue], name: str) -> str:
     """Distance of the gripper from the points of the lidar, on a ruler with the red and the orange region."""
     step = steps[-1]
     d_s, d_i, _ = bands(parameters)
@@ -236,7 +236,7 @@ def _distance(steps: Sequence[ArmMessage], parameters: Mapping[str, ParameterVal
     return pairs(rows) + ruler + pairs([("near", near)])
 
 
-def _manipulability(step: ArmMessage) -> str:
+def _manipulability(step: bus.ArmMessage) -> str:
     value = step.manipulability
     if value is None:
         return ""
@@ -258,7 +258,7 @@ def _slack(slack: Sequence[float | None]) -> list[tuple[str, str]]:
     return [(explained("slower than wanted", words, "program"), missed)]
 
 
-def events_card(tick: TickMessage, events: Sequence[EventMessage]) -> str:
+def events_card(tick: bus.TickMessage, events: Sequence[bus.EventMessage]) -> str:
     """The last events with their times, newest first, contacts among them."""
     entries = [(event.time, event.kind, event.text) for event in events]
     if tick.score is not None and not any(event.kind == "contact" for event in events):
@@ -273,7 +273,7 @@ def events_card(tick: TickMessage, events: Sequence[EventMessage]) -> str:
     return card(heading("What happened"), "".join(rows) or '<div class="mu">nothing yet</div>')
 
 
-def candidate_card(placement: PlacementMessage, index: int | None, next_weight: float = 1.05) -> str:
+def candidate_card(placement: bus.PlacementMessage, index: int | None, next_weight: float = 1.05) -> str:
     """Costs of one candidate, or why it is out; of the chosen one, with the legend, when none is picked."""
     if index is None or not 0 <= index < len(placement.poses):
         chosen = placement.chosen
@@ -286,7 +286,7 @@ def candidate_card(placement: PlacementMessage, index: int | None, next_weight: 
     return card(heading(_title(placement, index)), place, *costs)
 
 
-def _title(placement: PlacementMessage, index: int) -> str:
+def _title(placement: bus.PlacementMessage, index: int) -> str:
     """Rank and choice, with its number on hover; candidates are numbered round the target."""
     own, known = placement.cost[index], [cost for cost in placement.cost if cost is not None]
     place = "" if own is None else f", {_nth(1 + sum(cost < own for cost in known))} of {len(known)}"
@@ -300,7 +300,7 @@ def _nth(number: int) -> str:
     return "best" if number == 1 else f"{number}{ending} best"
 
 
-def _costs(placement: PlacementMessage, index: int, weight: float) -> list[str]:
+def _costs(placement: bus.PlacementMessage, index: int, weight: float) -> list[str]:
     here, onward, total = (cost[index] for cost in (placement.cost_current, placement.cost_next, placement.cost))
     paper = here is None or onward is None or total is None or abs(here + weight * onward - total) < ROUNDED
     sum_ = "The cost C, by the rule of this method."
@@ -323,7 +323,7 @@ def _costs(placement: PlacementMessage, index: int, weight: float) -> list[str]:
     return [pairs(rows), f'<div style="margin-top:4px">{bar(*parts, height=7)}</div>']
 
 
-def _dearer(placement: PlacementMessage, index: int) -> str:
+def _dearer(placement: bus.PlacementMessage, index: int) -> str:
     own, chosen = placement.cost[index], placement.chosen
     best = placement.cost[chosen] if 0 <= chosen < len(placement.cost) else None
     if own is None or best is None or index == chosen:
@@ -331,7 +331,7 @@ def _dearer(placement: PlacementMessage, index: int) -> str:
     return f", {abs(own - best):.1f} s {'more' if own > best else 'less'} than the chosen"
 
 
-def _hint(placement: PlacementMessage) -> str:
+def _hint(placement: bus.PlacementMessage) -> str:
     """Hint to click, and the reasons why the grey ones are out."""
     count = len(placement.poses)
     if not count:
@@ -345,9 +345,55 @@ def _hint(placement: PlacementMessage) -> str:
     return card(heading("Places to stand"), *rows) + legend(placement)
 
 
-def legend(placement: PlacementMessage) -> str:
+def legend(placement: bus.PlacementMessage) -> str:
     """The scale of costs; the scene has a legend of the rest."""
     known = [cost for cost in placement.cost if cost is not None]
     low, high = (f"{min(known):.1f} s", f"{max(known):.1f} s") if known else ("cheap", "dear")
     scale = f'<span class="fill" style="height:8px;border-radius:4px;background:{colours.viridis_css()}"></span>'
     return card(f'<div class="row"><span>{low}</span>{scale}<span>{high}</span></div>')
+
+
+NOMINAL, ACCELERATING = REFLEXES.values()
+TOP = 1.5 * ACCELERATING  # [Nm] at the end of the bar
+_TORQUE = (
+    "Torque that the arm takes for a push from outside: it does not know that its base accelerates or rolls over a "
+    "bump. From the marks on the Panda stops by itself."
+)
+_PHANTOM = "Times that such a threshold was passed although the robot touched nothing."
+_WRIST = "What a sensor at the hand's mount would read, the weight of the hand included."
+
+
+def forces_card(tick: bus.TickMessage) -> str:
+    """Forces of now and the newest grasp; "" without contact dynamics."""
+    felt = tick.forces
+    if felt is None:
+        return ""
+    (left, right), (first, second) = felt.fingers, felt.phantoms
+    wrist = f"{felt.wrist[0]:.1f} N, at most {felt.wrist_peaks[0]:.0f} N"
+    rows = [
+        ("fingers, left and right", f"<b>{left:.0f} N, {right:.0f} N</b>"),
+        *([] if felt.grasp is None else _grasp(felt.grasp)),
+        (explained("force at the wrist", _WRIST), wrist),
+        (explained("phantom collisions", _PHANTOM), f"{first} over {NOMINAL:g} Nm, {second} over {ACCELERATING:g} Nm"),
+    ]
+    return card(heading("Forces"), _torque(felt), pairs(rows))
+
+
+def _torque(felt: bus.ForcesMessage) -> str:
+    """The joint that feels most, on a bar with the thresholds."""
+    sizes = [abs(value) for value in felt.external_torque]
+    most = max(sizes)
+    colour = RED if most > ACCELERATING else AMBER if most > NOMINAL else GREEN
+    now = chip(f"joint {sizes.index(most) + 1}: {most:.1f} Nm", colour)
+    row = explained("external torque", _TORQUE), f"{now} at most {max(felt.torque_peaks, default=most):.0f} Nm"
+    marks = (mark(NOMINAL / TOP), mark(ACCELERATING / TOP))
+    return f"{pairs([row])}{bar(piece(0.0, min(most / TOP, 1.0), colour), *marks, height=6)}"
+
+
+def _grasp(grasp: bus.GraspMessage) -> list[tuple[str, str]]:
+    name = text(grasp.object)
+    slip = f"slipped {1e3 * grasp.slip:.1f} mm" + (", <b>lost</b>" if grasp.lost else "")
+    return [
+        (f"grasp of {name}", f"firm after {grasp.firm:.2f} s, hand at most {1e3 * grasp.speed:.0f} mm/s"),
+        ("the fingers shifted it by", f"{1e3 * grasp.shift:.1f} mm; {slip}"),
+    ]

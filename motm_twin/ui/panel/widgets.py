@@ -11,8 +11,8 @@ from typing import Any
 import viser
 
 from motm_twin.bus.commands import Command
-from motm_twin.ui.documentation import link
 from motm_twin.ui.hub import Hub, Shown, Visitor
+from motm_twin.ui.page_server import link
 
 HOLD = 1.2  # [s] a widget that a person has just moved is not set from outside
 # Colours are those of web_assets/page/overlay.css, which has them for light and dark pages.
@@ -138,10 +138,8 @@ def ends(left: str, right: str) -> str:
 
 def sentence(value: str, colour: str) -> str:
     """A sentence from outside beside a coloured line."""
-    return (
-        f'<div style="margin-top:5px;border-left:3px solid {colour};padding:2px 8px;background:{wash(colour)}">'
-        f"{text(value)}</div>"
-    )
+    look = f"margin-top:5px;border-left:3px solid {colour};padding:2px 8px;background:{wash(colour)}"
+    return f'<div style="{look}">{text(value)}</div>'
 
 
 def wash(colour: str) -> str:

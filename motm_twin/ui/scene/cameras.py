@@ -5,6 +5,7 @@ rides along, the ride pauses while the view is turned, and continues from the ne
 finger or key may turn the view; what it reports of its camera then, and was not sent there, is the visitor's.
 """
 
+import itertools
 import math
 import threading
 import time
@@ -68,18 +69,12 @@ def extent(scene: Scene) -> Array:
     """Points [m] that must be in the picture, shape (n, 3): furniture, start, ends of drives, ways of agents."""
     points: list[tuple[float, float, float]] = []
     for solid in scene.solids:
-        if solid.style == "wall":
-            continue
-        x, y, u, v = outline(solid.shape).bounds
-        points += [(a, b, z) for a in (x, u) for b in (y, v) for z in (0.0, solid.z_max)]
+        if solid.style != "wall":
+            x, y, u, v = outline(solid.shape).bounds
+            points += itertools.product((x, u), (y, v), (0.0, solid.z_max))
     sent = [task.point for task in scene.tasks if isinstance(task, DriveTo)]
-    points += [
-        (x + dx, y + dy, z)
-        for x, y in (scene.start[:2], *sent)
-        for dx in (-_ROBOT, _ROBOT)
-        for dy in (-_ROBOT, _ROBOT)
-        for z in (0.0, _TALL)
-    ]
+    for x, y in (scene.start[:2], *sent):
+        points += itertools.product((x - _ROBOT, x + _ROBOT), (y - _ROBOT, y + _ROBOT), (0.0, _TALL))
     for agent in scene.agents:
         points += [(*place, z) for place in (agent.start[:2], *agent.waypoints) for z in (0.0, _TALL)]
     return np.array(points)
@@ -161,22 +156,19 @@ class Cameras:
     def turned(self, client: viser.ClientHandle) -> None:
         """Take the page's word that mouse, finger or key may turn this visitor's view now."""
         with self._lock:
-            eye = self._eyes.get(client.client_id)
-            if eye is not None:
+            if eye := self._eyes.get(client.client_id):
                 eye.turned_at = time.monotonic()
 
     def tell_width(self, client: viser.ClientHandle, width: float) -> None:
         """Take the width [px] of a page: a phone has more pixels than that across its picture."""
         with self._lock:
-            eye = self._eyes.get(client.client_id)
-            if eye is not None:
+            if eye := self._eyes.get(client.client_id):
                 eye.width = max(float(width), 1.0)
 
     def mode(self, client: viser.ClientHandle) -> str:
         """Preset that a visitor has now."""
         with self._lock:
-            eye = self._eyes.get(client.client_id)
-            return "Free" if eye is None else eye.mode
+            return self._eyes.get(client.client_id, _Eye("Free")).mode
 
     def update(self, pose: Array, hand: Array, dt: float, *, ride: bool = True, target: Array | None = None) -> None:
         """Advance moves and rides; base pose, transform of the hand (4, 4), and time [s] since the last call.
@@ -234,11 +226,10 @@ class Cameras:
     def _fixed(self, eye: _Eye, client: viser.ClientHandle) -> View | None:
         if self._scene is None:
             return None
-        aspect = eye.seen
-        if eye.ease_from is None and eye.target is not None and abs(aspect - eye.aspect) < 1e-3:
+        if eye.ease_from is None and eye.target is not None and abs(eye.seen - eye.aspect) < 1e-3:
             return None
-        eye.aspect = aspect
-        view = overview(self._scene, aspect) if eye.mode == "Overview" else from_above(self._scene, aspect)
+        eye.aspect = eye.seen
+        view = (overview if eye.mode == "Overview" else from_above)(self._scene, eye.seen)
         if eye.ease_from is None:
             eye.target = view
         return view
@@ -251,9 +242,8 @@ class Cameras:
         c, s = math.cos(eye.heading), math.sin(eye.heading)
         R = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
         if now - eye.hand_at < REST:
-            eye.offset = (
-                R.T @ (np.asarray(client.camera.position) - place), R.T @ (np.asarray(client.camera.look_at) - place)
-            )  # fmt: skip
+            camera = client.camera
+            eye.offset = R.T @ (np.asarray(camera.position) - place), R.T @ (np.asarray(camera.look_at) - place)
             return None
         position, look_at = eye.offset or RIDES[eye.mode]
         if eye.mode != "Gripper":
@@ -296,8 +286,7 @@ class Cameras:
                 eye.mode = "Free"
 
     async def _enter(self, client: viser.ClientHandle) -> None:
-        number = client.client_id
-        eye = _Eye(page_width=client.camera.image_width)
+        number, eye = client.client_id, _Eye(page_width=client.camera.image_width)
         eye.sent.append(np.array(client.camera.position))  # the page tells it again when its size changes
         with self._lock:
             if self._scene is not None:  # it may have told where it was before it began where it should
@@ -348,9 +337,8 @@ def _step(sent: Array, position: Array) -> int | None:
     square = np.maximum((step**2).sum(axis=1), 1e-12)
     part = np.clip(((position - sent) * step).sum(axis=1) / square, 0.0, 1.0)
     found = np.flatnonzero(np.linalg.norm(sent + part[:, None] * step - position, axis=1) < ECHO)
-    if not len(found):
-        return None
-    return len(sent) - 1 if found[-1] == len(sent) - 1 else int(found[0])
+    last = len(sent) - 1
+    return None if not len(found) else last if found[-1] == last else int(found[0])
 
 
 class Visibility:

@@ -24,15 +24,7 @@ from motm_twin.model.furniture import Piece, pieces
 from motm_twin.model.scene import Bin, Box, Bump, PlanarPose, Scene, Solid
 from motm_twin.model.scene_shapes import outline
 from motm_twin.ui.scene.drag import SIGN, Drag
-from motm_twin.ui.scene.light import (
-    NO_SHADOW,
-    SHADOW_HEIGHT,
-    Block,
-    floor_glb,
-    ground_glb,
-    shadow_glb,
-    sky_glb,
-)
+from motm_twin.ui.scene.light import NO_SHADOW, SHADOW_HEIGHT, Block, floor_glb, ground_glb, shadow_glb, sky_glb
 from motm_twin.ui.scene.picking import furniture_poses
 
 FIXED, MOVABLE = "/scene", "/furniture"
@@ -115,11 +107,6 @@ def blocks(solids: Iterable[Solid], centre: tuple[float, float] = (0.0, 0.0)) ->
     ]
 
 
-def _table_parts(solid: Solid) -> list[Part]:
-    high = solid.z_min > 0.3
-    return [_slab(solid, 0.04 if high else 0.01, "wood" if high else "steel")]
-
-
 def _desk_parts(solid: Solid) -> list[Part]:
     body = _closed(solid, _outline(solid, 0.02), inset=0.012, recess=0.04, foot=0.05, top=(TOP, "wood"))
     return body + _doors(solid, rows=3, width=0.6)
@@ -152,7 +139,7 @@ def _box_parts(solid: Solid) -> list[Part]:
 
 
 _PARTS = {
-    "table": _table_parts,
+    "table": lambda solid: [_slab(solid, 0.04, "wood") if solid.z_min > 0.3 else _slab(solid, 0.01, "steel")],
     "desk": _desk_parts,
     "cabinet": _cabinet_parts,
     "shelf": _shelf_parts,

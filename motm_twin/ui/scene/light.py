@@ -73,12 +73,8 @@ def add_lights(scene: viser.SceneApi) -> None:
 
 def unlit_glb(points: np.ndarray, faces: np.ndarray, uv: np.ndarray, picture: Image.Image) -> bytes:
     """A GLB of a mesh (n, 3), (m, 3) covered with a picture at (n, 2); one with alpha is blended."""
-    material = PBRMaterial(
-        baseColorTexture=picture,
-        alphaMode="BLEND" if picture.mode == "RGBA" else "OPAQUE",
-        metallicFactor=0.0,
-        roughnessFactor=1.0,
-    )
+    mode = "BLEND" if picture.mode == "RGBA" else "OPAQUE"
+    material = PBRMaterial(baseColorTexture=picture, alphaMode=mode, metallicFactor=0.0, roughnessFactor=1.0)
     mesh = trimesh.Trimesh(points, faces, visual=TextureVisuals(uv=uv, material=material), process=False)
     exported = export_glb(trimesh.Scene(mesh), tree_postprocessor=_without_light)
     assert isinstance(exported, bytes)

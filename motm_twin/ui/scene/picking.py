@@ -23,8 +23,7 @@ from motm_twin.model.furniture import moved_scene, pieces
 from motm_twin.model.geometry import Array
 from motm_twin.model.scene import DriveTo, Pick, Place, PlanarPose, Scene
 from motm_twin.model.scene_shapes import outline, rectangle
-from motm_twin.ui.hub import Hub, Visitor
-from motm_twin.ui.legend import PLACES
+from motm_twin.ui.hub import PLACES, Hub, Visitor
 
 SELECTABLE = ("object", "bin", "body", "piece")
 SLACK, SLACK_LEAST = 0.006, 0.015  # [rad], [m] by which a small thing may be missed: some seven pixels of a laptop
