@@ -12,6 +12,7 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from motm_twin.model.arm_kernels import fk_arm
 from motm_twin.model.body_geometry import CAPSULE_RADII, capsule_segments
@@ -57,7 +58,7 @@ def stop_of(robot: RobotProfile, margin: float) -> Stop:
     )  # fmt: skip
 
 
-def with_stopping_ways(tracks: Array, yields_below: float, margin: float) -> tuple[Array, Array]:
+def with_stopping_ways(tracks: Array, yields_below: float, margin: float) -> tuple[Array, NDArray[np.int64]]:
     """Tracks (k, 5 or more), then the places where those slower than ``yields_below`` [m/s] pass before they stand.
 
     As tracks that move on with them, smaller by what is more than `BESIDE` of the ``margin`` [m]; and whose each is,
