@@ -253,7 +253,7 @@ class Monitor(Stateful[MonitorState]):
         kept = self._state.holds if self._state.holds in stops else BRAKES_BOTH
         free = (
             holds
-            for among in (movers, np.ascontiguousarray(world.tracks))  # rather into somebody's room than into him
+            for among in (movers, movers[: len(world.tracks)])  # rather into somebody's room than into him
             for holds, stop in stops.items()
             if met_by(stop, holds, among) < 0
         )
