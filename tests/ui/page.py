@@ -304,7 +304,7 @@ class Visitor:
         note = self.page.locator(".mantine-Notification-closeButton").locator("visible=true")
         deadline = time.monotonic() + SHOWN
         while note.count():
-            in_time(note.first.click, 1000)  # it may go by itself, as notes do: look again
+            in_time(note.first.click, 5000)  # it may go by itself, as notes do: look again
             assert time.monotonic() < deadline, "a note can not be closed"
 
     # mouse in the scene
