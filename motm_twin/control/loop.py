@@ -89,7 +89,7 @@ class ControlLoop(Stateful[LoopState]):
         self.sequence = TaskSequence(known, p.sequence)
         self.planner = planner
         self.manipulator = manipulator
-        self.monitor = Monitor(known.robot, p.monitor, yields_below=p.planning.foresight.quick)
+        self.monitor = Monitor(known.robot, p.monitor)
         self.arm_monitor = ArmMonitor(known, p.arm_monitor)
         self.by_hand = by_hand.ByHand(known.robot, PERIOD, p.planning.staa.margin)
         self._truth = truth

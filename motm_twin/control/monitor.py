@@ -28,7 +28,6 @@ from motm_twin.model.passive_safety import (
     met_in_stop,
     overhang,
     stop_of,
-    with_stopping_ways,
 )
 from motm_twin.model.plant import Actuation, Observation, Scan
 from motm_twin.model.profile import RobotProfile
@@ -139,11 +138,8 @@ class MonitorState:
 class Monitor(Stateful[MonitorState]):
     """Checks every actuation against finite numbers, limits, scan age and a stop in time."""
 
-    def __init__(
-        self, profile: RobotProfile, parameters: MonitorParameters | None = None, *, yields_below: float = 0.0
-    ) -> None:
-        """``yields_below`` [m/s]: who is slower is expected to stop, and given the room for it."""
-        self.profile, self._yields_below = profile, yields_below
+    def __init__(self, profile: RobotProfile, parameters: MonitorParameters | None = None) -> None:
+        self.profile = profile
         self.parameters = parameters or MonitorParameters()
         body, self._base = profile.footprint, numbers(profile.base)
         self._rectangle = np.array([0.5 * body.length, 0.5 * body.width, body.offset_x])
@@ -229,12 +225,11 @@ class Monitor(Stateful[MonitorState]):
             return None
         x, y, heading = observation.pose.tolist()
         state = x, y, heading, float(observation.twist[0]), float(observation.twist[1])
-        since = observation.time - world.stamp
-        movers, owner = with_stopping_ways(world.tracks, self._yields_below, self._stop.margin)
+        since, tracks = observation.time - world.stamp, np.ascontiguousarray(world.tracks)
         arm = overhang(observation.q, self._mount, self._stop) if self.profile.has_arm else NO_ARM
 
-        def met_by(told: Array, holds: int, among: Array = movers) -> int:
-            return met_in_stop(state, (float(told[0]), float(told[1])), holds, since, among, arm, self._stop)
+        def met_by(told: Array, holds: int) -> int:
+            return met_in_stop(state, (float(told[0]), float(told[1])), holds, since, tracks, arm, self._stop)
 
         met = met_by(twist, BRAKES_BOTH)
         if met < 0 or met_by(twist, HOLDS_TURN) < 0:
@@ -246,18 +241,12 @@ class Monitor(Stateful[MonitorState]):
                 self._state.holds = HOLDS_SPEED
                 return None
             kinds.append(HOLDS_SPEED)
-        there_x, there_y, vx, vy, radius = movers[owner[met], :5].tolist()
+        there_x, there_y, vx, vy, radius = tracks[met, :5].tolist()
         away = math.hypot(there_x - x, there_y - y) - radius
         why = Reason(kind=Kind.MEETS_MOVER, subject="lidar", value=away, limit=math.hypot(vx, vy), unit="m")
         stops = {holds: self._stopping(observation.twist, dt, holds) for holds in kinds}
         kept = self._state.holds if self._state.holds in stops else BRAKES_BOTH
-        free = (
-            holds
-            for among in (movers, movers[: len(world.tracks)])  # rather into somebody's room than into him
-            for holds, stop in stops.items()
-            if met_by(stop, holds, among) < 0
-        )
-        self._state.holds = next(free, kept)
+        self._state.holds = next((holds for holds, stop in stops.items() if met_by(stop, holds) < 0), kept)
         return stops[self._state.holds], why
 
     def _has_room_to_hold_speed(self, world: WorldMap, observation: Observation) -> bool:

@@ -3,8 +3,7 @@
 The rule is that of Bouraine, Fraichard and Salhi (Autonomous Robots 32, 2012): a state is safe when braking from it
 leads to rest before a collision. Every dynamic obstacle goes on straight at the velocity that the lidar has measured,
 for as long as the base needs to stop: no prediction is needed beyond that. The margin grows with time, for who turns.
-The arm counts where it reaches over the footprint, as it is held now. Whoever is expected to yield needs way to stop:
-the base keeps out of that, too (`with_stopping_ways`). A stop is reckoned with the whole lag of the
+The arm counts where it reaches over the footprint, as it is held now. A stop is reckoned with the whole lag of the
 base, and driven with a last command that points slightly backwards (`braked`): the base stands sooner than reckoned.
 """
 
@@ -12,7 +11,6 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from motm_twin.model.arm_kernels import fk_arm
 from motm_twin.model.body_geometry import CAPSULE_RADII, capsule_segments
@@ -21,14 +19,12 @@ from motm_twin.model.geometry import Array
 from motm_twin.model.motion import kernel, lag_share, step
 from motm_twin.model.period import PERIOD
 from motm_twin.model.profile import RobotProfile
-from motm_twin.model.scene import AGENT_MOVES, AGENT_REACTION, TEMI_ACCELERATION
 
 ROUNDING = 1e-6  # [m]
 VEERS = 0.2  # [m/s^2] with which others may speed up or turn while the base stops
 NO_ARM = np.empty((0, 3))
 STANDS = 1e-3  # [m/s], [rad/s] below which a base stands
-BESIDE = 0.02  # [m] that the base keeps from where others pass before they stand
-PARTS = 3  # of a stopping way
+
 
 BRAKES_BOTH, HOLDS_TURN, HOLDS_SPEED = range(3)  # of a stop: one may go on until the other has ended
 
@@ -56,25 +52,6 @@ def stop_of(robot: RobotProfile, margin: float) -> Stop:
         base.linear_acceleration, base.yaw_acceleration, share, 0.5 * body.length, 0.5 * body.width,
         body.offset_x, margin,
     )  # fmt: skip
-
-
-def with_stopping_ways(tracks: Array, yields_below: float, margin: float) -> tuple[Array, NDArray[np.int64]]:
-    """Tracks (k, 5 or more), then the places where those slower than ``yields_below`` [m/s] pass before they stand.
-
-    As tracks that move on with them, smaller by what is more than `BESIDE` of the ``margin`` [m]; and whose each is,
-    an index into the tracks.
-    """
-    speed, owner = np.hypot(tracks[:, 2], tracks[:, 3]), np.arange(len(tracks))
-    yields = owner[(speed >= AGENT_MOVES) & (speed < yields_below)]
-    rows, owners = [tracks], [owner]
-    for part in range(1, PARTS + 1):
-        ahead = tracks[yields]
-        lasts = AGENT_REACTION + 0.5 * speed[yields] / TEMI_ACCELERATION  # [s] at the speed of now
-        ahead[:, :2] += (part / PARTS * lasts)[:, None] * ahead[:, 2:4]
-        ahead[:, 4] -= max(margin - BESIDE, 0.0)
-        rows.append(ahead)
-        owners.append(yields)
-    return np.concatenate(rows), np.concatenate(owners)
 
 
 def braked(told: float, speed: float, most: float, back: float, share: float) -> float:

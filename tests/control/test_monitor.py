@@ -12,7 +12,6 @@ from motm_twin.model.motion import lag_share
 from motm_twin.model.passive_safety import BRAKES_BOTH, NO_ARM, braked, met_in_stop, overhang, stop_of
 from motm_twin.model.plant import Actuation, Observation, Scan
 from motm_twin.model.profile import RobotProfile
-from motm_twin.model.scene import AGENT_REACTION, TEMI_ACCELERATION
 from motm_twin.perception.floor import FRESH, STALE, UNSEEN, Floor
 from motm_twin.perception.world_map import WorldMap
 from motm_twin.sim.actuators import Base, BaseState
@@ -250,42 +249,6 @@ def test_a_base_never_moves_towards_somebody_who_does_not_stop(v, speed, bearing
     velocity = -speed * np.array([math.cos(angle), math.sin(angle)])
     start = np.array([math.copysign(1.5, v), 0.0]) - 1.5 / abs(v) * velocity
     assert meet(*start, *velocity, v=v)[0] != "towards"
-
-
-def enters(bearing, after, yields_below):
-    """Somebody crosses 2.5 m ahead of a base at 0.5 m/s: does it move into the way that he needs to stop?
-
-    ``after`` [s]: when he is there.
-    """
-    robot, speed, dt = RobotProfile(), 0.5, 0.05
-    monitor = Monitor(robot, MonitorParameters(passive_safety=True), yields_below=yields_below)
-    base, state = Base(robot.base, dt), BaseState(pose=np.zeros(3), v=0.5)
-    monitor.begin_from(np.array([0.5, 0.0]))
-    velocity = speed * np.array([math.cos(bearing), math.sin(bearing)])
-    disc, lasts = np.array([2.5, 0.0]) - after * velocity, AGENT_REACTION + 0.5 * speed / TEMI_ACCELERATION
-    for _ in range(round(8.0 / dt)):
-        seen, world = (
-            observation(pose=state.pose, twist=(state.v, state.w)),
-            world_with(tracks=[(*disc, *velocity, 0.25)]),
-        )
-        verdict = monitor.check(asking(0.5, 0.0), seen, dt, scan_stamp=1.0, world=world)
-        disc = disc + dt * velocity
-        way = [disc + part * lasts * velocity for part in np.linspace(0.0, 1.0, 30)]
-        before = min(_gap(state.pose, point, robot.footprint) for point in way)
-        base.step(state, verdict.actuation.twist)
-        if min(_gap(state.pose, point, robot.footprint) for point in way) < 0.25 <= before:
-            return True
-    return False
-
-
-@pytest.mark.parametrize("after", [4.0, 4.5, 5.0, 6.0])
-@pytest.mark.parametrize("bearing", [60, 90, 120, 270])
-def test_a_base_does_not_enter_the_way_that_somebody_who_yields_needs_to_stop(bearing, after):
-    assert not enters(math.radians(bearing), after, 0.6)
-
-
-def test_who_is_not_expected_to_yield_is_not_given_that_way():
-    assert enters(math.radians(90), 6.0, 0.4)
 
 
 @pytest.mark.parametrize("turn", [-1.2, 1.2])
