@@ -1,4 +1,4 @@
-"""Who drives, and for how long; a run waits for its audience, and the next seed starts when nobody drives."""
+"""The lease of the wheel; a run waits for its audience, and the next seed starts when nobody drives."""
 
 import time
 

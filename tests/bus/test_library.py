@@ -1,4 +1,4 @@
-"""What a server offers, scenes and methods, and what it keeps: sessions and recordings."""
+"""Scenes and methods that a server offers; sessions and recordings that it keeps."""
 
 import contextlib
 import json

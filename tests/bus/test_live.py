@@ -1,4 +1,4 @@
-"""What a standing twin shows of edits that wait for its next period; the session, written for whoever asks."""
+"""Previews of edits that wait for the next period of a standing twin; the session, written for whoever asks."""
 
 import time
 

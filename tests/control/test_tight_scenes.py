@@ -96,11 +96,12 @@ def test_a_hand_that_is_wedged_between_post_and_target_does_not_touch_the_post(r
     """Its nearest ball changed from side to side: it turned to and fro at 4 rad/s, into the post."""
     post = "  post: {shape: box, centre: [2.3832, 1.1814], size: [0.04, 0.04], z: [0.75, 1.13]}\n"
     scene = ROOM + post + DESK.lstrip("\n") + cubes(a=(2.45, 1.181, 0)) + TRAY + tasks("tray", "a")
-    for seed in (0, 1):  # localisation decides whether there is room: 1.5 cm beside the palm
-        result = run(scene, seed=seed)
-        assert not result["contacts"]
-        assert result["places_done"] == 1 or "post is in the way" in result["reason"]
-    assert result["places_done"] == 1
+    trials = [run(scene, seed=seed) for seed in (1, 0)]
+    assert not any(result["contacts"] for result in trials)
+    assert trials[0]["places_done"] == 1
+    if trials[1]["places_done"] == 0:
+        assert "post is in the way" in trials[1]["reason"]
+        pytest.xfail("known fault: seed 0 is given up with its reason, and was placed in 27 s before")
 
 
 @pytest.mark.slow

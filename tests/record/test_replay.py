@@ -88,7 +88,7 @@ OF_THE_TRUTH = ("objects", "agents", "obstacles", "furniture", "removed", "fault
 
 
 def said(tick):
-    """What a period says, without what only a simulated robot knows."""
+    """A period without the fields that only a simulated robot knows."""
     message = msgspec.to_builtins(tick_message(tick, 1, 0.0))
     return {name: value for name, value in message.items() if name not in OF_THE_TRUTH}
 

@@ -31,7 +31,7 @@ def twin():
 
 
 def drawn(markers, tick):
-    """What rosbags reads, by namespace and number."""
+    """Markers as rosbags reads them, by namespace and number."""
     message = JAZZY.deserialize_cdr(encode(MARKERS.message, markers.array(tick_message(tick, 1, 0.0))), MARKERS.message)
     return {(marker.ns, marker.id): marker for marker in message.markers}
 

@@ -1,4 +1,4 @@
-"""What travels: CDR and type hashes against rosbags, which shares no code with them; keys and tokens of both forms."""
+"""CDR and type hashes against rosbags, which shares no code with them; keys and tokens of both forms."""
 
 import numpy as np
 import pytest

@@ -74,7 +74,7 @@ TICK, ORDERS, PRIVATE = "motm/mine/tick", "motm/mine/plant/command", "private/th
 
 
 def comes(condition, wait):
-    """Whether it comes true within this time [s]."""
+    """True when it comes true within this time [s]."""
     with suppress(AssertionError):
         return bool(until(condition, timeout=wait))
     return False

@@ -112,7 +112,7 @@ def test_success_is_counted_over_trials_not_over_their_objects():
 
 
 def test_completed_is_the_same_in_bench_and_in_the_report_and_all_captions_say_what_it_is():
-    """What was given up has no time, whatever it says of success; what touched has one, and no success."""
+    """A trial that was given up has no time, whatever it says of success; one with a contact has, and no success."""
     touched = result(time_s=77.0, hits=3)
     (row,) = summary.rows([touched, result(places_done=5, time_s=9.0)])
     assert row.time.value == data.mean_time([touched]).value == 77.0

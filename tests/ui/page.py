@@ -140,7 +140,7 @@ def tidy(browser):
 
 
 def in_time(act, moment=MOMENT):
-    """Whether something could be done on a page within a moment [ms]."""
+    """True when something could be done on a page within a moment [ms]."""
     from playwright.sync_api import TimeoutError as TooLate
 
     try:

@@ -288,7 +288,7 @@ def let_go(visitor, end):
 
 
 def done(visitor, kinds):
-    """What was done of one or more kinds to this run, as its session tells."""
+    """Edits of one or more kinds of this run, as its session tells."""
     session = msgspec.json.decode(visitor.twin.client.session(), type=Session)
     return [entry.edit for entry in session.edits if isinstance(entry.edit, kinds)]
 
@@ -300,7 +300,7 @@ def body(visitor, name):
 
 
 def occupied(client, place):
-    """Whether the robot's map has something here."""
+    """True where the robot's map has something."""
     grid = client.grid()
     column, row = (int((place[i] - grid.info.origin[i]) / grid.info.resolution) for i in (0, 1))
     return bool(grid.cells[row, column] == OCCUPIED)

@@ -208,7 +208,7 @@ def seconds(cell):
 
 
 def tinted(visitor, alone):
-    """How many pixels now have the hue of each tint and had another colour before: glass lets the rest through."""
+    """Number of pixels that now have the hue of each tint and had another colour: glass lets the rest through."""
     picture = visitor.picture()
     other = np.abs(picture - alone).max(axis=2) > DIFFERENT
     shade = picture - picture.mean(axis=2, keepdims=True)
