@@ -29,7 +29,7 @@ class Info(msgspec.Struct, frozen=True, kw_only=True):
     clock: str = "real"  # real: time passes by itself | shared: it passes when the twin grants it
     step: float = 0.01  # [s] between two states
     scheduled: bool = True  # commands act at their ``act_at``; else when they arrive
-    can: list[str] = []  # of: edit, truth, reset
+    can: list[str] = []  # of: edit, truth, reset, opening
 
 
 class RobotState(msgspec.Struct, frozen=True, kw_only=True):
@@ -87,7 +87,7 @@ class DetectionList(msgspec.Struct, frozen=True, kw_only=True):
     detections: list[DetectionData]
 
 
-class RobotCommand(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class RobotCommand(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, omit_defaults=True):
     """The order for the robot from ``act_at`` on, until a later command acts, or for ``lifetime``."""
 
     version: str
@@ -98,6 +98,7 @@ class RobotCommand(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
     twist: Vector  # base forward speed [m/s], yaw rate [rad/s]
     joint_velocity: Vector  # [rad/s], 7
     gripper: str  # "open" | "close"
+    opening: float | None = None  # [m] between the finger pads when open; none: all the way
     lifetime: float = LIFETIME
 
 

@@ -188,7 +188,7 @@ class Monitor(Stateful[MonitorState]):
             rates,
         )
         if not healthy:
-            return self._let_through(self._brake(dt), np.zeros(7), actuation.gripper, _stopped(_SENSORS))
+            return self._let_through(actuation, self._brake(dt), np.zeros(7), _stopped(_SENSORS))
         if trust.joints is not None:
             rates *= trust.joints
         if min(turning, holding) >= p.minimum_points:
@@ -197,11 +197,11 @@ class Monitor(Stateful[MonitorState]):
         elif world is not None:
             twist, slower = self._in_seen_world(twist, world, observation, dt)
             reason = reason or slower  # a sensor that fails is the cause of floor that it does not see
-        return self._let_through(twist, rates, actuation.gripper, reason)
+        return self._let_through(actuation, twist, rates, reason)
 
-    def _let_through(self, twist: Array, rates: Array, gripper: str, reason: Reason | None) -> Verdict:
+    def _let_through(self, asked: Actuation, twist: Array, rates: Array, reason: Reason | None) -> Verdict:
         self._state.twist = twist
-        return Verdict(actuation=Actuation(twist=twist, joint_velocity=rates, gripper=gripper), why=reason)
+        return Verdict(actuation=msgspec.structs.replace(asked, twist=twist, joint_velocity=rates), why=reason)
 
     def _in_seen_world(
         self, twist: Array, world: WorldMap, observation: Observation, dt: float

@@ -64,7 +64,7 @@ class Predictor:
         stamp, pose, odometry = motion.stamp, motion.pose, motion.odometry
         v, w = float(motion.twist[0]), float(motion.twist[1])
         q, dq = motion.q, motion.dq
-        gripper, moving = self._acting(stamp - DOUBT).gripper, motion.gripper_moving
+        known, moving = self._acting(stamp - DOUBT), motion.gripper_moving
         lag = self._profile.arm.velocity_lag
         while stamp < until - ROUNDING:
             dt = min(ARM_STEP, until - stamp)
@@ -74,7 +74,7 @@ class Predictor:
             odometry = drive(odometry, 0.5 * (v + new_v), 0.5 * (w + new_w), dt)
             v, w = new_v, new_w
             q, dq = _arm(q, dq, acting.joint_velocity, lag_share(lag, dt), dt, Q_MIN, Q_MAX, DQ_MAX, DDQ_MAX)
-            moving = moving or acting.gripper != gripper
+            moving = moving or (acting.gripper, acting.opening) != (known.gripper, known.opening)
             stamp += dt
         return Motion(
             stamp=until, pose=pose, odometry=odometry, twist=np.array([v, w]), q=q, dq=dq, gripper_moving=moving
@@ -87,9 +87,12 @@ class Predictor:
                 over = now - act_at - self._lifetime
                 if over < -ROUNDING:
                     return actuation
-                return expired(actuation.twist, actuation.joint_velocity, actuation.gripper, max(0.0, over))
-        first = self._commands[0][1].gripper if self._commands else "open"
-        return Actuation(twist=np.zeros(2), joint_velocity=np.zeros(7), gripper=first)
+                return expired(actuation, max(0.0, over))
+        at_rest = Actuation(twist=np.zeros(2), joint_velocity=np.zeros(7), gripper="open")
+        if not self._commands:
+            return at_rest
+        first = self._commands[0][1]
+        return msgspec.structs.replace(at_rest, gripper=first.gripper, opening=first.opening)
 
     def _base(self, v: float, w: float, wanted: Array, dt: float) -> tuple[float, float]:
         limits = self._profile.base
@@ -114,14 +117,14 @@ def _arm(
     return new_q, new_dq
 
 
-def expired(twist: Array, joint_velocity: Array, gripper: str, since: float) -> Actuation:
-    """Command ``since`` [s] after one of this twist (2,) and these joint rates (7,) has expired.
+def expired(acting: Actuation, since: float) -> Actuation:
+    """Command ``since`` [s] after this one has expired.
 
     The base ramps to a stop within its limits, the joints come to rest together, the gripper stays as it is.
     """
-    longest = braking_time(joint_velocity)
+    longest = braking_time(acting.joint_velocity)
     share = 1.0 - since / longest if since < longest else 0.0
-    return Actuation(twist=np.zeros_like(twist), joint_velocity=share * joint_velocity, gripper=gripper)
+    return msgspec.structs.replace(acting, twist=np.zeros(2), joint_velocity=share * acting.joint_velocity)
 
 
 def dwell_to_plan(dwell: float | None, engaged: bool, lag: float) -> float | None:

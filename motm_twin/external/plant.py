@@ -226,6 +226,7 @@ class ZenohPlant:
             twist=twist.tolist(),
             joint_velocity=np.clip(actuation.joint_velocity, -DQ_MAX, DQ_MAX).tolist(),
             gripper=actuation.gripper,
+            opening=actuation.opening if "opening" in self._info.can else None,
             lifetime=plant_messages.HOLD,
         )
         self._newest_sent = self._seq

@@ -34,6 +34,7 @@ from motm_twin.bus.plant_messages import (
     to_message,
 )
 from motm_twin.control.predictor import expired
+from motm_twin.external.messages import WIDEST
 from motm_twin.model.joint_limits import DQ_MAX
 from motm_twin.model.plant import Actuation
 from motm_twin.model.profile import BaseLimits
@@ -129,7 +130,7 @@ class CommandGuard:
         self.life, self._limits = life, limits
         self._waiting: list[RobotCommand] = []  # by act_at
         self._acting: RobotCommand | None = None
-        self._gripper = "open"
+        self._grip: tuple[str, float | None] = "open", None
         self._decode = msgspec.json.Decoder(RobotCommand).decode
         self.commander, self._last_sign = "", -math.inf
         self._newest, self._acted = -1, -1  # numbers of the commander's: the highest that was taken, and that acted
@@ -149,15 +150,16 @@ class CommandGuard:
             self._acting = self._waiting.pop(0)
             self._acted = self._acting.seq
             if now - self._acting.act_at < self._acting.lifetime - SLACK:  # otherwise the hand may have moved on
-                self._gripper = self._acting.gripper
-        acting = self._acting
+                self._grip = self._acting.gripper, self._acting.opening
+        acting, (gripper, opening) = self._acting, self._grip
         if acting is None:
-            return Actuation(twist=np.zeros(2), joint_velocity=np.zeros(7), gripper=self._gripper)
+            return Actuation(twist=np.zeros(2), joint_velocity=np.zeros(7), gripper=gripper, opening=opening)
         twist, rates = np.array(acting.twist), np.array(acting.joint_velocity)
         over = now - acting.act_at - acting.lifetime
+        told = Actuation(twist=twist, joint_velocity=rates, gripper=gripper, opening=opening)
         if over >= -SLACK:
-            return expired(twist, rates, self._gripper, max(0.0, over))
-        return Actuation(twist=twist, joint_velocity=rates, gripper=acting.gripper)
+            return expired(told, max(0.0, over))
+        return msgspec.structs.replace(told, gripper=acting.gripper, opening=acting.opening)
 
     def heard(self) -> list[tuple[int, float]]:
         """Numbers and times [s] of arrival of the commander's commands since the last call.
@@ -210,6 +212,8 @@ class CommandGuard:
             raise RefusedCommand(f"lifetime {command.lifetime} s: more than 0 and at most {LIFETIME} s")
         if command.gripper not in ("open", "close"):
             raise RefusedCommand("gripper must be 'open' or 'close'")
+        if command.opening is not None and not 0.0 < command.opening <= WIDEST:
+            raise RefusedCommand(f"opening {command.opening} m: more than 0 and at most {WIDEST} m, or none")
         v, w = command.twist
         if not -limits.reverse_speed - SLACK <= v <= limits.forward_speed + SLACK or abs(w) > limits.yaw_rate + SLACK:
             raise RefusedCommand(f"base twist {v:.2f} m/s, {w:.2f} rad/s is above the limits of this robot")
@@ -261,7 +265,7 @@ class ReferenceRobot:
     def info(self) -> Info:
         """Name and abilities of this robot."""
         name = f"{self.scene.robot.name}, simulated in {self.scene.name}"
-        can = ["edit", "truth", "reset"]
+        can = ["edit", "truth", "reset", "opening"]
         return Info(version=VERSION, life=self.life, name=name, clock=self._clock, step=SUBSTEP, can=can)
 
     def show(self) -> None:

@@ -59,6 +59,7 @@ class Actuation(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     twist: Array  # base forward speed and yaw rate [m/s, rad/s], shape (2,)
     joint_velocity: Array  # arm joint rates [rad/s], shape (7,)
     gripper: str  # "open" | "close"
+    opening: float | None = None  # [m] between the pads when open; None: all the way
 
     def __post_init__(self) -> None:
         if self.twist.shape != (2,) or self.joint_velocity.shape != (7,):

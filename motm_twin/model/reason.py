@@ -161,6 +161,7 @@ class Kind(StrEnum):
     NOTHING_ACHIEVED = "nothing_achieved", "no progress at {subject} for a while: starting over from the stow pose"
     STARTS_OVER = "starts_over", "starting over from the stow pose"
     GRIPPER_NOT_OPEN = "gripper_not_open", "the gripper is not open yet"
+    GRIPPER_TOO_WIDE = "gripper_too_wide", "the fingers come nearer to each other: there is little room for them"
     HELD_ALREADY = "held_already", "an object is already held"
     NOTHING_HELD = "nothing_held", "nothing is held, so there is nothing to place"
     SLIPPED = "slipped", "the object slipped out of the gripper"

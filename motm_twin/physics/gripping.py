@@ -49,7 +49,7 @@ class Fingers:
             state.phase, state.outcome, grasp.waits = "closing", "nothing", self._wait
             grasp.began, grasp.speed = now, 0.0
             grasp.places = {item.name: item.position.copy() for item in s.objects}
-        elif command == "open" and state.phase in ("closing", "closed"):
+        elif command == "open" and (state.phase in ("closing", "closed") or state.width != self._wide(state)):
             state.phase, grasp.waits = "opening", 0
         state.began, state.start_width, grasp.still = now, state.width, 0
 
@@ -65,7 +65,12 @@ class Fingers:
             speed = self.closing_speed * (1.0 if grasp.still < 2 else PRESSING)  # fingers that stand press harder
             grasp.width = max(grasp.width - speed * self._dt, ahead)
         else:
-            grasp.width = min(max(grasp.width, state.width) + self.opening_speed * self._dt, self.spec.max_width)
+            step, wide = self.opening_speed * self._dt, self._wide(state)
+            grasp.width = max(grasp.width - step, min(max(grasp.width, state.width) + step, wide))
+
+    def _wide(self, state: GripperState) -> float:
+        """Width [m] to which they open; what they hold, they let go."""
+        return self.spec.max_width if state.opening is None or state.held else min(state.opening, self.spec.max_width)
 
     def read(self, s: PlantState, hand: Array, width: float, contacts: Contacts, now: float, tcp_speed: float) -> None:
         """Read the fingers: their phase, and the object that they hold.
@@ -82,7 +87,8 @@ class Fingers:
             self._close(s, now)
         elif state.phase == "opening":
             state.held = "" if not grasp.pressed else state.held
-            if width > self.spec.max_width - OPEN:
+            wide = self._wide(state)
+            if width > wide - OPEN and (wide == self.spec.max_width or width < wide + OPEN):
                 state.phase, state.held = "open", ""
         if state.held:
             self._carry(s, hand)

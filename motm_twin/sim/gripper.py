@@ -27,6 +27,7 @@ class GripperState:
 
     width: float  # [m]
     phase: str = "open"  # open | closing | closed | opening
+    opening: float | None = field(default=None, metadata=LATER)  # [m] when open; None: all the way
     began: float = 0.0  # [s] when the phase began
     start_width: float = 0.0  # [m] then
     candidate: str = ""  # cube that has met the grasp rule since closing began
@@ -98,7 +99,7 @@ class Gripper:
                 along = abs(dot(rotation[:, 0], item.position - tcp))
                 if along < between:
                     between, state.candidate = along, item.name
-        elif command == "open" and state.phase in ("closing", "closed"):
+        elif command == "open" and (state.phase in ("closing", "closed") or state.width != self._wide(state)):
             state.candidate = ""
             self._begin(state, "opening", now)
 
@@ -183,6 +184,10 @@ class Gripper:
         """Time [s] from the command to a firm hold."""
         return self.spec.closing_time
 
+    def _wide(self, state: GripperState) -> float:
+        """Width [m] to which it opens; what it holds, it lets go."""
+        return self.spec.max_width if state.opening is None or state.held else min(state.opening, self.spec.max_width)
+
     def _begin(self, state: GripperState, phase: str, now: float) -> None:
         state.phase, state.began, state.start_width = phase, now, state.width
 
@@ -250,10 +255,11 @@ class Gripper:
         item.state = "held"
 
     def _open(self, state: GripperState, now: float, hand: Hand, cubes: dict[str, ObjectState]) -> None:
+        wide = self._wide(state)
         share = min(1.0, (now - state.began) / max(self.spec.opening_time, self.dt))
-        state.width = state.start_width + (self.spec.max_width - state.start_width) * share
+        state.width = state.start_width + (wide - state.start_width) * share
         if share >= 1.0 - EPSILON:
-            state.width, state.phase = self.spec.max_width, "open"
+            state.width, state.phase = wide, "open"
             if state.held:
                 self._release(state, hand.velocity, cubes[state.held])
 

@@ -216,8 +216,9 @@ class SimulatedPlant(Stateful[PlantState]):
         while s.commands and s.commands[0][0] <= s.substep:
             s.command, s.commands = s.commands[0][1], s.commands[1:]
         stuck = s.faults.active("gripper_stuck")
-        if s.command.gripper != s.gripper_command and not stuck:
-            s.gripper_command = s.command.gripper
+        wider = s.command.gripper == "open" and s.command.opening != s.gripper.opening
+        if (s.command.gripper != s.gripper_command or wider) and not stuck:
+            s.gripper_command, s.gripper.opening = s.command.gripper, s.command.opening
             self._mechanics.grip(s, self.time, self._mechanics.frames(s))
         twist, more_lag, grip = self._faults.base(s.faults, s.command.twist)
         rates = self._faults.rates(s.faults, self._errors.rates(s.command.joint_velocity, s.substep))

@@ -3,10 +3,12 @@
 import math
 import textwrap
 
+import msgspec
 import pytest
 
 from motm_twin.methods.registry import find_method
 from motm_twin.model.scene_file import load_scene
+from motm_twin.sim.plant import SimulatedPlant
 from motm_twin.trial import run_scene
 
 ROOM = """
@@ -70,6 +72,37 @@ def test_a_cube_beside_others_is_taken_by_its_free_faces_and_they_stay_where_the
     result = run(named + ROOM + DESK + near + TRAY + tasks("tray", "a"))
     assert result["success"], result["reason"]
     assert max(result["moved"]["left"], result["moved"]["right"]) < 0.002
+
+
+STEP = 0.04 + 0.043  # [m] between cubes: fingers that are wide open reach 46 mm beyond the faces
+AROUND = {"left": (-STEP, 0.0), "right": (STEP, 0.0), "front": (0.0, -STEP), "back": (0.0, STEP)}
+
+
+def in_the_middle_of_four():
+    near = cubes(a=(2.5, 1.25, 0), **{name: (2.5 + x, 1.25 + y, 0) for name, (x, y) in AROUND.items()})
+    return "detections: named\n" + ROOM + DESK + near + TRAY + tasks("tray", "a")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("method", ["fast", "motm"])
+def test_between_four_cubes_the_fingers_open_no_further_than_they_must(run, method):
+    result = run(in_the_middle_of_four(), method)
+    assert result["success"], result["reason"]
+    assert not result["contacts"]
+    assert max(result["moved"][name] for name in AROUND) < 0.002
+
+
+@pytest.mark.slow
+def test_a_gripper_that_only_opens_all_the_way_leaves_it_there_and_says_so(run, monkeypatch):
+    told = SimulatedPlant.command
+    monkeypatch.setattr(
+        SimulatedPlant, "command", lambda plant, given: told(plant, msgspec.structs.replace(given, opening=None))
+    )
+    result = run(in_the_middle_of_four())
+    assert result["picks_done"] == 0
+    assert "no room for the fingers beside a" in result["reason"]
+    assert not result["contacts"]
+    assert result["time_s"] < 30.0
 
 
 @pytest.mark.slow

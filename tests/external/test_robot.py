@@ -54,6 +54,16 @@ def test_joints_come_to_rest_together_and_no_faster_than_they_can(guard):
     assert (np.abs(np.diff(told, axis=0)) <= DDQ_MAX * 0.01).all()
 
 
+def test_fingers_open_as_far_as_they_were_told_also_when_the_command_has_expired(guard):
+    guard.offer(payload(gripper="open", opening=0.06, lifetime=0.03), 1.0)
+    assert (guard.actuation(1.0).opening, guard.actuation(1.2).opening) == (0.06, 0.06)
+    guard.offer(payload(seq=2, act_at=1.3, gripper="open"), 1.3)
+    assert guard.actuation(1.3).opening is None
+    guard.offer(payload(seq=3, act_at=1.4, gripper="open", opening=-0.01), 1.4)
+    assert "opening -0.01 m" in guard.refusal
+    assert b"opening" not in payload()  # robots that do not know it understand the rest
+
+
 def test_a_command_that_has_expired_on_its_way_moves_no_fingers(guard):
     guard.offer(payload(seq=1, act_at=1.0, gripper="close", lifetime=0.03), 1.0)
     assert guard.actuation(1.0).gripper == "close"

@@ -79,6 +79,21 @@ def test_fingers_that_are_told_to_close_fast_enough_report_a_hold_in_the_closing
     assert plant.observe().gripper_width == pytest.approx(0.04, abs=1e-3)
 
 
+def test_fingers_open_as_far_as_they_are_told_and_let_go_all_the_same():
+    plant = hand_over_a_cube()
+    for opening in (0.06, 0.05, None, 0.055):
+        plant.command(act(gripper="open", opening=opening))
+        plant.step(0.4)
+        assert not plant.observe().gripper_moving
+        assert plant.observe().gripper_width == pytest.approx(opening or 0.08, abs=2e-3)
+    plant.command(act(gripper="close"))
+    plant.step(1.0)
+    assert plant.snapshot().gripper.held
+    plant.command(act(gripper="open", opening=0.02))
+    plant.step(0.4)
+    assert not plant.snapshot().gripper.held
+
+
 def test_a_cube_slips_out_of_fingers_without_friction():
     plant = hand_over_a_cube(pad_friction=0.05, object_mass=1.5)
     move(plant, (0.0, 0.0, 0.0), 0.9)

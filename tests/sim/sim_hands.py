@@ -20,9 +20,9 @@ def tcp(pose=START, q=DOWN):
     return ROBOT.tcp_pose(pose, q)
 
 
-def act(twist=(0.0, 0.0), dq=None, gripper="open"):
+def act(twist=(0.0, 0.0), dq=None, gripper="open", opening=None):
     joints = np.zeros(7) if dq is None else np.asarray(dq, dtype=float)
-    return Actuation(twist=np.array(twist, dtype=float), joint_velocity=joints, gripper=gripper)
+    return Actuation(twist=np.array(twist, dtype=float), joint_velocity=joints, gripper=gripper, opening=opening)
 
 
 def over_a_cube(offset=(0.0, 0.0, 0.0), turn=0.0, q=DOWN, side=0.04, pedestal=True, **changes):

@@ -40,6 +40,22 @@ def test_pads_travel_evenly_from_open_to_the_width_of_the_cube():
     np.testing.assert_allclose(widths, np.linspace(0.075, 0.04, 8), atol=1e-12)
 
 
+def test_fingers_open_as_far_as_they_are_told_and_let_go_all_the_same():
+    plant = over_a_cube()
+    for opening in (0.06, 0.05, None, 0.055):
+        plant.command(act(gripper="open", opening=opening))
+        plant.step(0.1)
+        assert plant.observe().gripper_moving
+        plant.step(0.15)
+        assert not plant.observe().gripper_moving
+        assert plant.observe().gripper_width == pytest.approx(opening or 0.08)
+    close(plant)
+    assert cube_of(plant).state == "held"
+    plant.command(act(gripper="open", opening=0.02))
+    plant.step(0.3)
+    assert cube_of(plant).state != "held"
+
+
 def test_with_nothing_between_the_pads_close_to_zero_in_the_closing_time():
     plant = close(over_a_cube(offset=(0.3, 0.0, 0.0)), 0.8)
     assert plant.observe().gripper_width == 0.0

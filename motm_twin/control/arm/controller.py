@@ -268,7 +268,9 @@ class Manipulator(Stateful[ManipulatorState]):
         return ArmStep(
             time=inputs.observation.time,
             phase=state.phase,
-            actuation=Actuation(twist=decided.twist, joint_velocity=decided.rates, gripper=state.gripper),
+            actuation=Actuation(
+                twist=decided.twist, joint_velocity=decided.rates, gripper=state.gripper, opening=state.opening
+            ),
             reference=there,
             error=error,
             tilt=0.0 if view is None else view.tilt,

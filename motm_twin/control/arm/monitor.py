@@ -143,7 +143,7 @@ class ArmMonitor:
             kind=Kind.ARM_NEAR_SOLID, subject=BODIES[body], other=self._names[solid], value=speed,
             limit=max(distance, 0.0), unit="m/s",
         )  # fmt: skip
-        return Answer(Actuation(twist=slower, joint_velocity=kept, gripper=actuation.gripper), why)
+        return Answer(msgspec.structs.replace(actuation, twist=slower, joint_velocity=kept), why)
 
 
 def _unfold(rates: Array, now: Observation, dt: float) -> bool:

@@ -97,7 +97,7 @@ def _impatient(state: ManipulatorState, view: View, rules: PhaseRules) -> bool:
 
 
 def _rest(state: ManipulatorState, time: float) -> None:
-    state.yaw, state.tight, state.no_room_since = None, None, None
+    state.yaw, state.tight, state.no_room_since, state.opening = None, None, None, None
     enter(state, Phase.CARRY if state.holding else Phase.STOW, time)
 
 
@@ -114,7 +114,7 @@ def start_over(state: ManipulatorState, view: View, parameters: ArmParameters) -
 
 
 def _picked(state: ManipulatorState, p: ArmParameters) -> str:
-    state.reported = True
+    state.reported, state.opening = True, None
     state.clear_z = float(state.anchor[2]) + p.transit_clearance
     state.relaxed = state.anchor[None, :2].copy()
     return "picked"
@@ -206,6 +206,9 @@ def _arrive(state: ManipulatorState, view: View, inputs: ArmInputs, rules: Phase
         choose_yaw(state, view, inputs, rules)
     if state.no_room_since is not None:
         return _crowded(state, view, p)
+    if state.opening is not None and view.width > state.opening + p.held_tolerance:
+        return _narrow(state, view, p)
+    state.narrowing_since = None
     if out > 0.0 or view.distance > p.approach_distance:
         return NOTHING
     if view.goal.kind == "place":
@@ -233,18 +236,33 @@ def _crowded(state: ManipulatorState, view: View, p: ArmParameters) -> Outcome:
     return "no room", reason
 
 
+def _narrow(state: ManipulatorState, view: View, p: ArmParameters) -> Outcome:
+    """The hand waits for fingers that are wider than it needs; some grippers open only all the way."""
+    if state.narrowing_since is None:
+        state.narrowing_since = view.time
+    if view.time - state.narrowing_since > p.search_after:
+        state.opens_fully, state.opening = True, None
+    return "", Reason(kind=Kind.GRIPPER_TOO_WIDE, subject="gripper")
+
+
 def choose_yaw(state: ManipulatorState, view: View, inputs: ArmInputs, rules: PhaseRules) -> None:
     """Fix which faces of the cube the fingers take: rounding every step would flip them while the arm swings.
 
     The hand's yaw is natural (joint 7 in its middle) half a dwell after arrival, when the base is nearest. The faces
-    nearest to that are taken, unless there is little room beside them and more beside the others.
+    nearest to that are taken, unless there is little room beside them and more beside the others. Where the fingers
+    have no room beside either, they open only as far as the object needs, until it is another.
     """
     goal, p = view.goal, rules.parameters
     ahead = view.time_to_range + p.mid_dwell
     natural = _azimuth_later(ahead, view.pose, inputs.plan_times, inputs.plan_poses, view.target, rules.mount)
     near = natural if state.yaw is None or view.time_to_range > p.yaw_time else state.yaw
-    width = max(view.width, goal.side + p.open_room)
+    wide, narrow = rules.profile.gripper.max_width, goal.side + p.open_room + p.held_tolerance
+    width = min(state.opening or wide, wide)
     state.yaw, room = rules.room.yaw(goal, near, natural, width, inputs.T_odom_world)
+    if room.what and narrow < width and not state.opens_fully:
+        yaw, roomier = rules.room.yaw(goal, near, natural, narrow, inputs.T_odom_world)
+        if (roomier.closed, roomier.cost) < (room.closed, room.cost):
+            state.yaw, room, state.opening = yaw, roomier, narrow
     state.tight = Reason(kind=Kind.NO_ROOM, subject=goal.name, other=room.what) if room.what else None
     if not room.blocked:
         state.no_room_since = None
@@ -315,7 +333,8 @@ def _firm(state: ManipulatorState, view: View, rules: PhaseRules, elapsed: float
     """Fingers that stand hold the object: at its width, or after the closing time nearer to it than to open ones."""
     gripper, beyond = rules.profile.gripper, view.width - state.side
     late = elapsed >= gripper.closing_time - 0.5 * view.dt
-    return beyond <= rules.parameters.held_tolerance or (late and beyond < 0.5 * (gripper.max_width - state.side))
+    wide = state.opening or gripper.max_width
+    return beyond <= rules.parameters.held_tolerance or (late and beyond < 0.5 * (wide - state.side))
 
 
 def _miss(state: ManipulatorState, view: View, rules: PhaseRules, kind: Kind) -> Outcome:
