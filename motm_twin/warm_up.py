@@ -29,7 +29,6 @@ from motm_twin.control.arm.types import ArmGoal, ArmInputs, ArmObstacles
 from motm_twin.control.monitor import Monitor, MonitorParameters, unseen_in_stop
 from motm_twin.control.self_check import SelfCheck, SelfCheckSettings
 from motm_twin.measures.agents import compile_gaps
-from motm_twin.measures.people import compile_meetings
 from motm_twin.methods.registry import find_method
 from motm_twin.model.arm_kernels import manipulability_gradient
 from motm_twin.model.edits import ParameterValue
@@ -339,7 +338,6 @@ def main() -> None:
         return
     compile_kernels()
     compile_gaps()
-    compile_meetings()
     for name in METHODS:
         for scene, periods in DRIVES:
             twin = Twin(load_scene(scene), method=find_method(name))

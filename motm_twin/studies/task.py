@@ -105,7 +105,7 @@ def values(results: Results, method: str) -> dict[str, float]:
 def parts(results: Results, method: str) -> dict[str, dict[str, float]]:
     """Time by part and smoothness of each experiment: means of the completed trials, largest of the largest.
 
-    Seconds by `time_split.PARTS`; path and reference tour [m]; acceleration of the arm's foot [m/s^2]; changes of
+    Seconds by `measures.PARTS`; path and reference tour [m]; acceleration of the arm's foot [m/s^2]; changes of
     turning per metre.
     """
     found = {}

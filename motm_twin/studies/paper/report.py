@@ -9,7 +9,7 @@ from typing import Any
 
 from motm_twin.control.arm.parameters import AvoidanceParameters
 from motm_twin.control.tuning import PARAMETERS
-from motm_twin.measures.gripper import STATIC_AFTER
+from motm_twin.measures.measures import STATIC_AFTER
 from motm_twin.methods.registry import METHODS
 from motm_twin.perception.movers import MoverParameters
 from motm_twin.sessions.session import SOURCE
