@@ -3,27 +3,26 @@
 from collections.abc import Callable, Iterable
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import msgspec
 import tyro
 from rich.console import Console
 from rich.table import Table
 
-from motm_twin.cli.outputs import folder_problem
+from motm_twin.cli.commands import BenchSettings, folder_problem
 from motm_twin.generate.barn import PREFIX
 from motm_twin.model.names import hint
-from motm_twin.perf import anytime, bus, growth, page, period, scale, soak
+from motm_twin.perf import bus, growth, page, period, soak
 from motm_twin.perf.report import machine
 from motm_twin.plants import MUJOCO, require_mujoco
 from motm_twin.program import BAD_INPUT, FAILED, INTERRUPTED, OK, plain_console, table_console
-from motm_twin.studies import barn, faults, grasping, people, pool, screening, surprise, task, tracker
+from motm_twin.studies import barn, disturbances, people, pool, sensitivity, task
 from motm_twin.studies.catalogue import EXPERIMENTS, experiment
 from motm_twin.studies.groups import GROUPS, bench_group
 from motm_twin.studies.pool import BACKENDS
 from motm_twin.studies.run import Results, kept_text, run
-from motm_twin.studies.settings import BenchSettings
-from motm_twin.studies.summary import published_beside, reasons_table, rows, summary_table, write_summary
+from motm_twin.studies.statistics import published_beside, reasons_table, rows, summary_table, write_summary
 from motm_twin.warm_up import compile_kernels
 
 TABLE_WIDTH = 132  # characters; a narrower table is not readable
@@ -55,49 +54,53 @@ def _grasp_rule(given: BenchSettings, console: Console) -> bool:
     return not any(count for name, count in found.items() if name.endswith("holds what physics loses"))
 
 
-def _grasping(study: grasping.Study) -> Run:
+def _study(study: sensitivity.Study) -> Run:
     def run_study(given: BenchSettings, console: Console) -> bool:
         if any(setting.plant == MUJOCO for setting in study.settings):
             require_mujoco()
-        return grasping.bench_study(study, given.out, given.share, given.workers, console)
+        return sensitivity.bench_study(study, given.out, given.share, given.workers, console)
 
     return run_study
 
 
-RUNS: dict[str, Run] = {
-    **{name: _group(name) for name in GROUPS},
-    "period": _period,
-    page.NAME: lambda given, console: page.bench_page(given.out, given.seconds, given.minutes, given.visits, console),
-    bus.NAME: lambda given, console: bus.bench_bus(given.out, given.seconds, console),
-    soak.NAME: lambda given, console: soak.bench_soak(given.out, given.share, console),
-    scale.NAME: lambda given, console: scale.bench_scale(given.out, given.seconds, console),
-    pool.NAME: lambda given, console: pool.bench_efficiency(given.out, given.workers, console),
-    growth.NAME: lambda given, console: growth.bench_growth(given.out, console, quick=given.quick),
-    anytime.NAME: lambda given, console: anytime.bench_anytime(given.out, console, quick=given.quick),
-    period.SOLVERS_NAME: lambda given, console: period.bench_solvers(given.out, console, quick=given.quick),
-    task.NAME: lambda given, console: task.bench_task(given.out, given.share, given.workers, console),
-    faults.NAME: lambda given, console: faults.bench_faults(
-        given.out, given.share, given.workers, console, kinds=given.kinds, scenes=given.scenes
-    ),
-    screening.NAME: lambda given, console: screening.bench_screening(
-        given.out, given.share, given.workers, console, given.numbers
-    ),
-    GRASP_RULE: _grasp_rule,
-    **{name: _grasping(study) for name, study in grasping.STUDIES.items()},
-    surprise.NAME: lambda given, console: surprise.bench_surprise(given.out, given.workers, console),
-}
+class Bench(NamedTuple):
+    """A benchmark that is no group of trials."""
+
+    minutes: int  # about, on two cores
+    title: str
+    run: Run
+
+
+BENCHES = {
+    "period": Bench(5, period.TITLE, _period),
+    page.NAME: Bench(10, page.TITLE, lambda given, console: page.bench_page(
+        given.out, given.seconds, given.minutes, given.visits, console)),
+    bus.NAME: Bench(6, bus.TITLE, lambda given, console: bus.bench_bus(given.out, given.seconds, console)),
+    soak.NAME: Bench(45, soak.TITLE, lambda given, console: soak.bench_soak(given.out, given.share, console)),
+    bus.SCALE: Bench(12, bus.SCALE_TITLE, lambda given, console: bus.bench_scale(given.out, given.seconds, console)),
+    pool.NAME: Bench(6, pool.TITLE, lambda given, console: pool.bench_efficiency(given.out, given.workers, console)),
+    growth.NAME: Bench(5, growth.TITLE, lambda given, console: growth.bench_growth(
+        given.out, console, quick=given.quick)),
+    period.ANYTIME: Bench(7, period.ANYTIME_TITLE, lambda given, console: period.bench_anytime(
+        given.out, console, quick=given.quick)),
+    period.SOLVERS_NAME: Bench(1, period.SOLVERS_TITLE, lambda given, console: period.bench_solvers(
+        given.out, console, quick=given.quick)),
+    task.NAME: Bench(40, task.TITLE, lambda given, console: task.bench_task(
+        given.out, given.share, given.workers, console)),
+    disturbances.NAME: Bench(120, disturbances.TITLE, lambda given, console: disturbances.bench_faults(
+        given.out, given.share, given.workers, console, kinds=given.kinds, scenes=given.scenes)),
+    disturbances.SURPRISE: Bench(12, disturbances.SURPRISE_TITLE, lambda given, console: disturbances.bench_surprise(
+        given.out, given.workers, console)),
+    sensitivity.SCREENING: Bench(900, sensitivity.SCREENING_TITLE, lambda given, console: sensitivity.bench_screening(
+        given.out, given.share, given.workers, console, given.numbers)),
+    GRASP_RULE: Bench(6, GRASP_RULE_TITLE, _grasp_rule),
+    **{name: Bench(study.minutes, study.title, _study(study)) for name, study in sensitivity.STUDIES.items()},
+}  # fmt: skip
+RUNS: dict[str, Run] = {name: _group(name) for name in GROUPS} | {name: bench.run for name, bench in BENCHES.items()}
 OF_EXTRA = "physics"  # group that needs an extra
 ALL = (*(name for name in GROUPS if name != OF_EXTRA), task.NAME)  # of the name "all"
 TRIAL = 0.12  # [min] of one trial on one of two processes
-ABOUT = {  # of the others: minutes on two cores, and title
-    "period": (5, period.TITLE), page.NAME: (10, page.TITLE), bus.NAME: (6, bus.TITLE), soak.NAME: (45, soak.TITLE),
-    scale.NAME: (12, scale.TITLE), pool.NAME: (6, pool.TITLE), growth.NAME: (5, growth.TITLE),
-    anytime.NAME: (7, anytime.TITLE), period.SOLVERS_NAME: (1, period.SOLVERS_TITLE), task.NAME: (40, task.TITLE),
-    faults.NAME: (120, faults.TITLE), surprise.NAME: (12, surprise.TITLE), screening.NAME: (900, screening.TITLE),
-    GRASP_RULE: (6, GRASP_RULE_TITLE),
-    **{name: (study.minutes, study.title) for name, study in grasping.STUDIES.items()},
-}  # fmt: skip
-ALONE = (barn.NAME, people.NAME, tracker.NAME)  # named first, with arguments of their own
+ALONE = (barn.NAME, people.NAME, people.TRACKER)  # named first, with arguments of their own
 ONLY_EXPERIMENTS = tuple(name for name in EXPERIMENTS if name not in RUNS)
 
 
@@ -132,12 +135,12 @@ def _list_groups(console: Console) -> None:
     """Print what can be measured, and how long it takes."""
     table = Table("group", "about", "what", title="motm-twin bench GROUP [GROUP ...]; all: those above the line")
     whole = {name: (round(len(GROUPS[name].trials) * TRIAL) or 1, GROUPS[name].title) for name in GROUPS}
-    whole |= ABOUT
+    whole |= {name: (bench.minutes, bench.title) for name, bench in BENCHES.items()}
     for name in (*ALL, *(name for name in whole if name not in ALL)):
         table.add_row(name, f"{whole[name][0]} min", whole[name][1], end_section=name == ALL[-1])
     table.add_row(barn.NAME, "", f"{barn.TITLE}; then scene files, or --worlds N")
     table.add_row(people.NAME, "", f"{people.TITLE}; --situations, --methods, --trials N of each from seed --first")
-    table.add_row(tracker.NAME, "", f"{tracker.TITLE}; --situations, --trials N of each")
+    table.add_row(people.TRACKER, "", f"{people.TRACKER_TITLE}; --situations, --trials N of each")
     table.add_section()
     for name in ONLY_EXPERIMENTS:
         table.add_row(name, "", EXPERIMENTS[name].title)
@@ -166,8 +169,8 @@ def _wrong_name(given: BenchSettings) -> str:
     named = given.groups if given.groups[0] not in ALONE else []  # scene files may follow it
     for what, names, known in (
         ("experiment" if given.experiment else "group", named, possible),
-        ("fault", given.kinds, (faults.NONE, *faults.KINDS)),
-        ("scene", given.scenes, tuple(faults.SCENES)),
+        ("fault", given.kinds, (disturbances.NONE, *disturbances.KINDS)),
+        ("scene", given.scenes, tuple(disturbances.SCENES)),
     ):
         if wrong := [name for name in names if name not in known]:
             return f"unknown {what} {wrong[0]!r}; {hint(wrong[0], known)}"
@@ -189,7 +192,7 @@ def _bench_alone(given: BenchSettings, console: Console) -> int:
             named = (given.situations, given.methods, given.trials)
             good = people.bench_people(*named, workers, out, console, given.first)
         else:
-            good = tracker.bench_tracker(given.situations, given.trials, workers, out, console)
+            good = people.bench_tracker(given.situations, given.trials, workers, out, console)
     except ValueError as error:
         return _refused(error, console)
     return OK if good else FAILED

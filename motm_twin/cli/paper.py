@@ -6,10 +6,9 @@ from typing import Annotated
 import tyro
 from rich.console import Console
 
-from motm_twin.cli.outputs import folder_problem
+from motm_twin.cli.commands import PaperSettings, folder_problem
 from motm_twin.model.names import hint
 from motm_twin.program import BAD_INPUT, INTERRUPTED, plain_console
-from motm_twin.studies.settings import PaperSettings
 
 WARN_HOURS = 3.0  # beyond this, --yes is required
 
@@ -22,7 +21,7 @@ def paper(settings: Annotated[PaperSettings, tyro.conf.arg(name="")]) -> int:
     grasps: less than an hour on two cores. After Ctrl-C the same command resumes. Exit code 0: the report was written;
     2: bad input; 130: stopped with Ctrl-C.
     """
-    from motm_twin.studies.paper.plan import PLANS
+    from motm_twin.studies.paper.data import PLANS
 
     given, console = settings, plain_console()
     if problem := _problem(given):
@@ -98,8 +97,7 @@ def _run(given: PaperSettings, plan, console: Console) -> dict:
 
 def _announce(given: PaperSettings, wanted, console: Console) -> None:
     """Say how long it will take. Raises ValueError for hours that nobody has confirmed."""
-    from motm_twin.studies.paper.data import missing
-    from motm_twin.studies.paper.plan import hours
+    from motm_twin.studies.paper.data import hours, missing
 
     left, count = missing(given.out, wanted, retry_failed=given.retry_failed)
     expected_h = hours(left, given.workers)
@@ -125,9 +123,8 @@ def _begun(given: PaperSettings) -> bool:
 def _write(given: PaperSettings, plan, records: dict, console: Console) -> Path:
     """Draw the report, and note the origin of the trials."""
     from motm_twin.studies.paper import report
-    from motm_twin.studies.paper.data import Store, origin
+    from motm_twin.studies.paper.data import PLANS, Store, origin
     from motm_twin.studies.paper.parts import NAMES, Context
-    from motm_twin.studies.paper.plan import PLANS
 
     ran = origin((record for these in records.values() for record in these), given.command())
     known = [name for name in PLANS if name in ran.plans]  # the largest plan that ran the trials comes last

@@ -13,7 +13,7 @@ import tyro
 from rich.console import Console
 from tyro.conf import Positional
 
-from motm_twin.cli.settings import Changes, ReplaySettings
+from motm_twin.cli.commands import Changes, ReplaySettings
 from motm_twin.program import BAD_INPUT, FAILED, OK, plain_console
 from motm_twin.sessions.session import SessionError
 
@@ -129,7 +129,7 @@ def rerun(file: _File, /, update: _Flag = False, json: _Json = None, method: _Me
         json: Write the report to a file, or to standard output with '-'.
         method: File of your own method, if the session or recording was made with one.
     """
-    from motm_twin.cli.rerun import rerun_file
+    from motm_twin.cli.run import rerun_file
 
     return rerun_file(file, update=update, report=json, method=method)
 
@@ -155,7 +155,7 @@ def what_if(
         stream: Instead, write the poses of both robots at 10 Hz and their outcomes as JSON lines.
         method: File of your own method, if the session was made with one.
     """
-    from motm_twin.cli.rerun import what_if as compare
+    from motm_twin.cli.run import what_if as compare
 
     return compare(file, list(changes), seconds=seconds, report=json, lines=stream, method=method)
 
@@ -169,7 +169,7 @@ def info(file: _File, /, json: _Json = None) -> int:
         file: A recording (.mcap).
         json: Write the report to a file, or to standard output with '-'.
     """
-    from motm_twin.cli.outputs import write_json
+    from motm_twin.cli.commands import write_json
     from motm_twin.record.recording import info as contents_of
     from motm_twin.record.recording import show
 

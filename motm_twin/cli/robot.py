@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from tyro.conf import FlagCreatePairsOff, Positional, arg
 
-from motm_twin.cli.outputs import write_json
-from motm_twin.cli.settings import Seed
+from motm_twin.cli.commands import Seed, write_json
 from motm_twin.program import BAD_INPUT, FAILED, OK
 
 if TYPE_CHECKING:

@@ -16,7 +16,7 @@ from motm_twin.bus.commands import STEPS
 from motm_twin.measures.agents import NEAR
 from motm_twin.methods.registry import METHODS
 from motm_twin.model.bounds import Between
-from motm_twin.studies import catalogue, summary
+from motm_twin.studies import catalogue, statistics
 from motm_twin.studies.paper import data, planning_figures, snapshots, sweep_figures, tables, time_figures
 from motm_twin.studies.paper.data import Store
 from motm_twin.studies.paper.episode import draw_cutting_in, draw_distance
@@ -96,7 +96,7 @@ def test_a_reduction_against_a_rival_with_contacts_is_open_and_said_to_compare_w
              if len(line.get_xdata()) == 1 and line.get_marker() in "ov*s<^X"]  # fmt: skip
     faces = {round(float(line.get_xdata()[0]), 3): line.get_markerfacecolor() for line in marks}
     assert faces[60.0] == "white" != faces[20.0]
-    assert summary.TOUCHED in part.notes[0]
+    assert statistics.TOUCHED in part.notes[0]
     assert touching in part.notes[0]
     assert clean not in part.notes[0]
 
@@ -106,7 +106,7 @@ def test_contacts_of_our_own_and_only_those_in_the_trials_compared_make_a_mark_o
     assert (row["own_contacts"], row["comparable"]) == (1, False)
     part = reductions(trials(), trials("irm")[:9], [result("irm", "trial10", hits=4, places_done=0)])
     assert [part.rows[0][key] for key in ("pairs", "contacts", "comparable")] == [9, 0, True]
-    assert summary.TOUCHED not in part.notes[0]
+    assert statistics.TOUCHED not in part.notes[0]
 
 
 def test_a_modification_without_a_shown_effect_is_said_to_have_none():

@@ -24,9 +24,8 @@ from motm_twin.ui.history import Part, Sample, sample
 from motm_twin.ui.panel import explain, why_tab
 from motm_twin.ui.panel.drive_tab import in_hand as in_hand_of
 from motm_twin.ui.panel.explain import avoided, gripper, limited_by, unmapped
+from motm_twin.ui.panel.numbers import number, plots, progress, score_card, thinned, timing_card
 from motm_twin.ui.panel.panel import status_card
-from motm_twin.ui.panel.plots import number, plots, thinned
-from motm_twin.ui.panel.score import progress, score_card, timing_card
 from motm_twin.ui.panel.why_tab import arm_card, candidate_card, events_card, forces_card, headline, now_card, task_card
 
 EVIL = "<img src=x onerror=alert(1)>"

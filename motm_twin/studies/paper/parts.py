@@ -14,11 +14,9 @@ from rich.console import Console
 from motm_twin.methods.registry import FORESIGHT
 from motm_twin.sessions.session import SOURCE, made_with
 from motm_twin.studies.paper import data, planning_figures, snapshots, sweep_figures, tables, time_figures
-from motm_twin.studies.paper.data import Store
+from motm_twin.studies.paper.data import LITERAL, OPTIONS_OF_PLANS, PLANS, SWEEPS, TEN, Store
 from motm_twin.studies.paper.episode import Episode, draw_cutting_in, draw_distance, watch_trial
 from motm_twin.studies.paper.part import Missing, Part
-from motm_twin.studies.paper.plan import LITERAL, PLANS, SWEEPS, TEN
-from motm_twin.studies.settings import OPTIONS_OF_PLANS
 from motm_twin.studies.spec import Experiment, TrialSpec
 
 EPISODES = "episodes"

@@ -11,7 +11,7 @@ from motm_twin.studies import statistics
 from motm_twin.studies.catalogue import DELAY
 from motm_twin.studies.groups import touches
 from motm_twin.studies.paper import data
-from motm_twin.studies.paper.data import Result, Store
+from motm_twin.studies.paper.data import LITERAL, SWEEPS, Result, Store, swept_scenes
 from motm_twin.studies.paper.part import (
     BLACK,
     BLUE,
@@ -28,7 +28,6 @@ from motm_twin.studies.paper.part import (
     rows_down,
     styled,
 )
-from motm_twin.studies.paper.plan import LITERAL, SWEEPS, swept_scenes
 from motm_twin.studies.paper.tables import Line, group_of, successes
 from motm_twin.studies.statistics import Estimate
 

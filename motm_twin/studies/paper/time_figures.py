@@ -30,8 +30,7 @@ from motm_twin.studies.paper.part import (
     styled,
 )
 from motm_twin.studies.paper.tables import GROUPS
-from motm_twin.studies.statistics import Estimate
-from motm_twin.studies.summary import COMPLETED, TOUCHED
+from motm_twin.studies.statistics import COMPLETED, TOUCHED, Estimate
 
 PANELS: tuple[tuple[str, str, Callable[[list[Result]], list[Result]]], ...] = (
     ("exp1", "Experiment 1, published arrangements", data.ten),
