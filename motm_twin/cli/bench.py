@@ -11,13 +11,13 @@ from rich.console import Console
 from rich.table import Table
 
 from motm_twin.cli.commands import BenchSettings, folder_problem
-from motm_twin.generate.barn import PREFIX
+from motm_twin.generate.challenges import PREFIX
 from motm_twin.model.names import hint
 from motm_twin.perf import bus, growth, page, period, soak
 from motm_twin.perf.report import machine
 from motm_twin.plants import MUJOCO, require_mujoco
 from motm_twin.program import BAD_INPUT, FAILED, INTERRUPTED, OK, plain_console, table_console
-from motm_twin.studies import barn, disturbances, people, pool, sensitivity, task
+from motm_twin.studies import barn, disturbances, groups, people, pool, sensitivity
 from motm_twin.studies.catalogue import EXPERIMENTS, experiment
 from motm_twin.studies.groups import GROUPS, bench_group
 from motm_twin.studies.pool import BACKENDS
@@ -85,7 +85,7 @@ BENCHES = {
         given.out, console, quick=given.quick)),
     period.SOLVERS_NAME: Bench(1, period.SOLVERS_TITLE, lambda given, console: period.bench_solvers(
         given.out, console, quick=given.quick)),
-    task.NAME: Bench(40, task.TITLE, lambda given, console: task.bench_task(
+    groups.TASK: Bench(40, groups.TASK_TITLE, lambda given, console: groups.bench_task(
         given.out, given.share, given.workers, console)),
     disturbances.NAME: Bench(120, disturbances.TITLE, lambda given, console: disturbances.bench_faults(
         given.out, given.share, given.workers, console, kinds=given.kinds, scenes=given.scenes)),
@@ -98,7 +98,7 @@ BENCHES = {
 }  # fmt: skip
 RUNS: dict[str, Run] = {name: _group(name) for name in GROUPS} | {name: bench.run for name, bench in BENCHES.items()}
 OF_EXTRA = "physics"  # group that needs an extra
-ALL = (*(name for name in GROUPS if name != OF_EXTRA), task.NAME)  # of the name "all"
+ALL = (*(name for name in GROUPS if name != OF_EXTRA), groups.TASK)  # of the name "all"
 TRIAL = 0.12  # [min] of one trial on one of two processes
 ALONE = (barn.NAME, people.NAME, people.TRACKER)  # named first, with arguments of their own
 ONLY_EXPERIMENTS = tuple(name for name in EXPERIMENTS if name not in RUNS)

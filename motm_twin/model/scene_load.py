@@ -13,8 +13,7 @@ from motm_twin.model.scene_yaml import MAX_BYTES, Node, parse_yaml
 
 MAKERS = {  # prefix of a name: module with `made`, imported when such a scene is asked for
     "generated:": "motm_twin.generate.scenes",
-    "barn:": "motm_twin.generate.barn",
-    **dict.fromkeys(("circle:", "square:", "dynabarn:"), "motm_twin.generate.people"),
+    **dict.fromkeys(("barn:", "circle:", "square:", "dynabarn:"), "motm_twin.generate.challenges"),
 }
 _ENDINGS = (".yaml", ".yml")
 _MAX_EXTENDS = 4

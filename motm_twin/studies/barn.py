@@ -18,7 +18,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from motm_twin.generate.barn import CONTROLLER, LIMIT, NOMINAL
+from motm_twin.generate.challenges import CONTROLLER, LIMIT, NOMINAL
 from motm_twin.methods.registry import FAST, find_method
 from motm_twin.model.profile import DEG, BaseLimits, Lidar
 from motm_twin.model.scene import DriveTo, Scene

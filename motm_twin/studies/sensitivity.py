@@ -23,10 +23,9 @@ from motm_twin.perf.report import Sheet, machine, number, plain, write_report
 from motm_twin.plants import MUJOCO, PLANTS
 from motm_twin.studies import statistics
 from motm_twin.studies.catalogue import MISMATCHES, SHAKEN
-from motm_twin.studies.groups import drove_into, touches
 from motm_twin.studies.run import Result, Results, run_or_stop
 from motm_twin.studies.spec import Experiment, TrialSpec
-from motm_twin.studies.statistics import completed
+from motm_twin.studies.statistics import completed, drove_into, touches
 
 SCENE, PUBLISHED = "exp1", 10
 METHODS = (FAST.name, MOTM.name)

@@ -13,7 +13,7 @@ from motm_twin.measures.measures import part_of
 from motm_twin.model.names import scene_name
 from motm_twin.model.profile import BaseLimits
 from motm_twin.model.scene import Scene
-from motm_twin.studies.paper.part import (
+from motm_twin.studies.paper.drawing import (
     BLACK,
     GREEN,
     GREY,

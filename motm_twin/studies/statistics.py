@@ -21,7 +21,6 @@ from motm_twin.methods.registry import MOTM
 from motm_twin.model.geometry import Array
 from motm_twin.perf.report import grid
 from motm_twin.studies.catalogue import reasons, row_of
-from motm_twin.studies.groups import caused, drove_into, touches
 
 K = TypeVar("K")
 CONFIDENCE = 0.95
@@ -111,6 +110,7 @@ def _sample(values: Iterable[float]) -> Array:
 
 
 Result = dict[str, Any]
+APPROACH = 0.02  # [m/s] approach speed of a contact point that counts as driving into the other
 COMPLETED = "Completed: every object placed (picked, where that is all), contacts or not."
 TOUCHED = "A time got with contacts that the robot caused compares with nothing."
 CAPTION = (
@@ -192,6 +192,22 @@ def completed(result: Result) -> bool:
     """
     kind = "place" if result["places_total"] else "pick"
     return 0 < result[f"{kind}s_total"] <= result[f"{kind}s_done"]
+
+
+def touches(results: Iterable[Result]) -> int:
+    """All contacts, whoever caused them."""
+    return sum(len(result["contacts"]) for result in results)
+
+
+def caused(results: list[Result]) -> int:
+    """Contacts that the robot caused."""
+    return sum(hit["caused_by_robot"] for result in results for hit in result["contacts"])
+
+
+def drove_into(results: list[Result]) -> int:
+    """Contacts in which our robot was moving into the other."""
+    hits = (contact for result in results for contact in result["contacts"])
+    return sum(hit["caused_by_robot"] or hit["closing_speed"] > APPROACH for hit in hits)
 
 
 def _times(results: list[Result]) -> dict[tuple[str, int], float]:

@@ -9,10 +9,10 @@ from rich.console import Console
 from motm_twin.perception.movers import MoverParameters
 from motm_twin.sessions.session import SOURCE, made_with
 from motm_twin.studies import statistics
-from motm_twin.studies.paper import data, report, snapshots, sweep_figures, tables, time_figures
+from motm_twin.studies.paper import data, report, sweep_figures, tables, time_figures
 from motm_twin.studies.paper.data import TEN, Store, origin
-from motm_twin.studies.paper.episode import draw_cutting_in, watch_trial
-from motm_twin.studies.paper.part import Drawn, Missing
+from motm_twin.studies.paper.drawing import Drawn, Missing
+from motm_twin.studies.paper.episode import draw_cutting_in, draw_snapshots, watch_trial
 from motm_twin.studies.paper.parts import NAMES, PARTS, Context, make_part
 from motm_twin.studies.paper.report import write
 from motm_twin.studies.paper.tables import LINE, goal_rows, missed
@@ -211,7 +211,7 @@ def near_a_temi(cut_ins):
 
 
 def report_among_temis(out, monkeypatch, cut_ins, names=NAMES):
-    monkeypatch.setattr(snapshots, "_photographs", lambda _, chosen: [[[[0, 0, 0]]]] * len(chosen))
+    monkeypatch.setattr("motm_twin.studies.paper.episode._photographs", lambda _, chosen: [[[[0, 0, 0]]]] * len(chosen))
     context = Context(Store({"exp1": OURS}), out, Console(quiet=True), plan="quick")
     context.episode = near_a_temi(cut_ins)
     other = msgspec.structs.replace(context.episode, spec=TrialSpec("exp2", "random", 3, "foresight"))
@@ -264,7 +264,7 @@ def test_an_episode_of_the_source_of_the_trials_is_taken_from_the_folder(tmp_pat
     name = f"{job_of(kept.spec).key(kept.source)}.json"
     (tmp_path / name).write_bytes(msgspec.json.encode(kept))
     assert watch_trial(kept.spec, tmp_path, "0123456789ab") == kept
-    part = snapshots.draw(kept)
+    part = draw_snapshots(kept)
     assert isinstance(part, Missing)
     assert "another source (0123456789ab)" in part.reason
 

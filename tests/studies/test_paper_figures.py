@@ -17,11 +17,12 @@ from motm_twin.measures.agents import NEAR
 from motm_twin.methods.registry import METHODS
 from motm_twin.model.bounds import Between
 from motm_twin.studies import catalogue, statistics
-from motm_twin.studies.paper import data, planning_figures, snapshots, sweep_figures, tables, time_figures
+from motm_twin.studies.paper import data, planning_figures, sweep_figures, tables, time_figures
+from motm_twin.studies.paper import episode as episodes
 from motm_twin.studies.paper.data import Store
+from motm_twin.studies.paper.drawing import ORANGE, styled
 from motm_twin.studies.paper.episode import draw_cutting_in, draw_distance
-from motm_twin.studies.paper.ground import first_period
-from motm_twin.studies.paper.part import ORANGE, styled
+from motm_twin.studies.paper.planning_figures import first_period
 
 from .made_results import drawn, episode, result, seeds, trials
 
@@ -244,10 +245,10 @@ def test_the_layout_has_the_twelve_slots_with_names_on_no_edge_and_on_no_other_n
 
 
 def test_a_twin_is_stepped_beyond_what_one_command_allows(monkeypatch) -> None:
-    assert snapshots.STEPS is STEPS
-    monkeypatch.setattr(snapshots, "STEPS", Between(1, 15))  # fewer, to be quick
+    assert episodes.STEPS is STEPS
+    monkeypatch.setattr(episodes, "STEPS", Between(1, 15))  # fewer, to be quick
     with fake_server() as server, TwinClient(server.endpoint) as client:
         until(lambda: client.tick() and client.status(), "nothing was received")
-        snapshots._rewind(client)
-        snapshots._step_to(client, 40)
+        episodes._rewind(client)
+        episodes._step_to(client, 40)
         assert (client.tick().index, client.status().state) == (40, "paused")

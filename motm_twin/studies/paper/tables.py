@@ -8,11 +8,10 @@ from typing import Any, NamedTuple
 from motm_twin.measures import agents
 from motm_twin.measures.published import TABLE_I, TableRow
 from motm_twin.studies import statistics
-from motm_twin.studies.groups import drove_into, touches
 from motm_twin.studies.paper import data
 from motm_twin.studies.paper.data import OURS, Result, Store
-from motm_twin.studies.paper.part import Drawn, Missing, Part
-from motm_twin.studies.statistics import COMPLETED, TOUCHED, Estimate, setting
+from motm_twin.studies.paper.drawing import Drawn, Missing, Part
+from motm_twin.studies.statistics import COMPLETED, TOUCHED, Estimate, drove_into, setting, touches
 
 LINE = 0.02  # [m/s] that the gripper may be faster towards what moves than the damper line
 HEADER = (
