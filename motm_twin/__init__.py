@@ -18,7 +18,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from motm_twin.interrupts import starting
+from motm_twin.processes import starting
 
 if TYPE_CHECKING:
     from motm_twin import methods

@@ -10,15 +10,14 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import msgspec
 import numpy as np
 
-from motm_twin.completion import Completion
 from motm_twin.control.arm.types import Phase
 from motm_twin.control.method import Method
 from motm_twin.control.parameters import Parameters
 from motm_twin.control.sequence import name_of
-from motm_twin.control.tick import Tick
+from motm_twin.control.tick import Completion, Tick
 from motm_twin.measures import Measures
 from motm_twin.measures.agents import base_gap, body_of
-from motm_twin.measures.reference_tour import reference_tour
+from motm_twin.measures.references import reference_tour
 from motm_twin.methods.registry import FAST, find_method
 from motm_twin.model.edits import ParameterValue
 from motm_twin.model.geometry import Array

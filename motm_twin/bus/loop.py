@@ -17,7 +17,7 @@ from motm_twin.bus.live import LiveTwin, SessionDesk, SessionReply, Sink
 from motm_twin.bus.messages import STATUS_VERSION, StatusMessage
 from motm_twin.bus.pacing import Pacer, RealTime
 from motm_twin.bus.queries import Idle, Reply
-from motm_twin.completion import SETTLE_PERIODS
+from motm_twin.control.tick import SETTLE_PERIODS
 from motm_twin.model.bounds import SEED
 from motm_twin.model.period import PERIOD
 from motm_twin.model.scene import DriveTo, Scene

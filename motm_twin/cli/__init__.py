@@ -11,9 +11,9 @@ from motm_twin import __version__
 from motm_twin.bus.connection import ConfigError
 from motm_twin.cli import client, commands, doctor, paper, record, robot, security
 from motm_twin.cli.commands import kernel_problem
-from motm_twin.interrupts import interruptible
 from motm_twin.model.names import MethodError, hint
 from motm_twin.model.scene_error import SceneError
+from motm_twin.processes import interruptible
 from motm_twin.program import BAD_INPUT, FAILED, INTERRUPTED, OK, plain_console
 from motm_twin.sessions.session import SessionError
 

@@ -73,7 +73,7 @@ def robot(settings: Annotated[RobotSettings, arg(name="")]) -> int:
     """
     from motm_twin.bus.connection import LOOPBACK, configured_endpoint
     from motm_twin.bus.keys import DEFAULT_PORT
-    from motm_twin.bus.processes import leave
+    from motm_twin.processes import leave
 
     def say(text: str) -> None:
         if not settings.child:
@@ -99,11 +99,11 @@ def robot(settings: Annotated[RobotSettings, arg(name="")]) -> int:
 
 
 def _server(settings: RobotSettings, endpoint: str, on_met: Callable[[], None]) -> "RobotServer":
-    from motm_twin.bus.processes import stop_event
     from motm_twin.external.robot import LinkSpec
     from motm_twin.external.robot_server import RobotServer
     from motm_twin.model.scene_file import load_scene
-    from motm_twin.plants import with_plant
+    from motm_twin.processes import stop_event
+    from motm_twin.sim.plant import with_plant
 
     link = asdict(settings.link)
     return RobotServer(

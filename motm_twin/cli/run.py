@@ -16,7 +16,7 @@ from rich.markup import escape
 from rich.progress import BarColumn, Progress, TextColumn
 from rich.table import Table
 
-from motm_twin import interrupts
+from motm_twin import processes
 from motm_twin.cli.commands import RunSettings, refuse_existing, refuse_unwritable, write_json
 from motm_twin.control.method import Method
 from motm_twin.control.tick import Tick
@@ -27,7 +27,6 @@ from motm_twin.model.names import scene_name
 from motm_twin.model.period import PERIOD, PERIODS_PER_SECOND
 from motm_twin.model.scene import Scene
 from motm_twin.model.scene_file import load_scene
-from motm_twin.plants import with_plant
 from motm_twin.program import FAILED, OK, plain_console, table_console
 from motm_twin.record.recording import load_recording
 from motm_twin.record.replay import Rerun, RunReport, Tracker, rerun, rerun_run, updated
@@ -44,6 +43,7 @@ from motm_twin.record.what_if import (
     stream,
 )
 from motm_twin.sessions.session import Session, SessionError, load_session, made_with, save_session
+from motm_twin.sim.plant import with_plant
 from motm_twin.trial import run_scene
 
 if TYPE_CHECKING:
@@ -84,7 +84,7 @@ def run_headless(
     def on_tick(tick: Tick) -> None:
         nonlocal periods
         if not periods:
-            interrupts.loaded()  # everything is compiled: from now on there is a run to save
+            processes.loaded()  # everything is compiled: from now on there is a run to save
         periods = tick.index + 1
         if save is not None:
             tracker.add(tick)

@@ -8,16 +8,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from motm_twin.completion import SETTLE_PERIODS
 from motm_twin.control.arm.types import ArmInputs, ArmObstacles
 from motm_twin.control.method import ArmParts, PlannerParts
 from motm_twin.control.predictor import followed
 from motm_twin.control.targets import odometry_to_world
-from motm_twin.control.tick import Tick
+from motm_twin.control.tick import SETTLE_PERIODS, Tick
 from motm_twin.control.tuning import tuned
 from motm_twin.gym.actions import ArmAction, BaseAction, agent_method, check_fits
-from motm_twin.gym.observation import AgentView, ObservationReader, Observed, gymnasium, spaces, view_of
-from motm_twin.gym.picture import TopView
+from motm_twin.gym.observation import AgentView, ObservationReader, Observed, TopView, gymnasium, spaces, view_of
 from motm_twin.methods.registry import find_method
 from motm_twin.model.geometry import Array, from_frame
 from motm_twin.model.joint_limits import DQ_MAX

@@ -11,9 +11,8 @@ import msgspec
 
 from motm_twin.bus.encode import ObservationsMessage, Sample, seconds, tick_message
 from motm_twin.bus.plant_messages import from_message
-from motm_twin.completion import Completion
 from motm_twin.control.method import Method
-from motm_twin.control.tick import Tick
+from motm_twin.control.tick import Completion, Tick
 from motm_twin.methods.registry import METHODS
 from motm_twin.model.edits import Announce
 from motm_twin.model.names import hint, scene_name

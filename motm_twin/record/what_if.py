@@ -24,16 +24,15 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from motm_twin.completion import Completion, all_placed
 from motm_twin.control.method import Method
-from motm_twin.control.tick import Tick
+from motm_twin.control.tick import Completion, Tick, all_placed
 from motm_twin.control.tuning import check, parameter
-from motm_twin.interrupts import end_with_parent, put_off
 from motm_twin.methods.registry import find_method
 from motm_twin.model.edits import Edit, InsertTask, ParameterValue, SetParameter
 from motm_twin.model.names import MethodError
 from motm_twin.model.period import PERIODS_PER_SECOND
 from motm_twin.planning.types import SearchBudget
+from motm_twin.processes import end_with_parent, put_off
 from motm_twin.program import BAD_INPUT, FAILED, OK, THREADS
 from motm_twin.record.replay import begin
 from motm_twin.record.what_if_lines import AS_IT_WAS, CHANGED, Outcome, Sample

@@ -2,7 +2,7 @@
 
 `grasp_delay`: tasks of Failure Recovery for On-The-Move Mobile Manipulation (arXiv 2305.08351), with each grasp late or
 failing. All methods know the cube's place beforehand, since a plan must; all other errors are present. Published times
-are in `measures.published`.
+are in `measures.references`.
 
 `robustness`: one error at a time, in a world without any other. Each trial is one pick where the path turns, so
 that success means a successful grasp.

@@ -20,10 +20,9 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from motm_twin.completion import Completion
 from motm_twin.control.arm.types import Phase
 from motm_twin.control.targets import odometry_to_world
-from motm_twin.control.tick import Tick
+from motm_twin.control.tick import Completion, Tick
 from motm_twin.methods.registry import FAST, find_method
 from motm_twin.model.edits import AddObstacle, InjectFault, RemoveBody
 from motm_twin.model.faults import KINDS

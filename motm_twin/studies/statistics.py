@@ -16,7 +16,7 @@ from rich.table import Table
 from rich.text import Text
 from scipy import stats
 
-from motm_twin.measures.published import Published, published
+from motm_twin.measures.references import Published, published
 from motm_twin.methods.registry import MOTM
 from motm_twin.model.geometry import Array
 from motm_twin.perf.report import grid

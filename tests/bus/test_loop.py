@@ -30,7 +30,7 @@ from motm_twin.bus.commands import (
 )
 from motm_twin.bus.live import MAX_ADDED
 from motm_twin.bus.loop import STANDING_INTERVAL
-from motm_twin.completion import SETTLE_PERIODS
+from motm_twin.control.tick import SETTLE_PERIODS
 from motm_twin.perf.fuzz import EXAMPLES
 
 

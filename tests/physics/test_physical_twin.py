@@ -3,8 +3,8 @@ import pytest
 from motm_twin.bus.encode import tick_message
 from motm_twin.model.edits import AddObstacle, RemoveBody
 from motm_twin.model.scene_file import load_scene
-from motm_twin.plants import with_plant
 from motm_twin.sessions.session import MUJOCO
+from motm_twin.sim.plant import with_plant
 from motm_twin.twin import Twin
 
 PICKED = 170  # periods until the first cube is in the air

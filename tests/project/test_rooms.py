@@ -40,6 +40,7 @@ ROOMS_SEEN_BY = {
         "methods",
         "measures",
         "generate",
+        "sim",
         *METHOD_ROOMS,
     },
 }

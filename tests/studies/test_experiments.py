@@ -6,7 +6,7 @@ import msgspec
 import pytest
 
 from motm_twin.cli.bench import changes_of
-from motm_twin.measures.published import FAILURE_RECOVERY, published
+from motm_twin.measures.references import FAILURE_RECOVERY, published
 from motm_twin.methods.registry import METHODS, find_method
 from motm_twin.model.scene import EARLIER_NOISE
 from motm_twin.model.scene_file import load_scene

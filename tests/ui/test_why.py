@@ -13,7 +13,7 @@ from motm_twin.bus.encode import tick_message
 from motm_twin.control.arm.bodies import BODIES
 from motm_twin.control.arm.controller import _BOUND_NAMES
 from motm_twin.control.task_list import kind_of, name_of
-from motm_twin.measures.published import published
+from motm_twin.measures.references import published
 from motm_twin.model.arm_kernels import manipulability
 from motm_twin.model.furniture import pieces
 from motm_twin.model.joint_limits import DQ_MAX, READY

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 from motm_twin.control.tuning import parameter
-from motm_twin.measures.published import FAILURE_RECOVERY, RECOVERY_PLANNED
+from motm_twin.measures.references import FAILURE_RECOVERY, RECOVERY_PLANNED
 from motm_twin.methods.registry import METHODS
 from motm_twin.studies import statistics
 from motm_twin.studies.catalogue import DELAY

@@ -6,7 +6,7 @@ from functools import partial
 from typing import Any, NamedTuple
 
 from motm_twin.measures import agents
-from motm_twin.measures.published import TABLE_I, TableRow
+from motm_twin.measures.references import TABLE_I, TableRow
 from motm_twin.studies import statistics
 from motm_twin.studies.paper import data
 from motm_twin.studies.paper.data import OURS, Result, Store

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from motm_twin.measures.published import REDUCTIONS, TABLE_I
+from motm_twin.measures.references import REDUCTIONS, TABLE_I
 from motm_twin.studies import statistics
 from motm_twin.studies.paper import data
 from motm_twin.studies.paper.data import Result, Store

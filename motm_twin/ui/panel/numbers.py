@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from motm_twin.bus.messages import ScoreMessage, StatusMessage, TickMessage
 from motm_twin.control.arm.parameters import AvoidanceParameters
 from motm_twin.control.task_list import kind_of, name_of
-from motm_twin.measures.published import REFERENCE_TOUR_NOTE, published
+from motm_twin.measures.references import REFERENCE_TOUR_NOTE, published
 from motm_twin.model.edits import ParameterValue
 from motm_twin.model.geometry import Array
 from motm_twin.model.joint_limits import DQ_MAX
