@@ -9,19 +9,18 @@ import tyro
 
 from motm_twin import __version__
 from motm_twin.bus.connection import ConfigError
-from motm_twin.cli import client, commands, doctor, paper, record, robot, security
-from motm_twin.cli.commands import kernel_problem
+from motm_twin.cli import client, commands, doctor, record, security
 from motm_twin.model.names import MethodError, hint
 from motm_twin.model.scene_error import SceneError
 from motm_twin.processes import interruptible
-from motm_twin.program import BAD_INPUT, FAILED, INTERRUPTED, OK, plain_console
+from motm_twin.program import BAD_INPUT, FAILED, INTERRUPTED, OK, kernel_problem, plain_console
 from motm_twin.sessions.session import SessionError
 
 # These have signal handlers of their own, or say when they are loaded.
-_OWN = (commands.serve, commands.run, record.record, record.replay, robot.robot, commands.demo)
+_OWN = (commands.serve, commands.run, record.record, record.replay, client.robot, commands.demo)
 _OTHERS = (
     *(record.rerun, record.info, record.recover, record.what_if, client.watch, client.send, client.twins),
-    *(commands.scene, commands.bench, paper.paper, security.security, doctor.doctor),
+    *(commands.scene, commands.bench, commands.paper, security.security, doctor.doctor),
     *(commands.warm_up, commands.version),
 )
 COMMANDS: dict[str, Callable[..., int]] = {

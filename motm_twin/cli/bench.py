@@ -1,4 +1,7 @@
-"""`motm-twin bench NAME ...`: groups of trials with numbers to reach, benchmarks, and experiments by name."""
+"""`motm-twin bench NAME ...`: groups of trials with numbers to reach, benchmarks, and experiments by name.
+
+`motm-twin paper`: the experiments, the figures and tables, and the report, in one command.
+"""
 
 from collections.abc import Callable, Iterable
 from importlib import import_module
@@ -10,16 +13,18 @@ import tyro
 from rich.console import Console
 from rich.table import Table
 
-from motm_twin.cli.commands import BenchSettings, folder_problem
+from motm_twin.cli.commands import BenchSettings, PaperSettings
 from motm_twin.generate.challenges import PREFIX
 from motm_twin.model.names import hint
 from motm_twin.perf import bus, growth, page, period, soak
 from motm_twin.perf.report import machine
-from motm_twin.program import BAD_INPUT, FAILED, INTERRUPTED, OK, plain_console, table_console
+from motm_twin.program import BAD_INPUT, FAILED, INTERRUPTED, OK, folder_problem, plain_console, table_console
+from motm_twin.sessions.session import SOURCE, made_with
 from motm_twin.sim.plant import MUJOCO, require_mujoco
 from motm_twin.studies import barn, disturbances, groups, people, pool, sensitivity
 from motm_twin.studies.catalogue import EXPERIMENTS, experiment
 from motm_twin.studies.groups import GROUPS, bench_group
+from motm_twin.studies.paper import data, parts, report
 from motm_twin.studies.pool import BACKENDS
 from motm_twin.studies.run import Results, kept_text, run
 from motm_twin.studies.statistics import published_beside, reasons_table, rows, summary_table, write_summary
@@ -155,12 +160,17 @@ def _problem(given: BenchSettings) -> str:
         return problem
     if given.worlds is not None and given.worlds < 1:
         return f"--worlds {given.worlds}: at least 1 is needed"
-    if given.workers < 1:
-        return f"--workers {given.workers}: at least 1 is needed"
     if not 0.0 < given.share <= 1.0:
         return f"--share {given.share:g}: give a share above 0, at most 1"
-    problem = folder_problem(given.out)
-    return f"--out {given.out}: {problem}" if problem else ""
+    return _impossible(given.workers, given.out)
+
+
+def _impossible(workers: int, out: Path) -> str:
+    """Refusal of a number of processes, or of a folder; "" when both are possible."""
+    if workers < 1:
+        return f"--workers {workers}: at least 1 is needed"
+    problem = folder_problem(out)
+    return f"--out {out}: {problem}" if problem else ""
 
 
 def _wrong_name(given: BenchSettings) -> str:
@@ -264,3 +274,105 @@ def show(name: str, results: Results, out: Path, console: Console) -> None:
         console.print(why)
     target = write_summary(found, beside, out / name)
     console.print(f"written to {target}; the trials are in {out / name}", markup=False)
+
+
+WARN_HOURS = 3.0  # beyond this, --yes is required
+
+
+def write_paper(given: PaperSettings) -> int:
+    """Run what the report of the paper's experiments needs, and write it; the exit code."""
+    console = plain_console()
+    if problem := _paper_problem(given):
+        return _refused_paper(problem)
+    plan = data.PLANS[given.plan]()
+    try:
+        records = _records_in_folder(given, plan) if given.draw else _run(given, plan, console)
+    except ValueError as error:  # a scene, method or folder with which no trial can be run; or hours
+        return _refused_paper(str(error))
+    except KeyboardInterrupt:
+        text = f"\nstopped; the finished trials are in {given.out}: the same command resumes there"
+        console.print(text, markup=False)
+        return INTERRUPTED
+    console.print("figures and tables:")
+    target = _write(given, plan, records, console)
+    console.print(f"written: {target}")
+    return 0
+
+
+def _paper_problem(given: PaperSettings) -> str:
+    if unknown := [name for name in given.only if name not in parts.NAMES]:
+        return f"there is no figure or table {unknown[0]!r}; {hint(unknown[0], parts.NAMES)}"
+    if given.quick and given.full:
+        return "--quick and --full exclude each other"
+    return _impossible(given.workers, given.out)
+
+
+def _records_in_folder(given: PaperSettings, plan: data.Plan) -> data.Records:
+    """The records in the folder. Raises ValueError when there are none, and what is asked for is drawn from some."""
+    records = data.stored(given.out)
+    if not any(records.values()) and parts.needed(plan.experiments, given.only or parts.NAMES):
+        raise ValueError(f"--out {given.out}: there is no trial in it to draw: give the folder of a run")
+    return records
+
+
+def _run(given: PaperSettings, plan: data.Plan, console: Console) -> data.Records:
+    """Run what is missing; the records of the plan, and of what else is in the folder. Raises ValueError."""
+    compile_kernels()
+    experiments = parts.needed(plan.experiments, given.only) if given.only else plan.experiments
+    wanted = data.keys(experiments)
+    _announce(given, wanted, console)
+    results = run(
+        experiments,
+        out=given.out,
+        workers=given.workers,
+        backend=given.backend,
+        address=given.address,
+        console=console,
+        retry_failed=given.retry_failed,
+        about={data.PLAN: plan.name, data.COMMAND: given.command()},
+    )
+    for note in results.notes:
+        console.print(f"  {note}", markup=False)
+    if not given.only:
+        return {**data.stored(given.out, without=wanted), **data.of_plan(given.out, wanted)}
+    whole = data.keys(each for each in plan.experiments if (given.out / each.name).is_dir())
+    data.write_completed(given.out, whole)
+    return {**data.stored(given.out, without=whole), **data.of_plan(given.out, whole)}
+
+
+def _announce(given: PaperSettings, wanted: data.Keys, console: Console) -> None:
+    """Say how long it will take. Raises ValueError for hours that nobody has confirmed."""
+    left, count = data.missing(given.out, wanted, retry_failed=given.retry_failed)
+    expected_h = data.hours(left, given.workers)
+    expected = f"{expected_h:.1f} h" if expected_h >= 1.0 else f"{60.0 * expected_h:.0f} min"
+    console.print(
+        f"{len(left)} of {count} trials to run, expected to take {expected} with {given.workers} processes on this "
+        "machine; then the figures"
+    )
+    if expected_h > WARN_HOURS and not given.yes and not _begun(given):
+        raise ValueError(f"that is long: add --yes to start, more --workers, or --backend ray; expected {expected}")
+
+
+def _begun(given: PaperSettings) -> bool:
+    """The folder has trials of this plan, run with the source as it is now."""
+    wanted = (given.plan, made_with()[SOURCE])
+    notes = (record.made_with for these in data.stored(given.out).values() for record in these)
+    return any((note.get(data.PLAN), note.get(SOURCE)) == wanted for note in notes)
+
+
+def _write(given: PaperSettings, plan: data.Plan, records: data.Records, console: Console) -> Path:
+    """Draw the report, and note the origin of the trials."""
+    ran = data.origin((record for these in records.values() for record in these), given.command())
+    known = [name for name in data.PLANS if name in ran.plans]  # the largest plan that ran the trials comes last
+    shown = data.PLANS[known[-1]]() if given.draw and known else plan
+    trials = {name: [record.result for record in these] for name, these in records.items()}
+    context = parts.Context(data.Store(trials), given.out, console, not given.no_page, shown.name, ran.sources)
+    given.out.mkdir(parents=True, exist_ok=True)
+    for warning in report.stale(ran):
+        console.print(f"  {warning}", markup=False)
+    return report.write(context, ran, given.command(), given.only or parts.NAMES, shown.notes)
+
+
+def _refused_paper(why: str) -> int:
+    plain_console(stderr=True).print(f"motm-twin paper: {why}", markup=False)
+    return BAD_INPUT

@@ -14,8 +14,7 @@ from typing import NamedTuple
 from motm_twin import __version__
 from motm_twin.bus.connection import LOOPBACK, require_free_port
 from motm_twin.bus.keys import DEFAULT_PORT
-from motm_twin.cli.commands import kernel_problem
-from motm_twin.program import FAILED, OK, table_console
+from motm_twin.program import FAILED, OK, kernel_problem, table_console
 
 PAGE_PORT = 8080
 CHROMIUMS = ("chromium", "chromium-browser", "google-chrome-stable", "google-chrome")

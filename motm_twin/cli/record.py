@@ -169,7 +169,7 @@ def info(file: _File, /, json: _Json = None) -> int:
         file: A recording (.mcap).
         json: Write the report to a file, or to standard output with '-'.
     """
-    from motm_twin.cli.commands import write_json
+    from motm_twin.program import write_json
     from motm_twin.record.recording import info as contents_of
     from motm_twin.record.recording import show
 

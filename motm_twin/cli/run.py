@@ -17,7 +17,7 @@ from rich.progress import BarColumn, Progress, TextColumn
 from rich.table import Table
 
 from motm_twin import processes
-from motm_twin.cli.commands import RunSettings, refuse_existing, refuse_unwritable, write_json
+from motm_twin.cli.commands import RunSettings
 from motm_twin.control.method import Method
 from motm_twin.control.tick import Tick
 from motm_twin.control.tuning import parameter
@@ -27,7 +27,7 @@ from motm_twin.model.names import scene_name
 from motm_twin.model.period import PERIOD, PERIODS_PER_SECOND
 from motm_twin.model.scene import Scene
 from motm_twin.model.scene_file import load_scene
-from motm_twin.program import FAILED, OK, plain_console, table_console
+from motm_twin.program import FAILED, OK, plain_console, refuse_existing, refuse_unwritable, table_console, write_json
 from motm_twin.record.recording import load_recording
 from motm_twin.record.replay import Rerun, RunReport, Tracker, rerun, rerun_run, updated
 from motm_twin.record.what_if import (

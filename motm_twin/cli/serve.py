@@ -17,11 +17,11 @@ from motm_twin.bus.connection import LOOPBACK, VARIABLE, check_endpoint, free_po
 from motm_twin.bus.keys import Keys
 from motm_twin.bus.library import MethodLibrary
 from motm_twin.bus.private_folder import Running, announce, client_file, forget, keep_young, note, own_credentials
-from motm_twin.cli.commands import PageSettings, ReplaySettings, ServeSettings, folder_problem
+from motm_twin.bus.security import Folder
+from motm_twin.cli.commands import PageSettings, ReplaySettings, ServeSettings
 from motm_twin.model.scene_file import load_scene
 from motm_twin.processes import Child, end_all, setter
-from motm_twin.program import BAD_INPUT, FAILED, OK, THREADS, plain_console
-from motm_twin.security.folder import Folder
+from motm_twin.program import BAD_INPUT, FAILED, OK, THREADS, folder_problem, plain_console
 from motm_twin.sim.plant import with_plant
 from motm_twin.ui.page_server import VARIABLE as VARIABLE_OF_TOKEN
 from motm_twin.ui.page_server import check_token, chosen_token

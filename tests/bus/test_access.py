@@ -15,9 +15,9 @@ from motm_twin.bus import connection as config
 from motm_twin.bus.client import TwinClient
 from motm_twin.bus.commands import Step
 from motm_twin.bus.connection import free_port, open_member, open_server
+from motm_twin.bus.security import Folder, People, SecurityError
 from motm_twin.client.discover import running_twins
 from motm_twin.ros2.forms import ACCEPTED, PUBLISHED, BridgeForm, Outlets, RmwForm
-from motm_twin.security.folder import Folder, People, SecurityError
 
 NAMES = {"viewer": ["ann"], "driver": ["bob"], "robot": ["mine"]}
 

@@ -8,8 +8,8 @@ import zenoh
 from cryptography import x509
 
 from motm_twin.bus.connection import VARIABLE, ConfigError, session_config
+from motm_twin.bus.security import Folder, People, SecurityError
 from motm_twin.cli import main
-from motm_twin.security.folder import Folder, People, SecurityError
 
 
 def folder(path, **changes):
