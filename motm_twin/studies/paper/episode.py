@@ -22,8 +22,8 @@ from motm_twin.control.arm.parameters import AvoidanceParameters
 from motm_twin.control.targets import odometry_to_world
 from motm_twin.control.tick import TaskState, Tick
 from motm_twin.measures import Measures
-from motm_twin.measures.agents import CUT_DISTANCE, CUT_TIME
-from motm_twin.model.geometry import Array, from_frame, to_frame
+from motm_twin.measures.agents import CUT_DISTANCE, CUT_TIME, base_gap, body_of
+from motm_twin.model.geometry import Array, from_frame
 from motm_twin.model.kinematics import Frankie
 from motm_twin.model.period import PERIOD
 from motm_twin.model.plant import Truth
@@ -34,18 +34,7 @@ from motm_twin.perf.processes import act, now, served, wait_for
 from motm_twin.sessions.session import SOURCE, made_with
 from motm_twin.studies.paper import drawing
 from motm_twin.studies.paper.data import command_of
-from motm_twin.studies.paper.drawing import (
-    BLACK,
-    BLUE,
-    ORANGE,
-    TWO_COLUMNS,
-    Drawn,
-    Missing,
-    Part,
-    figure,
-    styled,
-    write_json,
-)
+from motm_twin.studies.paper.drawing import Drawn, Missing, Part
 from motm_twin.studies.spec import TrialSpec, job_of, method_of
 from motm_twin.ui.scene.cameras import FIELD_OF_VIEW, overview
 
@@ -144,7 +133,7 @@ def watch_trial(spec: TrialSpec, folder: Path, source: str) -> Episode:
         spec=spec, source=current, moments=tuple(watcher.moments), result=result, measures=measures.report()
     )
     partial = file.with_suffix(".partial")
-    write_json(partial, msgspec.to_builtins(episode))
+    drawing.write_json(partial, msgspec.to_builtins(episode))
     partial.replace(file)  # a file is whole or not there
     return episode
 
@@ -194,23 +183,19 @@ def _distance_figure(episode: Episode, distance: Array, p: AvoidanceParameters) 
     time = np.array([each.time for each in episode.moments])
     jumps = np.flatnonzero(np.abs(np.diff(distance)) > JUMP) + 1
     below, influence = f"below $d_s$ = {p.d_s} m", f"region of influence, below $d_i$ = {p.d_i} m"
-    with styled():
-        fig = figure(TWO_COLUMNS, 56.0)
+    with drawing.styled():
+        fig = drawing.figure(drawing.TWO_COLUMNS, 56.0)
         axes = fig.add_subplot()
         axes.axhspan(0.0, p.d_s, facecolor=DEEP_RED, alpha=0.8, hatch="////", edgecolor="white", lw=0.0, label=below)
-        axes.axhspan(p.d_s, p.d_i, facecolor=ORANGE, alpha=0.35, lw=0.0, label=influence)
-        axes.plot(
-            np.insert(time, jumps, time[jumps]),
-            np.insert(distance, jumps, math.nan),
-            "-",
-            color=BLUE,
-            lw=1.1,
-            label="distance",
-            path_effects=[Stroke(linewidth=2.6, foreground="white"), Normal()],  # seen on the red, also in grey
-        )
+        axes.axhspan(p.d_s, p.d_i, facecolor=drawing.ORANGE, alpha=0.35, lw=0.0, label=influence)
+        shown, effects = np.insert(distance, jumps, math.nan), [Stroke(linewidth=2.6, foreground="white"), Normal()]
+        axes.plot(  # its edge is seen on the red, also in grey
+            np.insert(time, jumps, time[jumps]), shown, "-", color=drawing.BLUE, lw=1.1, label="distance",
+            path_effects=effects,
+        )  # fmt: skip
         for stretch in episode.measures["below_d_s"]:
             at = stretch["time"] + 0.5 * stretch["duration_s"]
-            axes.plot(at, 0.03, "^", mfc=BLACK, mec="white", mew=0.6, ms=5, clip_on=False, zorder=3)
+            axes.plot(at, 0.03, "^", mfc=drawing.BLACK, mec="white", mew=0.6, ms=5, clip_on=False, zorder=3)
         axes.set_xlim(0.0, float(time[-1]))
         axes.set_ylim(0.0, SHOWN)
         axes.set_xlabel("time [s]")
@@ -307,14 +292,12 @@ def _earlier(index: int) -> int:
 def _meeting(episode: Episode, agent: str, task: str) -> tuple[int, float]:
     """Period of a task in which the base is nearest to an agent, and the gap [m] between their outlines then."""
     scene = load_scene(episode.spec.scene, episode.spec.variant, episode.spec.seed)
-    body = scene.robot.footprint
-    half, middle = 0.5 * np.array([body.length, body.width]), np.array([body.offset_x, 0.0])
+    body = body_of(scene.robot.footprint)
     gaps = np.full(len(episode.moments), math.inf)
     for index, moment in enumerate(episode.moments):
         if moment.task == task:
-            (place,) = (each[1:3] for each in moment.agents if each[0] == agent)
-            beside = np.abs(to_frame(np.array(moment.pose), np.array([place]))[0] - middle) - half
-            gaps[index] = np.hypot(*np.maximum(beside, 0.0)) - RADIUS
+            ((x, y),) = (each[1:3] for each in moment.agents if each[0] == agent)
+            gaps[index] = base_gap(body, moment.pose, x, y, RADIUS)
     return int(np.argmin(gaps)), float(gaps.min())
 
 
@@ -322,8 +305,8 @@ def _cutting_in_figure(before: Episode, after: Episode, cut: dict[str, Any], cro
     """Robot, its plan and the Temi a second before the cut-in, and before the same meeting with prediction."""
     pairs = [(each, _earlier(index), index) for each, index in ((before, crossing), (after, meeting))]
     x, y = _window([each.moments[index] for each, *periods in pairs for index in periods], cut["agent"])
-    with styled():
-        fig = figure(TWO_COLUMNS, 100.0)
+    with drawing.styled():
+        fig = drawing.figure(drawing.TWO_COLUMNS, 100.0)
         panels = fig.subplots(1, 2, sharey=True)
         for axes, (each, index, then) in zip(panels, pairs, strict=True):
             _meet(axes, each, cut["agent"], index, then)
@@ -331,10 +314,12 @@ def _cutting_in_figure(before: Episode, after: Episode, cut: dict[str, Any], cro
             axes.set_title(f"{each.spec.method}, {each.moments[index].time:.2f} s", loc="left")
         panels[0].add_patch(_swept(before, crossing, cut))
         panels[1].set_ylabel("")
-        panels[0].plot([], [], "o", mfc=ORANGE, mec="black", label="Temi (transparent: its last 3 s)")
-        panels[0].plot([], [], "s", mfc=BLUE, mec="black", label="Frankie (transparent: its plan)")
+        panels[0].plot([], [], "o", mfc=drawing.ORANGE, mec="black", label="Temi (transparent: its last 3 s)")
+        panels[0].plot([], [], "s", mfc=drawing.BLUE, mec="black", label="Frankie (transparent: its plan)")
         panels[0].plot([], [], "x", color="black", mew=1.8, ls="", label="Frankie 1 s later: the cut-in, the meeting")
-        panels[0].plot([], [], "-", color=ORANGE, lw=1.0, label="what the Temi then sweeps before it would touch it")
+        panels[0].plot(
+            [], [], "-", color=drawing.ORANGE, lw=1.0, label="what the Temi then sweeps before it touches it"
+        )
         fig.legend(loc="outside lower center", ncols=2)
     return fig
 
@@ -354,8 +339,8 @@ def _meet(axes: Axes, episode: Episode, agent: str, index: int, then: int) -> No
         chosen = each[0] == agent
         for step in range(round(HISTORY_S / HISTORY_STEP_S), 0, -1) if chosen else ():
             past = episode.moments[max(0, index - round(step * HISTORY_STEP_S / PERIOD))].agents[k]
-            drawing.temi(axes, past[1], past[2], RADIUS, colour=ORANGE, alpha=0.5 - 0.09 * step)
-        drawing.temi(axes, each[1], each[2], RADIUS, colour=ORANGE if chosen else "#DDDDDD")
+            drawing.temi(axes, past[1], past[2], RADIUS, colour=drawing.ORANGE, alpha=0.5 - 0.09 * step)
+        drawing.temi(axes, each[1], each[2], RADIUS, colour=drawing.ORANGE if chosen else "#DDDDDD")
     drawing.robot(axes, np.array(there.pose), scene.robot.footprint, fill=False)
     axes.plot(there.pose[0], there.pose[1], "x", color="black", ms=7, mew=1.8, zorder=9)
 
@@ -369,7 +354,7 @@ def _swept(episode: Episode, crossing: int, cut: dict[str, Any]) -> Polygon:
     along = (then - at) / np.hypot(*(then - at))
     side, end = RADIUS * np.array([-along[1], along[0]]), (RADIUS + cut["gap_m"]) * along
     corners = [at + side, at + end + side, at + end - side, at - side]
-    return Polygon(corners, facecolor="none", edgecolor=ORANGE, lw=1.0, ls="-", zorder=8)
+    return Polygon(corners, facecolor="none", edgecolor=drawing.ORANGE, lw=1.0, ls="-", zorder=8)
 
 
 def _window(moments: list[Moment], agent: str) -> tuple[tuple[float, float], tuple[float, float]]:
@@ -417,8 +402,8 @@ def draw_snapshots(episode: Episode) -> Part:
         pictures = _photographs(episode, chosen)
     except (RuntimeError, TimeoutError, OSError) as error:
         return Missing(reason=f"the page could not be photographed: {error}")
-    with styled():
-        fig = figure(TWO_COLUMNS, 5.0 + TWO_COLUMNS * PICTURE_SIZE[1] / PICTURE_SIZE[0])
+    with drawing.styled():
+        fig = drawing.figure(drawing.TWO_COLUMNS, 5.0 + drawing.TWO_COLUMNS * PICTURE_SIZE[1] / PICTURE_SIZE[0])
         axes = fig.subplots(2, 2).flat
         for panel, picture, index, letter in zip(axes, pictures, chosen, "abcd", strict=False):
             panel.imshow(picture)
