@@ -14,7 +14,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import AbstractContextManager, contextmanager, suppress
 from multiprocessing import connection, resource_tracker
 from types import FrameType
 from typing import Any, ParamSpec, TypeVar
@@ -66,19 +66,25 @@ def _end(number: int, _: FrameType | None) -> None:
 
 
 @contextmanager
-def deaf() -> Iterator[None]:
+def handled(handler: Any, *signals: int) -> Iterator[None]:
+    """Within the block these signals have this handler. In another thread than the main one nothing changes."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = {number: signal.signal(number, handler) for number in signals}
+    try:
+        yield
+    finally:
+        for number, old in before.items():
+            signal.signal(number, old)
+
+
+def deaf() -> AbstractContextManager[None]:
     """Processes started in the block ignore Ctrl-C: the parent ends them itself.
 
     The parent ignores it for that moment, too; blocking the signal would not do, as joblib unblocks it.
     """
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, before)
+    return handled(signal.SIG_IGN, signal.SIGINT)
 
 
 def end_with_parent() -> None:
@@ -149,14 +155,19 @@ def stop_event(with_parent: bool) -> threading.Event:
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, handler)
     if with_parent:
-
-        def watch() -> None:
-            while os.read(0, 1024):
-                continue
-            stop.set()
-
-        threading.Thread(target=watch, name="parent", daemon=True).start()
+        at_end_of_input(stop.set)
     return stop
+
+
+def at_end_of_input(act: Callable[[], object]) -> None:
+    """Call a function, in another thread, when standard input ends: the parent closes it, or is gone."""
+
+    def watch() -> None:
+        while os.read(0, 1024):
+            continue
+        act()
+
+    threading.Thread(target=watch, name="parent", daemon=True).start()
 
 
 def leave(code: int) -> None:

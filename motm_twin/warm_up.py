@@ -9,7 +9,6 @@ import math
 import os
 import subprocess
 import sys
-import threading
 import time
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
@@ -49,6 +48,7 @@ from motm_twin.planning.in_time import fill_waits
 from motm_twin.planning.rejections import mark_free
 from motm_twin.planning.staa import run_search
 from motm_twin.planning.warm_up import warm_up_evasion, warm_up_foresight, warm_up_placement, warm_up_search
+from motm_twin.processes import at_end_of_input
 from motm_twin.sim.agent_kernels import look_about
 from motm_twin.sim.kernels import polygon_distance
 from motm_twin.sim.plant import SimulatedPlant
@@ -171,14 +171,6 @@ def _start(parts: Iterable[str]) -> subprocess.Popen[bytes]:
     }
     command = [sys.executable, "-m", "motm_twin.warm_up", *parts]
     return subprocess.Popen(command, stdin=subprocess.PIPE, env=environment, start_new_session=True)  # noqa: S603
-
-
-def _end_with_input() -> None:
-    def watch() -> None:
-        sys.stdin.read()
-        os._exit(1)
-
-    threading.Thread(target=watch, name="parent", daemon=True).start()
 
 
 def _agents() -> None:
@@ -329,7 +321,7 @@ def main() -> None:
     """Compile everything, by running the twin; with names of parts, only those."""
     parts = sys.argv[1:]
     if parts and all(part in PARTS for part in parts):
-        _end_with_input()
+        at_end_of_input(lambda: os._exit(1))
         gc.freeze()
         gc.disable()  # a seventh of the time
         for part in parts:
