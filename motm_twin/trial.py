@@ -17,6 +17,7 @@ from motm_twin.control.sequence import name_of
 from motm_twin.control.tick import Completion, Tick
 from motm_twin.measures import Measures
 from motm_twin.measures.agents import base_gap, body_of
+from motm_twin.measures.interval import finite
 from motm_twin.measures.references import reference_tour
 from motm_twin.methods.registry import FAST, find_method
 from motm_twin.model.edits import ParameterValue
@@ -114,7 +115,7 @@ def run_scene(
     tour, _ = reference_tour(scene)
     measured = measures.report()
     for leg in measured["legs"]:
-        leg["reference_m"] = _finite(float(tour[leg["index"]])) if leg["index"] < len(tour) else 0.0
+        leg["reference_m"] = finite(float(tour[leg["index"]]), 4) if leg["index"] < len(tour) else 0.0
     return {**report(twin, tick, tally, seconds, float(tour.sum())), "measures": measured}
 
 
@@ -156,9 +157,9 @@ def report(twin: Twin, tick: Tick, tally: Tally, seconds: float, tour: float) ->
         "contacts": [msgspec.to_builtins(contact) for contact in truth.contacts],
         "contacts_caused_by_robot": len(caused),
         "cut_ins": [msgspec.to_builtins(cut_in) for cut_in in truth.cut_ins],
-        "min_base_clearance_m": _finite(truth.min_base_clearance),
-        "min_arm_clearance_m": _finite(truth.min_arm_clearance),
-        "min_ee_obstacle_m": _finite(truth.min_ee_obstacle),
+        "min_base_clearance_m": finite(truth.min_base_clearance, 4),
+        "min_arm_clearance_m": finite(truth.min_arm_clearance, 4),
+        "min_ee_obstacle_m": finite(truth.min_ee_obstacle, 4),
         "path_length_m": round(tally.path_length, 3),
         "mean_closing_base_speed_mps": round(float(np.mean(tally.closing_speed)), 4) if tally.closing_speed else None,
         "encounters": tally.encounters,
@@ -195,11 +196,6 @@ def failure(twin: Twin, tick: Tick, completed: bool, caused: int, failures: tupl
 def _count(tick: Tick, kind: str) -> int:
     """Tasks of a kind in the list as it is now."""
     return sum(task.kind == kind for task in tick.tasks)
-
-
-def _finite(value: float) -> float | None:
-    """The number, or None for infinity, which JSON lacks: nothing was near."""
-    return round(value, 4) if np.isfinite(value) else None
 
 
 class Track(NamedTuple):
