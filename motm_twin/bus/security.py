@@ -11,7 +11,7 @@ import ipaddress
 import json
 import re
 import secrets
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -139,7 +139,7 @@ EVERYTHING = [*ASKING, *TOLD]
 ROLES = ("viewer", "driver", "robot", "twin")
 
 # Names by role; a robot has the name of the twin that it belongs to, a twin at a router its own.
-Named = dict[str, Sequence[str]]
+Named = Mapping[str, Sequence[str]]
 Json = dict[str, Any]
 Granted = tuple[Json, list[str]]  # a subject, and the names of its rules
 

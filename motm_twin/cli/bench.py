@@ -13,7 +13,7 @@ import tyro
 from rich.console import Console
 from rich.table import Table
 
-from motm_twin.cli.commands import BenchSettings, PaperSettings
+from motm_twin.cli.settings import BenchSettings, PaperSettings
 from motm_twin.generate.challenges import PREFIX
 from motm_twin.model.names import hint
 from motm_twin.perf import bus, growth, page, period, soak

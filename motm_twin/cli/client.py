@@ -14,7 +14,7 @@ import msgspec
 from tyro.conf import FlagCreatePairsOff, Positional, arg
 
 from motm_twin.bus import commands
-from motm_twin.cli.commands import Seed
+from motm_twin.cli.settings import Seed
 from motm_twin.methods import DEFAULT_METHOD
 from motm_twin.model.names import hint
 from motm_twin.program import BAD_INPUT, FAILED, OK, printable, write_json

@@ -13,7 +13,7 @@ import tyro
 from rich.console import Console
 from tyro.conf import Positional
 
-from motm_twin.cli.commands import Changes, ReplaySettings
+from motm_twin.cli.settings import Changes, ReplaySettings
 from motm_twin.processes import handled
 from motm_twin.program import BAD_INPUT, FAILED, OK, plain_console
 from motm_twin.sessions.session import SessionError

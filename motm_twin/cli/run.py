@@ -17,7 +17,7 @@ from rich.progress import BarColumn, Progress, TextColumn
 from rich.table import Table
 
 from motm_twin import processes
-from motm_twin.cli.commands import RunSettings
+from motm_twin.cli.settings import RunSettings
 from motm_twin.control.method import Method
 from motm_twin.control.tick import Tick
 from motm_twin.control.tuning import parameter

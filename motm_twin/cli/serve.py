@@ -18,7 +18,7 @@ from motm_twin.bus.keys import Keys
 from motm_twin.bus.library import MethodLibrary
 from motm_twin.bus.private_folder import Running, announce, client_file, forget, keep_young, note, own_credentials
 from motm_twin.bus.security import Folder
-from motm_twin.cli.commands import PageSettings, ReplaySettings, ServeSettings
+from motm_twin.cli.settings import PageSettings, ReplaySettings, ServeSettings
 from motm_twin.model.scene_file import load_scene
 from motm_twin.processes import Child, end_all, handled, setter
 from motm_twin.program import BAD_INPUT, FAILED, OK, THREADS, folder_problem, plain_console

@@ -11,7 +11,7 @@ import pytest
 
 from motm_twin.cli import bench
 from motm_twin.cli.bench import write_paper
-from motm_twin.cli.commands import PaperSettings
+from motm_twin.cli.settings import PaperSettings
 from motm_twin.methods.registry import METHODS
 from motm_twin.sessions.session import SOURCE, made_with
 from motm_twin.studies import catalogue

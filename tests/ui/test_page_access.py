@@ -18,8 +18,8 @@ from page import get, until
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 
 from motm_twin.bus import private_folder as running
-from motm_twin.cli.commands import PageSettings, ReplaySettings, ServeSettings
 from motm_twin.cli.serve import OK, _Supervisor, serve, serve_recording
+from motm_twin.cli.settings import PageSettings, ReplaySettings, ServeSettings
 from motm_twin.perf.page import rise, slopes
 from motm_twin.perf.page_reader import SMALL, Load, PageReader, alike
 from motm_twin.ui import page_server

@@ -1,7 +1,4 @@
-"""Commands of the command line, each with its options and help.
-
-Imports no part of the twin, so that the command line stays quick: what a command does is imported when it is called.
-"""
+"""Options of the commands, with their help. Imports no part of the twin, so that the command line stays quick."""
 
 import shlex
 from dataclasses import dataclass, field
@@ -11,9 +8,7 @@ from typing import Annotated, Literal
 from tyro.conf import FlagCreatePairsOff, Positional, UseAppendAction, arg
 from tyro.constructors import PrimitiveConstructorSpec
 
-from motm_twin import __version__
 from motm_twin.methods import DEFAULT_METHOD
-from motm_twin.model.scene_error import SceneError
 
 
 def _whole_number(words: list[str]) -> int:
@@ -307,98 +302,3 @@ class PaperSettings:
         run += " --retry-failed" if self.retry_failed else ""
         only = f" --only {' '.join(self.only)}" if self.only else ""
         return f"motm-twin paper{' --draw' if self.draw else run} --out {shlex.quote(str(self.out))}{only}"
-
-
-def run(settings: Annotated[RunSettings, arg(name="")]) -> int:
-    """Run a scene headless, as fast as the processor allows.
-
-    Exit code 0: the task was completed with no contact caused by the robot; 1: not; 2: bad input; 130: Ctrl-C.
-    """
-    from motm_twin.cli.run import run as run_scene
-
-    return run_scene(settings)
-
-
-def serve(settings: Annotated[ServeSettings, arg(name="")]) -> int:
-    """Serve the twin in the browser, and its state on Zenoh."""
-    from motm_twin.cli.serve import serve as serve_twin
-
-    return serve_twin(settings)
-
-
-def scene(
-    action: Positional[Literal["list", "check", "schema", "generate"]],
-    path: Annotated[Positional[str | None], arg(metavar="[SCENE]")] = None,
-    /,
-    seed: Seed = None,
-    difficulty: Annotated[float | None, arg(metavar="FLOAT")] = None,
-    output: Annotated[Path | None, arg(aliases=["-o"], metavar="FILE")] = None,
-) -> int:
-    """List the shipped scenes, check a scene file, print the JSON Schema of scene files, or make a new scene.
-
-    Args:
-        action: What to do.
-        path: For check: name or file of a scene; - reads standard input.
-        seed: For generate: the same seed and difficulty give the same file.
-        difficulty: For generate: from 0 (easy) to 1 (hard); 0.5 without it.
-        output: For generate: the new file; without it, the scene is printed.
-    """
-    from motm_twin.cli.scene import check_scene, generate_scene, list_scenes, print_schema
-
-    if action == "generate":
-        return generate_scene(seed, difficulty, output, path)
-    if (seed, difficulty, output) != (None, None, None):
-        raise SceneError(f"scene {action}: --seed, --difficulty and --output belong to scene generate")
-    if action == "list":
-        return list_scenes()
-    if action == "schema":
-        return print_schema()
-    if path is None:
-        raise SceneError("scene check: name a shipped scene or a file to check")
-    return check_scene(path)
-
-
-def bench(settings: Annotated[BenchSettings, arg(name="")]) -> int:
-    """Measure trials, the page, Zenoh or a router, as tables and JSON; or compare methods.
-
-    A group, such as exp1, measures the numbers of the README. With --methods, --trials, --changes, --backend, --address
-    or --retry-failed it runs an experiment and compares the methods in a table: exp1, exp1a, exp2, blind, one_temi,
-    ablations, grasp_delay, robustness, mismatch, quick_robot, further_scenes, generated, sweep_next_weight,
-    sweep_bezier_offset, sweep_radius_min or sweep_radius_max. Trials are kept on disk: after Ctrl-C or a crash the same
-    command resumes.
-    """
-    from motm_twin.cli.bench import run_bench
-
-    return run_bench(settings)
-
-
-def paper(settings: Annotated[PaperSettings, arg(name="")]) -> int:
-    """Run the paper's experiments and write a report to cite: figures, tables, results, one HTML file.
-
-    The default runs all methods on ten trials of Experiments 1 and 1a and on five of 2, each modification switched off
-    on ten, other values of four parameters on five, ten seeds of every error and five of late, missed and slipped
-    grasps: less than an hour on two cores. After Ctrl-C the same command resumes. Exit code 0: the report was written;
-    2: bad input; 130: stopped with Ctrl-C.
-    """
-    from motm_twin.cli.bench import write_paper
-
-    return write_paper(settings)
-
-
-def demo() -> int:
-    """Serve Experiment 2, four Temis in the robot's way, again and again. The same as `motm-twin serve exp2 --loop`."""
-    return serve(ServeSettings(scene="exp2", loop=True))
-
-
-def version() -> int:
-    """Print the version."""
-    print(f"motm-twin {__version__}")
-    return 0
-
-
-def warm_up() -> int:
-    """Compile the numeric kernels, once per installation: later starts take seconds."""
-    from motm_twin.warm_up import main
-
-    main()
-    return 0
