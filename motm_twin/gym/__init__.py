@@ -3,8 +3,8 @@
 Needs the extra `[gym]`. docs/gym.md has the actions, the observations and the reward.
 """
 
-from motm_twin.gym.env import Expert, MotmEnv, RewardWeights
-from motm_twin.gym.observation import gymnasium
+from motm_twin.gym.env import MotmEnv, RewardWeights
+from motm_twin.gym.observation import Expert, gymnasium
 
 __all__ = ["ENVIRONMENTS", "Expert", "MotmEnv", "RewardWeights"]
 
