@@ -5,10 +5,9 @@ from importlib.util import find_spec
 
 import msgspec
 
-from motm_twin.model.physics import Physics
+from motm_twin.model.names import SceneError
 from motm_twin.model.rvo import require_pyrvo
-from motm_twin.model.scene import Faults, Scene
-from motm_twin.model.scene_error import SceneError
+from motm_twin.model.scene import Faults, Physics, Scene
 from motm_twin.sim.plant import SimulatedPlant
 
 MUJOCO = "mujoco"

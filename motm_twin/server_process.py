@@ -20,8 +20,8 @@ from motm_twin.bus.processes import Reporter, leave, stop_event
 from motm_twin.bus.server import RobotChoice, TwinServer
 from motm_twin.external.robot_link import RobotLink
 from motm_twin.methods import DEFAULT_METHOD
+from motm_twin.model.names import SceneError
 from motm_twin.model.scene import Scene
-from motm_twin.model.scene_error import SceneError
 from motm_twin.planning.types import SearchBudget
 from motm_twin.program import BAD_INPUT, freeze_setup, share_arenas
 

@@ -4,8 +4,7 @@ import msgspec
 import pytest
 
 import motm_twin
-from motm_twin.model.names import MethodError
-from motm_twin.model.scene_error import SceneError
+from motm_twin.model.names import MethodError, SceneError
 from motm_twin.trial import run_scene
 
 

@@ -19,7 +19,7 @@ from motm_twin.bus.pacing import Pacer, RealTime
 from motm_twin.bus.queries import Idle, Reply
 from motm_twin.completion import SETTLE_PERIODS
 from motm_twin.model.bounds import SEED
-from motm_twin.model.period import PERIOD
+from motm_twin.model.plant import PERIOD
 from motm_twin.model.scene import DriveTo, Scene
 from motm_twin.sessions.session import LoggedEdit
 

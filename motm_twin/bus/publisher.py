@@ -24,8 +24,7 @@ from motm_twin.bus.keys import Keys
 from motm_twin.bus.messages import METRICS_VERSION, MetricsMessage, SceneInfo, ScoreMessage, StatusMessage, TickMessage
 from motm_twin.bus.queries import Idle, LatestValues
 from motm_twin.control.tick import Tick
-from motm_twin.model.period import PERIOD
-from motm_twin.model.plant import Observation
+from motm_twin.model.plant import PERIOD, Observation
 from motm_twin.model.profile import RobotProfile
 from motm_twin.model.scene import Scene
 from motm_twin.perception.world_map import WorldMap

@@ -10,8 +10,7 @@ from motm_twin import __version__
 from motm_twin.bus.connection import ConfigError
 from motm_twin.cli.commands import COMMANDS
 from motm_twin.cli.outputs import kernel_problem
-from motm_twin.model.names import MethodError, hint
-from motm_twin.model.scene_error import SceneError
+from motm_twin.model.names import MethodError, SceneError, hint
 from motm_twin.program import BAD_INPUT, FAILED, INTERRUPTED, OK, plain_console
 from motm_twin.sessions.session import SessionError
 

@@ -16,7 +16,7 @@ from motm_twin.cli.robot import robot
 from motm_twin.cli.security import security
 from motm_twin.cli.settings import RunSettings, Seed, ServeSettings
 from motm_twin.interrupts import interruptible
-from motm_twin.model.scene_error import SceneError
+from motm_twin.model.names import SceneError
 from motm_twin.studies.settings import BenchSettings
 
 

@@ -86,7 +86,7 @@ def _packages() -> Iterator[Answer]:
 
 
 def _models() -> Iterator[Answer]:
-    from motm_twin.model.data_dirs import web_assets_dir
+    from motm_twin.model.assets import web_assets_dir
     from motm_twin.model.scene_file import list_scenes
 
     model = web_assets_dir() / "frankie.urdf"

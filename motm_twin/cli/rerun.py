@@ -14,7 +14,7 @@ from motm_twin.cli.outputs import refuse_unwritable, write_json
 from motm_twin.control.method import Method
 from motm_twin.methods.registry import find_method
 from motm_twin.model.names import scene_name
-from motm_twin.model.period import PERIOD, PERIODS_PER_SECOND
+from motm_twin.model.plant import PERIOD, PERIODS_PER_SECOND
 from motm_twin.program import FAILED, OK, plain_console, table_console
 from motm_twin.record.recording import load_recording
 from motm_twin.record.replay import Rerun, RunReport, rerun, rerun_run, updated

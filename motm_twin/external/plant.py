@@ -11,8 +11,8 @@ from motm_twin.external.messages import NAMES, detection_of, scan_of, truth_of
 from motm_twin.external.robot_link import RESET_ANSWER, ClockOffset, Lead, Obedience, RobotLink
 from motm_twin.model.edits import WorldEdit
 from motm_twin.model.geometry import Array, compose, inverse
-from motm_twin.model.joint_limits import DQ_MAX
 from motm_twin.model.plant import Actuation, Detection, Observation, Scan, Truth
+from motm_twin.model.profile import DQ_MAX
 from motm_twin.model.scene import PlanarPose, Scene, Task
 
 

@@ -13,7 +13,7 @@ from collections.abc import Callable
 import numpy as np
 
 from motm_twin.model.bounds import SEED
-from motm_twin.model.scene_error import SceneError
+from motm_twin.model.names import SceneError
 from motm_twin.model.scene_format import FORMAT
 
 PEOPLE, RADIUS, SPEED = 5, 0.3, 1.0  # [m], [m/s]

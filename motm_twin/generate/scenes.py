@@ -14,7 +14,7 @@ from shapely.geometry import Point
 from motm_twin.generate.layout import FLOOR, RIM, Layout, Place, Unfit, attempt, serviceable
 from motm_twin.generate.pieces import Dial, dial
 from motm_twin.model.bounds import SEED
-from motm_twin.model.scene_error import SceneError
+from motm_twin.model.names import SceneError
 from motm_twin.model.scene_format import FORMAT
 
 PREFIX = "generated:"

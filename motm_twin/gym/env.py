@@ -14,12 +14,10 @@ from motm_twin.gym.actions import ArmAction, BaseAction, agent_method
 from motm_twin.gym.observation import AgentView, ObservationReader, Observed, gymnasium, spaces, view_of
 from motm_twin.gym.picture import TopView
 from motm_twin.methods.registry import find_method
-from motm_twin.model.joint_limits import DQ_MAX
 from motm_twin.model.plant import Truth
-from motm_twin.model.profile import BaseLimits
+from motm_twin.model.profile import DQ_MAX, BaseLimits
 from motm_twin.model.scene import Scene
-from motm_twin.model.scene_file import load_scene
-from motm_twin.model.scene_load import load_document
+from motm_twin.model.scene_file import load_document, load_scene
 from motm_twin.twin import Twin
 
 

@@ -16,8 +16,8 @@ from motm_twin.gym.env import MotmEnv
 from motm_twin.gym.observation import AgentView
 from motm_twin.methods.registry import find_method
 from motm_twin.model.geometry import Array, from_frame
-from motm_twin.model.joint_limits import DQ_MAX
-from motm_twin.model.period import PERIOD
+from motm_twin.model.plant import PERIOD
+from motm_twin.model.profile import DQ_MAX
 from motm_twin.planning.types import BasePlan, SearchBudget
 
 

@@ -1,15 +1,43 @@
-"""Shipped meshes by name: what to draw, what to draw as a ghost, what the referee takes as solid."""
+"""Folders of shipped assets and scenes, and the meshes by name: what to draw, what to draw as a ghost, what is solid.
+
+The folders are beside the package in a checkout, and inside it when it is installed from a wheel.
+"""
 
 import functools
 from pathlib import Path
 
 import numpy as np
-import trimesh
 from numpy.typing import NDArray
 
-from motm_twin.model.data_dirs import web_assets_dir
 from motm_twin.model.geometry import Array
-from motm_twin.model.kinematics import LINKS
+
+_PACKAGE = Path(__file__).resolve().parent.parent
+
+
+def _shipped(name: str) -> Path:
+    for folder in (_PACKAGE / name, _PACKAGE.parent / name):
+        if folder.is_dir():
+            return folder
+    raise FileNotFoundError(f"{name}/ is neither in {_PACKAGE} nor beside it: reinstall motm_twin")
+
+
+def web_assets_dir() -> Path:
+    """Folder of URDF, meshes and licences."""
+    return _shipped("web_assets")
+
+
+def scenes_dir() -> Path:
+    """Folder of the shipped scenes."""
+    return _shipped("scenes")
+
+
+LINKS = (
+    "base_link",
+    *(f"panda_link{i}" for i in range(8)),
+    "panda_hand",
+    "panda_leftfinger",
+    "panda_rightfinger",
+)  # everything with a shape, in the order of `Frankie.link_transforms`
 
 Faces = NDArray[np.uint32]
 
@@ -64,6 +92,8 @@ def finger_boxes(link: str) -> tuple[tuple[Array, Array], ...]:
 
 
 def _shape(path: Path) -> tuple[Array, Faces]:
+    import trimesh
+
     mesh = trimesh.load(path, force="mesh")
     if not isinstance(mesh, trimesh.Trimesh) or mesh.is_empty:
         raise ValueError(f"{path.name} holds no mesh: make it again with tools/make_assets.py")

@@ -12,18 +12,10 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from motm_twin.model.arm_kernels import HAND, fk_arm, placed_frames
-from motm_twin.model.data_dirs import web_assets_dir
+from motm_twin.model.assets import LINKS, web_assets_dir
 from motm_twin.model.exact import times
 from motm_twin.model.geometry import Array
 from motm_twin.model.profile import ArmSpec, RobotProfile
-
-LINKS = (
-    "base_link",
-    *(f"panda_link{i}" for i in range(8)),
-    "panda_hand",
-    "panda_leftfinger",
-    "panda_rightfinger",
-)  # everything with a shape, in the order of `Frankie.link_transforms`
 
 _FINGER_Z = 0.0584  # [m] finger frames beyond the hand
 _COLUMNS = (0, *range(2, 10))  # of the planar model's velocity: forward, yaw, seven joints; sideways dropped

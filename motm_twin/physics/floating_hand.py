@@ -9,8 +9,8 @@ import numpy as np
 
 from motm_twin.model.arm_kernels import ARM_FRAMES, HAND, HAND_LENGTH, TCP
 from motm_twin.model.geometry import Array
-from motm_twin.model.physics import Physics
 from motm_twin.model.profile import Gripper as GripperSpec
+from motm_twin.model.scene import Physics
 from motm_twin.physics.contacts import FELT
 from motm_twin.physics.gripping import STANDS, Fingers
 from motm_twin.physics.robot_model import FLOOR, SOLID, add_fingers, text

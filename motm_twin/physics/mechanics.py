@@ -13,13 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from motm_twin.model.arm_kernels import ARM_FRAMES, FLANGE, HAND, HAND_LENGTH, TCP
+from motm_twin.model.assets import LINKS
 from motm_twin.model.exact import norm
 from motm_twin.model.geometry import Array, wrap_angle
-from motm_twin.model.joint_limits import Q_MAX, Q_MIN
-from motm_twin.model.kinematics import LINKS
-from motm_twin.model.physics import REFLEXES
 from motm_twin.model.plant import Contact, PhysicsTruth
-from motm_twin.model.scene import Scene
+from motm_twin.model.profile import Q_MAX, Q_MIN
+from motm_twin.model.scene import REFLEXES, Scene
 from motm_twin.physics.contacts import Contacts, disagreements, force_of
 from motm_twin.physics.gripping import Fingers
 from motm_twin.physics.reflex import ArmAlone, note_reflexes

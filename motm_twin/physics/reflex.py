@@ -11,8 +11,8 @@ import mujoco
 import numpy as np
 
 from motm_twin.model.geometry import Array
-from motm_twin.model.physics import REFLEXES, Physics
 from motm_twin.model.profile import RobotProfile
+from motm_twin.model.scene import REFLEXES, Physics
 from motm_twin.physics.robot_model import add_arm_alone
 from motm_twin.physics.state import PhysicsState
 

@@ -8,10 +8,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from motm_twin.model.assets import COLLISION, finger_boxes
-from motm_twin.model.data_dirs import web_assets_dir
-from motm_twin.model.physics import Physics
+from motm_twin.model.assets import COLLISION, finger_boxes, web_assets_dir
 from motm_twin.model.profile import RobotProfile
+from motm_twin.model.scene import Physics
 
 WHEEL_RADIUS = 0.10  # [m] of the drive wheels of an Omron LD-60, which are about 200 mm across
 TRACK_SHARE = 0.84  # of the width of the footprint that is between the wheels

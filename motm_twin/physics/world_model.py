@@ -13,8 +13,7 @@ import mujoco
 import numpy as np
 
 from motm_twin.model.geometry import Array
-from motm_twin.model.physics import Physics
-from motm_twin.model.scene import Bump, Scene
+from motm_twin.model.scene import Bump, Physics, Scene
 from motm_twin.physics.robot_model import AGENT, CUBE, FLOOR, ROBOT, SOLID, add_robot, section, text
 from motm_twin.sim.agents import AgentState
 from motm_twin.sim.objects import ObjectState

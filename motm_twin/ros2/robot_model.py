@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from scipy.spatial.transform import Rotation
 
-from motm_twin.model.data_dirs import web_assets_dir
+from motm_twin.model.assets import web_assets_dir
 from motm_twin.model.profile import RobotProfile
 
 BASE, HAND = "base_link", "panda_hand"

@@ -10,9 +10,8 @@ import numpy as np
 from motm_twin.model.compiler import njit
 from motm_twin.model.exact import norm
 from motm_twin.model.geometry import Array
-from motm_twin.model.joint_limits import DDQ_MAX, DQ_MAX, Q_MAX, Q_MIN
 from motm_twin.model.motion import drive, lag_share
-from motm_twin.model.profile import BaseLimits
+from motm_twin.model.profile import DDQ_MAX, DQ_MAX, Q_MAX, Q_MIN, BaseLimits
 from motm_twin.model.scene import Mismatch, Noise, Scene
 
 

@@ -11,11 +11,10 @@ from dataclasses import dataclass
 import msgspec
 
 from motm_twin.model.edits import AddObstacle
-from motm_twin.model.furniture import Piece, moved_bin, moved_solid, pieces, rigid
 from motm_twin.model.geometry import Array
 from motm_twin.model.plant import BodyTruth
 from motm_twin.model.scene import Bin, Box, Cylinder, PlanarPose, Scene, Solid
-from motm_twin.model.scene_shapes import outline
+from motm_twin.model.scene_shapes import Piece, moved_bin, moved_solid, outline, pieces, rigid
 from motm_twin.sim.solids import Parts, Solids, fixed_parts, with_obstacles
 
 STILL = 1e-4  # [m] of jitter within which a hand-held body counts as still

@@ -14,9 +14,8 @@ import numpy as np
 from motm_twin.model.arm_kernels import HAND, TCP, fk_arm, placed_frames
 from motm_twin.model.edits import WorldEdit
 from motm_twin.model.geometry import Array
-from motm_twin.model.joint_limits import READY
 from motm_twin.model.plant import Actuation, Observation, Truth
-from motm_twin.model.profile import ArmSpec
+from motm_twin.model.profile import READY, ArmSpec
 from motm_twin.model.scene import PlanarPose, Point, Scene, Task
 from motm_twin.model.state import Stateful
 from motm_twin.sim.actuators import ArmState, BaseState, ControlErrors, drives

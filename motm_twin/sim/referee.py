@@ -14,9 +14,8 @@ from numpy.typing import NDArray
 from motm_twin.model.compiler import njit
 from motm_twin.model.exact import dot
 from motm_twin.model.geometry import Array
-from motm_twin.model.joint_limits import DDQ_MAX, DQ_MAX, Q_MAX, Q_MIN
 from motm_twin.model.plant import Contact
-from motm_twin.model.profile import RobotProfile
+from motm_twin.model.profile import DDQ_MAX, DQ_MAX, Q_MAX, Q_MIN, RobotProfile
 from motm_twin.model.scene import PlanarPose, Scene, Task
 from motm_twin.sim.cube_contacts import FINGERS, CubePairs, Shove, array_of, between_pads, poses_of, shoved, stands_on
 from motm_twin.sim.cut_in import LOOKS, StoppingAreas

@@ -10,8 +10,8 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from motm_twin.model.assets import web_assets_dir
 from motm_twin.model.compiler import njit
-from motm_twin.model.data_dirs import web_assets_dir
 from motm_twin.model.exact import product
 from motm_twin.model.geometry import Array, about_z
 from motm_twin.model.profile import Footprint, RobotProfile

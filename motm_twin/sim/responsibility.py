@@ -17,8 +17,7 @@ import numpy as np
 
 from motm_twin.model.exact import dot, norm, product, times
 from motm_twin.model.geometry import Array, about_z, compose, inverse
-from motm_twin.model.joint_limits import DDQ_MAX
-from motm_twin.model.profile import BaseLimits
+from motm_twin.model.profile import DDQ_MAX, BaseLimits
 from motm_twin.model.scene import PlanarPose
 
 PERSON = 0.5  # [s] after a person moved a body or the robot within which a new contact may be their doing

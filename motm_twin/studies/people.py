@@ -17,8 +17,7 @@ from motm_twin.control.tick import Tick
 from motm_twin.methods.registry import FAST, find_method
 from motm_twin.model.geometry import Array
 from motm_twin.model.names import hint
-from motm_twin.model.period import PERIOD
-from motm_twin.model.plant import Truth
+from motm_twin.model.plant import PERIOD, Truth
 from motm_twin.model.scene import Scene
 from motm_twin.perf.report import Sheet, load_average, machine, number, write_report
 from motm_twin.plants import make_plant, require_people

@@ -4,8 +4,7 @@ from sim_scenes import scene
 
 from motm_twin.bus.plant_messages import VERSION, ResetRequest
 from motm_twin.external.robot import ReferenceRobot
-from motm_twin.model.physics import Physics
-from motm_twin.model.scene import Faults
+from motm_twin.model.scene import Faults, Physics
 
 
 def test_a_robot_with_contact_dynamics_keeps_them_in_the_scene_of_its_twin():

@@ -7,8 +7,7 @@ from sim_hands import DOWN, ROBOT, act, move, over_a_cube, tcp
 from sim_scenes import box, experiment, scene
 
 from motm_twin.model.geometry import rectangle
-from motm_twin.model.joint_limits import READY
-from motm_twin.model.profile import Footprint, RobotProfile
+from motm_twin.model.profile import READY, Footprint, RobotProfile
 from motm_twin.model.scene import Agent, Bin, Cylinder, Prism, Solid
 from motm_twin.sim.plant import SimulatedPlant
 

@@ -8,7 +8,7 @@ from PIL import Image
 
 from motm_twin.bus.client import TwinClient
 from motm_twin.bus.commands import STEPS, Pause, Reset, Step
-from motm_twin.model.period import PERIOD
+from motm_twin.model.plant import PERIOD
 from motm_twin.perf.page_reader import browser
 from motm_twin.perf.processes import act, now, served, wait_for
 from motm_twin.sessions.session import SOURCE, made_with

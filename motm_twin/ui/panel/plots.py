@@ -14,9 +14,8 @@ from motm_twin.bus.messages import TickMessage
 from motm_twin.control.arm.parameters import AvoidanceParameters
 from motm_twin.model.edits import ParameterValue
 from motm_twin.model.geometry import Array
-from motm_twin.model.joint_limits import DQ_MAX
-from motm_twin.model.physics import REFLEXES
-from motm_twin.model.profile import BaseLimits
+from motm_twin.model.profile import DQ_MAX, BaseLimits
+from motm_twin.model.scene import REFLEXES
 from motm_twin.ui.history import Sample
 from motm_twin.ui.hub import Hub, Shown, Visitor
 from motm_twin.ui.panel.score import BUDGET
