@@ -4,12 +4,14 @@ The folders are beside the package in a checkout, and inside it when it is insta
 """
 
 import functools
+import xml.etree.ElementTree as ET
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from motm_twin.model.geometry import Array
+from motm_twin.model.profile import RobotProfile
 
 _PACKAGE = Path(__file__).resolve().parent.parent
 
@@ -29,6 +31,21 @@ def web_assets_dir() -> Path:
 def scenes_dir() -> Path:
     """Folder of the shipped scenes."""
     return _shipped("scenes")
+
+
+def robot_urdf(profile: RobotProfile) -> ET.Element:
+    """``frankie.urdf`` with the arm where the profile mounts it, and the profile's footprint as base body."""
+    robot = ET.parse(web_assets_dir() / "frankie.urdf").getroot()  # noqa: S314 - our own file, not from outside
+    mount = robot.find("joint[@name='arm_mount']/origin")
+    body = robot.find("link[@name='base_link']/collision/origin")
+    box = robot.find("link[@name='base_link']/collision/geometry/box")
+    if mount is None or body is None or box is None:
+        raise ValueError("frankie.urdf lacks the joint arm_mount or the collision box of base_link: restore the file")
+    arm, foot = profile.arm, profile.footprint
+    mount.set("xyz", f"{arm.mount_x!r} {arm.mount_y!r} {arm.mount_z!r}")
+    body.set("xyz", f"{foot.offset_x!r} 0 {0.5 * foot.height!r}")
+    box.set("size", f"{foot.length!r} {foot.width!r} {foot.height!r}")
+    return robot
 
 
 LINKS = (

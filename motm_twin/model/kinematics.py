@@ -12,10 +12,10 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from motm_twin.model.arm_kernels import HAND, fk_arm, placed_frames
-from motm_twin.model.assets import LINKS, web_assets_dir
+from motm_twin.model.assets import LINKS, robot_urdf
 from motm_twin.model.exact import times
 from motm_twin.model.geometry import Array
-from motm_twin.model.profile import ArmSpec, RobotProfile
+from motm_twin.model.profile import RobotProfile
 
 _FINGER_Z = 0.0584  # [m] finger frames beyond the hand
 _COLUMNS = (0, *range(2, 10))  # of the planar model's velocity: forward, yaw, seven joints; sideways dropped
@@ -27,7 +27,7 @@ class Frankie:
     def __init__(self, profile: RobotProfile) -> None:
         """Kinematics for one profile; only its arm mount matters here."""
         self.profile = profile
-        self.model = _model(profile.arm)
+        self.model = _model(profile)
         self.mount = np.array([profile.arm.mount_x, profile.arm.mount_y, profile.arm.mount_z])
         self._data = self.model.createData()
         self._hand = self.model.getFrameId("panda_hand")
@@ -91,14 +91,9 @@ class Frankie:
 
 
 @functools.cache
-def _model(arm: ArmSpec) -> pin.Model:
+def _model(profile: RobotProfile) -> pin.Model:
     """The planar model with locked fingers, its arm mounted where the profile says."""
-    robot = ET.parse(web_assets_dir() / "frankie.urdf").getroot()  # noqa: S314 - our own file, not from outside
-    origin = robot.find("joint[@name='arm_mount']/origin")
-    if origin is None:
-        raise ValueError("frankie.urdf has no joint arm_mount with an origin: restore the file")
-    origin.set("xyz", f"{arm.mount_x!r} {arm.mount_y!r} {arm.mount_z!r}")
-    full = pin.buildModelFromXML(ET.tostring(robot, encoding="unicode"), pin.JointModelPlanar())
+    full = pin.buildModelFromXML(ET.tostring(robot_urdf(profile), encoding="unicode"), pin.JointModelPlanar())
     fingers = [full.getJointId(f"panda_finger_joint{i}") for i in (1, 2)]
     return pin.buildReducedModel(full, fingers, pin.neutral(full))
 
