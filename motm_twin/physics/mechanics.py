@@ -25,15 +25,13 @@ from motm_twin.physics.reflex import ArmAlone, note_reflexes
 from motm_twin.physics.robot_model import DAMPING, STIFFNESS, WHEEL_GAIN, WHEEL_RADIUS, base_inertia, track
 from motm_twin.physics.state import Grasp, PhysicsState
 from motm_twin.physics.world_model import TIMESTEP, Kind, compile_model, kind_of, standing
-from motm_twin.sim.actuators import ArmState, BaseState, drives
 from motm_twin.sim.cube_contacts import between_pads
 from motm_twin.sim.grasp import near
-from motm_twin.sim.layout import Scenery
-from motm_twin.sim.mechanics import NO_SLIDES, Moved, Surroundings, Told
+from motm_twin.sim.mechanics import NO_SLIDES, Moved, Surroundings, Told, drives
 from motm_twin.sim.objects import FLOOR_LEVEL, ObjectState, over
-from motm_twin.sim.plant_state import PlantState
+from motm_twin.sim.plant_state import ArmState, BaseState, PlantState
 from motm_twin.sim.referee import SUPPORT_CLEAR
-from motm_twin.sim.solids import Solids
+from motm_twin.sim.solids import Scenery, Solids
 
 SUBSTEP = 0.01  # [s]
 _STEPS = round(SUBSTEP / TIMESTEP)

@@ -6,7 +6,7 @@ import numpy as np
 
 from motm_twin.model.geometry import Array
 from motm_twin.model.plant import ContactForce, GraspTruth
-from motm_twin.sim.actuators import ArmState, BaseState
+from motm_twin.sim.plant_state import ArmState, BaseState
 
 
 @dataclass

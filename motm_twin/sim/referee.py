@@ -18,7 +18,6 @@ from motm_twin.model.plant import Contact
 from motm_twin.model.profile import DDQ_MAX, DQ_MAX, Q_MAX, Q_MIN, RobotProfile
 from motm_twin.model.scene import PlanarPose, Scene, Task
 from motm_twin.sim.cube_contacts import FINGERS, CubePairs, Shove, array_of, between_pads, poses_of, shoved, stands_on
-from motm_twin.sim.cut_in import LOOKS, StoppingAreas
 from motm_twin.sim.kernels import clearance
 from motm_twin.sim.objects import ObjectState, right_bins
 from motm_twin.sim.referee_geometry import (
@@ -32,12 +31,14 @@ from motm_twin.sim.referee_geometry import (
 )
 from motm_twin.sim.referee_state import Counts, PlantCheckState, RefereeState, World, contact_of, take_ended
 from motm_twin.sim.responsibility import (
+    LOOKS,
     NO_TRAIL,
     TOUCH,
     UNMOVED,
     Gauge,
     Placed,
     Shift,
+    StoppingAreas,
     appeared,
     followed,
     remembered,

@@ -11,9 +11,8 @@ from motm_twin.model.plant import Contact, CutIn
 from motm_twin.model.state import LATER
 from motm_twin.sim.agents import AgentState
 from motm_twin.sim.cube_contacts import Pose
-from motm_twin.sim.cut_in import InWay
 from motm_twin.sim.objects import ObjectState
-from motm_twin.sim.responsibility import NO_TRAIL, UNMOVED, Motion
+from motm_twin.sim.responsibility import NO_TRAIL, UNMOVED, InWay, Motion
 from motm_twin.sim.solids import Solids
 
 EPISODE_END = 0.1  # [s] apart after which a contact episode has ended

@@ -8,7 +8,6 @@ from motm_twin.model.exact import dot, norm, times, transposed_times
 from motm_twin.model.geometry import Array
 from motm_twin.model.profile import BaseLimits
 from motm_twin.sim.cube_contacts import Meeting
-from motm_twin.sim.cut_in import cuts_in
 from motm_twin.sim.referee_geometry import HELD, RobotShapes
 from motm_twin.sim.referee_state import Episode, RefereeState, World
 from motm_twin.sim.responsibility import (
@@ -22,6 +21,7 @@ from motm_twin.sim.responsibility import (
     Touch,
     braking_time,
     carried_along,
+    cuts_in,
     persons_doing,
     still_persons_doing,
 )

@@ -13,7 +13,8 @@ from motm_twin.model.plant import Actuation, Observation, Scan
 from motm_twin.model.profile import DQ_MAX, RobotProfile
 from motm_twin.perception.floor import FRESH, STALE, UNSEEN, Floor
 from motm_twin.perception.world_map import WorldMap
-from motm_twin.sim.actuators import Base, BaseState
+from motm_twin.sim.mechanics import Base
+from motm_twin.sim.plant_state import BaseState
 from motm_twin.sim.responsibility import MOVES
 
 DT = 0.01
