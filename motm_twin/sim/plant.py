@@ -29,9 +29,9 @@ from motm_twin.sim.mechanics import NO_SLIDES, ControlErrors, Kinematics, Mechan
 from motm_twin.sim.objects import ObjectWorld, start_objects
 from motm_twin.sim.plant_state import ArmState, BaseState, PlantState, truth_of
 from motm_twin.sim.referee import Referee
-from motm_twin.sim.referee_state import NOT_JUDGED, World
 from motm_twin.sim.sensors import Camera, CameraState, Lidar, LidarState, Localisation
 from motm_twin.sim.solids import Furnishings, Layout, Scenery, build_scenery
+from motm_twin.sim.verdict import NOT_JUDGED, World
 from motm_twin.sim.world_edits import Effects, Rehearsal, check_edit
 
 SUBSTEP = 0.01  # [s]

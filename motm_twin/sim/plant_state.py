@@ -15,9 +15,9 @@ from motm_twin.sim.faults import FaultState, phrases
 from motm_twin.sim.gripper import GripperState
 from motm_twin.sim.objects import ObjectState
 from motm_twin.sim.referee import Referee
-from motm_twin.sim.referee_state import RefereeState
 from motm_twin.sim.sensors import CameraState, LidarState, LocalisationState
 from motm_twin.sim.solids import Furnishings, Layout, obstacle_disc
+from motm_twin.sim.verdict import RefereeState
 
 
 @dataclass

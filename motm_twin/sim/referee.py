@@ -29,7 +29,6 @@ from motm_twin.sim.referee_geometry import (
     update_gaps,
     update_self_gaps,
 )
-from motm_twin.sim.referee_state import Counts, PlantCheckState, RefereeState, World, contact_of, take_ended
 from motm_twin.sim.responsibility import (
     LOOKS,
     NO_TRAIL,
@@ -45,7 +44,16 @@ from motm_twin.sim.responsibility import (
     shifted,
     stopping_time,
 )
-from motm_twin.sim.verdict import Encounter, Verdicts
+from motm_twin.sim.verdict import (
+    Counts,
+    Encounter,
+    PlantCheckState,
+    RefereeState,
+    Verdicts,
+    World,
+    contact_of,
+    take_ended,
+)
 
 SLACK = 1e-6  # by which a limit may be exceeded
 OBJECT_JUMP = 0.08  # [m] per axis and substep that only a teleported object moves
