@@ -19,12 +19,21 @@ from motm_twin.model.geometry import Array, wrap_angle
 from motm_twin.model.plant import Contact, PhysicsTruth
 from motm_twin.model.profile import Q_MAX, Q_MIN
 from motm_twin.model.scene import REFLEXES, Scene
-from motm_twin.physics.contacts import Contacts, disagreements, force_of
+from motm_twin.physics.forces import ArmAlone, Contacts, Grasp, PhysicsState, disagreements, force_of, note_reflexes
 from motm_twin.physics.gripping import Fingers
-from motm_twin.physics.reflex import ArmAlone, note_reflexes
-from motm_twin.physics.robot_model import DAMPING, STIFFNESS, WHEEL_GAIN, WHEEL_RADIUS, base_inertia, track
-from motm_twin.physics.state import Grasp, PhysicsState
-from motm_twin.physics.world_model import TIMESTEP, Kind, compile_model, kind_of, standing
+from motm_twin.physics.mjcf import (
+    DAMPING,
+    STIFFNESS,
+    TIMESTEP,
+    WHEEL_GAIN,
+    WHEEL_RADIUS,
+    Kind,
+    base_inertia,
+    compile_model,
+    kind_of,
+    standing,
+    track,
+)
 from motm_twin.sim.cube_contacts import between_pads
 from motm_twin.sim.grasp import near
 from motm_twin.sim.mechanics import NO_SLIDES, Moved, Surroundings, Told, drives
