@@ -11,9 +11,8 @@ from typing import TYPE_CHECKING
 import msgspec
 
 from motm_twin.bus.commands import Load
-from motm_twin.bus.connection import PortTaken, open_member
+from motm_twin.bus.connection import DEFAULT_PORT, DEFAULT_TWIN, PortTaken, open_member
 from motm_twin.bus.data_folder import DEFAULT_FOLDER
-from motm_twin.bus.keys import DEFAULT_PORT, DEFAULT_TWIN
 from motm_twin.bus.library import FileLibrary, MethodLibrary, TwinSetup
 from motm_twin.bus.pacing import refusal
 from motm_twin.bus.processes import Reporter, leave, stop_event

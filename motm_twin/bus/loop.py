@@ -10,8 +10,8 @@ from contextlib import suppress
 import msgspec
 
 from motm_twin.bus import commands
+from motm_twin.bus.commands import Holds, Wheel
 from motm_twin.bus.data_folder import DataFolder
-from motm_twin.bus.driver import Holds, Wheel
 from motm_twin.bus.library import MethodLibrary, SceneSource, TwinSetup
 from motm_twin.bus.live import LiveTwin, SessionDesk, SessionReply, Sink
 from motm_twin.bus.messages import STATUS_VERSION, StatusMessage

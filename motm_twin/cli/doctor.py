@@ -12,8 +12,7 @@ from enum import StrEnum
 from typing import NamedTuple
 
 from motm_twin import __version__
-from motm_twin.bus.connection import LOOPBACK, require_free_port
-from motm_twin.bus.keys import DEFAULT_PORT
+from motm_twin.bus.connection import DEFAULT_PORT, LOOPBACK, require_free_port
 from motm_twin.cli.outputs import kernel_problem
 from motm_twin.program import FAILED, OK, table_console
 

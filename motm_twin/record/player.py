@@ -16,7 +16,7 @@ from pathlib import Path
 import msgspec
 
 from motm_twin.bus import commands
-from motm_twin.bus.driver import Wheel
+from motm_twin.bus.commands import Wheel
 from motm_twin.bus.library import MethodLibrary
 from motm_twin.bus.messages import STATUS_VERSION, MethodChoice, SceneChoice, StatusMessage
 from motm_twin.methods import UNNAMED_METHOD

@@ -10,8 +10,7 @@ from running import Running
 from waiting import until
 
 from motm_twin.bus import loop
-from motm_twin.bus.commands import Audience, Drive, Pause, Play, Refused, Reset, TakeWheel
-from motm_twin.bus.driver import SILENCE, Lease
+from motm_twin.bus.commands import SILENCE, Audience, Drive, Lease, Pause, Play, Refused, Reset, TakeWheel
 
 SENDERS = ("ann", "bob", "cid")
 

@@ -10,8 +10,7 @@ import zenoh
 from meeting import STATE, driven, running_robot
 from waiting import until
 
-from motm_twin.bus.connection import open_member
-from motm_twin.bus.keys import PlantKeys
+from motm_twin.bus.connection import PlantKeys, open_member
 from motm_twin.bus.plant_messages import VERSION, ClockGrant, RobotCommand
 from motm_twin.external.plant import ZenohPlant
 from motm_twin.external.robot import LinkSpec
