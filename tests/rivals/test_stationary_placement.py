@@ -16,8 +16,17 @@ from motm_twin.planning.collision import body_of, clearances, field_of
 from motm_twin.planning.global_path import GraphCache
 from motm_twin.planning.parameters import PlanningParameters
 from motm_twin.planning.types import BaseProblem, Placement, SearchBudget, Target
-from motm_twin.rivals.parking import DRIVING, PARKED, STOPPING, ParkingController
-from motm_twin.rivals.stationary import ALL_TERMS, FIXED_TERMS, GREEDY_TERMS, IRM, MANIPULABILITY
+from motm_twin.rivals.stationary import (
+    ALL_TERMS,
+    DRIVING,
+    FIXED_TERMS,
+    GREEDY_TERMS,
+    IRM,
+    MANIPULABILITY,
+    PARKED,
+    STOPPING,
+    ParkingController,
+)
 from motm_twin.rivals.stationary_placement import FixedPoses, StationaryPlacement, Terms
 from motm_twin.twin import Twin
 
