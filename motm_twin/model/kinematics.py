@@ -30,17 +30,14 @@ class Frankie:
         self.model = _model(profile)
         self.mount = np.array([profile.arm.mount_x, profile.arm.mount_y, profile.arm.mount_z])
         self._data = self.model.createData()
-        self._hand = self.model.getFrameId("panda_hand")
         self._tcp = self.model.getFrameId("panda_tcp")
         self._configuration = np.zeros(self.model.nq)
 
     def tcp_pose(self, pose: Array, q: Array) -> tuple[Array, Array]:
         """Position [m] shape (3,) and rotation shape (3, 3) of the tool centre point."""
-        return self._frame_pose(pose, q, self._tcp)
-
-    def hand_pose(self, pose: Array, q: Array) -> tuple[Array, Array]:
-        """Position [m] shape (3,) and rotation shape (3, 3) of ``panda_hand``, where the palm camera is."""
-        return self._frame_pose(pose, q, self._hand)
+        pin.forwardKinematics(self.model, self._data, self._configure(pose, q))
+        T = pin.updateFramePlacement(self.model, self._data, self._tcp)
+        return T.translation.copy(), T.rotation.copy()
 
     def tcp_jacobian(self, pose: Array, q: Array) -> Array:
         """Geometric Jacobian of the tool centre point, shape (6, 9).
@@ -71,16 +68,6 @@ class Frankie:
         T[10, :3, 3] += 0.5 * width * arm[HAND, :3, 1]
         T[11, :3, 3] -= 0.5 * width * arm[HAND, :3, 1]
         return T
-
-    def link_poses(self, pose: Array, q: Array, width: float = 0.08) -> dict[str, Array]:
-        """`link_transforms` by name of the link."""
-        return dict(zip(LINKS, self.link_transforms(pose, q, width), strict=True))
-
-    def _frame_pose(self, pose: Array, q: Array, frame: int) -> tuple[Array, Array]:
-        configuration = self._configure(pose, q)
-        pin.forwardKinematics(self.model, self._data, configuration)
-        T = pin.updateFramePlacement(self.model, self._data, frame)
-        return T.translation.copy(), T.rotation.copy()
 
     def _configure(self, pose: Array, q: Array) -> Array:
         configuration = self._configuration

@@ -6,6 +6,7 @@ from shapely.geometry import Polygon
 from sim_hands import DOWN, ROBOT, act, move, over_a_cube, tcp
 from sim_scenes import box, experiment, scene
 
+from motm_twin.model.assets import LINKS
 from motm_twin.model.geometry import rectangle
 from motm_twin.model.profile import READY, Footprint, RobotProfile
 from motm_twin.model.scene import Agent, Bin, Cylinder, Prism, Solid
@@ -42,7 +43,7 @@ def test_the_referees_own_robot_agrees_with_the_kinematics_of_the_model():
     for _ in range(20):
         pose, q = rng.uniform(-2.0, 2.0, 3), READY + rng.uniform(-0.5, 0.5, 7)
         placed = referee.robot.place(pose, q, 0.06)
-        links = ROBOT.link_poses(pose, q, 0.06)
+        links = dict(zip(LINKS, ROBOT.link_transforms(pose, q, 0.06), strict=True))
         for body in (*(f"panda_link{i}" for i in range(8)), "panda_hand"):
             np.testing.assert_allclose(placed[referee.robot.bodies.index(body)], links[body], atol=1e-9)
 
