@@ -1,4 +1,4 @@
-"""The lease of the wheel; a run waits for its audience, and the next seed starts when nobody drives."""
+"""The gate of commands; the lease of the wheel; a run waits for its audience, and the next seed starts by itself."""
 
 import json
 import math
