@@ -43,7 +43,7 @@ def robot_urdf(profile: RobotProfile) -> ET.Element:
         raise ValueError("frankie.urdf lacks the joint arm_mount or the collision box of base_link: restore the file")
     arm, foot = profile.arm, profile.footprint
     mount.set("xyz", f"{arm.mount_x!r} {arm.mount_y!r} {arm.mount_z!r}")
-    body.set("xyz", f"{foot.offset_x!r} 0 {0.5 * foot.height!r}")
+    body.set("xyz", f"{foot.offset_x!r} 0.0 {0.5 * foot.height!r}")
     box.set("size", f"{foot.length!r} {foot.width!r} {foot.height!r}")
     return robot
 
