@@ -84,7 +84,7 @@ class ControlLoop(Stateful[LoopState]):
         self.tracker = ObjectTracker(known, p.objects)
         self.self_check = SelfCheck(known, self.tracker, p.self_check, slow_age=p.monitor.slow_age)
         self.response = Response(profile or known.robot, p.response)
-        self.targets = Targets(known, self.tracker, p.planning.reach)
+        self.targets = Targets(known, self.tracker, p.planning.reach, p.arm)
         self.sequence = TaskSequence(known, p.sequence)
         self.planner = planner
         self.manipulator = manipulator
