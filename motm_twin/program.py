@@ -175,8 +175,7 @@ def clean_exit() -> Iterator[None]:
     from motm_twin.bus.commands import Refused
     from motm_twin.bus.connection import ConfigError
     from motm_twin.client.discover import NoTwin
-    from motm_twin.model.names import MethodError
-    from motm_twin.model.scene_error import SceneError
+    from motm_twin.model.names import MethodError, SceneError
 
     try:
         yield

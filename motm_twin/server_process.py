@@ -11,16 +11,15 @@ from typing import TYPE_CHECKING
 import msgspec
 
 from motm_twin.bus.commands import Load
-from motm_twin.bus.connection import PortTaken, open_member
+from motm_twin.bus.connection import DEFAULT_PORT, DEFAULT_TWIN, PortTaken, open_member
 from motm_twin.bus.data_folder import DEFAULT_FOLDER
-from motm_twin.bus.keys import DEFAULT_PORT, DEFAULT_TWIN
 from motm_twin.bus.library import FileLibrary, MethodLibrary, TwinSetup
 from motm_twin.bus.pacing import refusal
 from motm_twin.bus.server import RobotChoice, TwinServer
 from motm_twin.external.robot_link import RobotLink
 from motm_twin.methods import DEFAULT_METHOD
+from motm_twin.model.names import SceneError
 from motm_twin.model.scene import Scene
-from motm_twin.model.scene_error import SceneError
 from motm_twin.planning.types import SearchBudget
 from motm_twin.processes import Reporter, leave, stop_event
 from motm_twin.program import BAD_INPUT, freeze_setup, share_arenas

@@ -22,10 +22,10 @@ from motm_twin.measures.references import reference_tour
 from motm_twin.methods.registry import FAST, find_method
 from motm_twin.model.edits import ParameterValue
 from motm_twin.model.geometry import Array
+from motm_twin.model.plant import ExternalPlant
 from motm_twin.model.profile import Footprint
 from motm_twin.model.scene import Scene
 from motm_twin.model.scene_file import load_scene
-from motm_twin.model.twin_plant import ExternalPlant
 from motm_twin.program import freeze_setup
 from motm_twin.twin import Twin
 from motm_twin.warm_up import compile_kernels, parts_of, program_clock

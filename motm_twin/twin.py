@@ -34,10 +34,9 @@ from motm_twin.model.edits import (
 from motm_twin.model.exact import norm
 from motm_twin.model.geometry import Array, from_frame
 from motm_twin.model.known import KnownWorld
-from motm_twin.model.period import PERIOD
+from motm_twin.model.plant import PERIOD, ExternalPlant, TwinPlant, WorldRehearsal
 from motm_twin.model.scene import Pick, PlanarPose, Scene
 from motm_twin.model.state import HasState, state_hash
-from motm_twin.model.twin_plant import ExternalPlant, TwinPlant, WorldRehearsal
 from motm_twin.planning.global_path import GraphCache
 from motm_twin.planning.parameters import PlanningParameters
 from motm_twin.planning.planner import BasePlanner

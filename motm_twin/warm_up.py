@@ -32,11 +32,9 @@ from motm_twin.methods.registry import find_method
 from motm_twin.model.arm_kernels import manipulability_gradient
 from motm_twin.model.edits import ParameterValue
 from motm_twin.model.geometry import frozen
-from motm_twin.model.joint_limits import READY
 from motm_twin.model.known import known_world
-from motm_twin.model.period import PERIOD
-from motm_twin.model.plant import Actuation, Observation, Scan
-from motm_twin.model.profile import Lidar, RobotProfile
+from motm_twin.model.plant import PERIOD, Actuation, Observation, Scan
+from motm_twin.model.profile import READY, Lidar, RobotProfile
 from motm_twin.model.scene import Scene
 from motm_twin.model.scene_file import load_scene
 from motm_twin.perception.detection_check import Beliefs, DetectionSettings, Screens

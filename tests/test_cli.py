@@ -25,7 +25,7 @@ from motm_twin.__main__ import main as start
 from motm_twin.bus.connection import free_port
 from motm_twin.cli.serve import BAD_INPUT, OK, _Supervisor, serve
 from motm_twin.cli.settings import ServeSettings
-from motm_twin.model.data_dirs import scenes_dir
+from motm_twin.model.assets import scenes_dir
 from motm_twin.sessions.session import load_session, save_session
 from motm_twin.trial import run_scene
 

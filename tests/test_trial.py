@@ -10,9 +10,8 @@ from motm_twin.bus.encode import tick_message
 from motm_twin.bus.events import EventLog, EventWatch
 from motm_twin.bus.messages import CutInMessage
 from motm_twin.gym.env import RewardWeights, Score, reward, score_of
-from motm_twin.model.names import MethodError
+from motm_twin.model.names import MethodError, SceneError
 from motm_twin.model.plant import Contact, Truth
-from motm_twin.model.scene_error import SceneError
 from motm_twin.model.scene_file import load_scene
 from motm_twin.sim.plant import SimulatedPlant
 from motm_twin.trial import failure, run_scene

@@ -28,10 +28,8 @@ from motm_twin.model.edits import (
     SetParameter,
     WorldEdit,
 )
-from motm_twin.model.period import PERIOD
-from motm_twin.model.plant import BodyTruth, Truth
+from motm_twin.model.plant import PERIOD, BodyTruth, ExternalPlant, Truth
 from motm_twin.model.scene import Scene
-from motm_twin.model.twin_plant import ExternalPlant
 from motm_twin.planning.types import SearchBudget
 from motm_twin.sessions.session import LoggedEdit
 

@@ -18,8 +18,7 @@ from motm_twin import __version__
 from motm_twin.bus.connection import ConfigError
 from motm_twin.cli import client, doctor, record, security
 from motm_twin.cli.settings import BenchSettings, PaperSettings, RunSettings, Seed, ServeSettings
-from motm_twin.model.names import MethodError, hint
-from motm_twin.model.scene_error import SceneError
+from motm_twin.model.names import MethodError, SceneError, hint
 from motm_twin.processes import interruptible
 from motm_twin.program import BAD_INPUT, FAILED, INTERRUPTED, OK, kernel_problem, plain_console
 from motm_twin.sessions.session import SessionError

@@ -50,7 +50,7 @@ def _period(given: BenchSettings, console: Console) -> bool:
 def _grasp_rule(given: BenchSettings, console: Console) -> bool:
     """Sweep the floating hand; True when a rule nowhere holds what physics loses. Raises SceneError without MuJoCo."""
     require_mujoco()
-    sweeps = import_module("motm_twin.physics.grasp_sweep")
+    sweeps = import_module("motm_twin.physics.floating_hand")
     console.print(f"\n[bold]{GRASP_RULE}[/bold]: {GRASP_RULE_TITLE}")
     outcomes = sweeps.sweep(given.workers, quick=given.quick)
     found = sweeps.counts(outcomes)

@@ -354,8 +354,7 @@ def robot(settings: Annotated[RobotSettings, arg(name="")]) -> int:
     Runs until Ctrl-C or SIGTERM and then prints the referee's counts. Standard error says where it waits for its twin
     and when they have met. Exit code 0: the robot caused no contact; 1: it caused one; 2: bad input.
     """
-    from motm_twin.bus.connection import LOOPBACK, configured_endpoint
-    from motm_twin.bus.keys import DEFAULT_PORT
+    from motm_twin.bus.connection import DEFAULT_PORT, LOOPBACK, configured_endpoint
     from motm_twin.processes import leave
 
     def say(text: str) -> None:

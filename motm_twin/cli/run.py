@@ -24,7 +24,7 @@ from motm_twin.control.tuning import parameter
 from motm_twin.methods.registry import FAST, find_method
 from motm_twin.model.edits import ParameterValue
 from motm_twin.model.names import scene_name
-from motm_twin.model.period import PERIOD, PERIODS_PER_SECOND
+from motm_twin.model.plant import PERIOD, PERIODS_PER_SECOND
 from motm_twin.model.scene import Scene
 from motm_twin.model.scene_file import load_scene
 from motm_twin.program import FAILED, OK, plain_console, refuse_existing, refuse_unwritable, table_console, write_json

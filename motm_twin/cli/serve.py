@@ -13,8 +13,7 @@ from typing import Any
 
 from rich.console import Console
 
-from motm_twin.bus.connection import LOOPBACK, VARIABLE, check_endpoint, free_port, require_free_port
-from motm_twin.bus.keys import Keys
+from motm_twin.bus.connection import LOOPBACK, VARIABLE, Keys, check_endpoint, free_port, require_free_port
 from motm_twin.bus.library import MethodLibrary
 from motm_twin.bus.private_folder import Running, announce, client_file, forget, keep_young, note, own_credentials
 from motm_twin.bus.security import Folder

@@ -25,8 +25,7 @@ from motm_twin.model.edits import Edit, TaskEdit
 from motm_twin.model.geometry import Array, from_frame, to_frame, wrap_angle
 from motm_twin.model.known import KnownWorld
 from motm_twin.model.motion import command_pose
-from motm_twin.model.period import ARM_STEPS, PERIOD
-from motm_twin.model.plant import Observation, Plant, Truth
+from motm_twin.model.plant import ARM_STEPS, PERIOD, Observation, Plant, Truth
 from motm_twin.model.profile import RobotProfile
 from motm_twin.model.reason import Reason
 from motm_twin.model.state import HasState, Stateful
@@ -85,7 +84,7 @@ class ControlLoop(Stateful[LoopState]):
         self.tracker = ObjectTracker(known, p.objects)
         self.self_check = SelfCheck(known, self.tracker, p.self_check, slow_age=p.monitor.slow_age)
         self.response = Response(profile or known.robot, p.response)
-        self.targets = Targets(known, self.tracker, p.planning.reach)
+        self.targets = Targets(known, self.tracker, p.planning.reach, p.arm)
         self.sequence = TaskSequence(known, p.sequence)
         self.planner = planner
         self.manipulator = manipulator

@@ -2,10 +2,12 @@
 
 import numpy as np
 
+from motm_twin.control.arm.grasp_room import HIGHER, REACH, over_middle
+from motm_twin.control.arm.parameters import ArmParameters
 from motm_twin.control.arm.types import ArmGoal
 from motm_twin.control.task_list import name_of
 from motm_twin.control.tick import ObjectBelief
-from motm_twin.model.geometry import Array, compose, from_frame, inverse, to_frame, wrap_angle
+from motm_twin.model.geometry import Array, compose, from_frame, frozen, inverse, to_frame, wrap_angle
 from motm_twin.model.known import KnownWorld, known_solids
 from motm_twin.model.plant import Observation
 from motm_twin.model.scene import Bin, DriveTo, Pick, Task
@@ -19,6 +21,7 @@ OVER_TARGET = 0.13  # [m] above a target: over what stands higher before it the 
 TALL_TARGET = 0.35  # [m] above a target: no higher does the arm ever reach over what stands before it
 TALL_MOUNT = 0.55  # [m] above its mount: the shoulder is at 0.33, and reaches down over what is lower
 NEAR = 1.5  # [m] further from a target no arm has its mount
+NOTHING_BESIDE = frozen(np.zeros(0))
 TABLE = 0.3  # [m] lower things do not carry objects
 
 
@@ -30,14 +33,16 @@ def odometry_to_world(observation: Observation) -> Array:
 class Targets:
     """Looks up where the targets of tasks are."""
 
-    def __init__(self, known: KnownWorld, tracker: ObjectTracker, reach: ReachParameters) -> None:
-        self.known = known
+    def __init__(self, known: KnownWorld, tracker: ObjectTracker, reach: ReachParameters, arm: ArmParameters) -> None:
+        self.known, self._arm = known, arm
         self.tracker, self._reach = tracker, reach
         self.objects = {item.name: item for item in known.objects}
         self.bins = {item.name: item for item in known.bins}
         self._tall = known.robot.arm.mount_z + TALL_MOUNT
-        solids = known_solids(known)
+        solids = self._solids = known_solids(known)
         outlines = [outline(solid.shape) for solid in solids]
+        corners = [(*c.min(axis=0), *c.max(axis=0)) for c in outlines]
+        self._bounds, self._highest = np.array(corners).reshape(-1, 4), np.array([each.z_max for each in solids])
         self._edges = np.concatenate([np.hstack([c, np.roll(c, -1, axis=0)]) for c in outlines] or [np.zeros((0, 4))])
         self._tops = np.repeat([solid.z_max for solid in solids], [len(c) for c in outlines]).astype(float)
 
@@ -87,20 +92,23 @@ class Targets:
         side = self.objects[held].side if held else 0.0
         if isinstance(task, Pick):
             position, yaw, sd, last_seen = self.tracker.belief(task.object, observation)
+            side = self.objects[task.object].side
             names, beside = self.tracker.beside(task.object, BESIDE, observation)
             near = [
                 (*at, turn, self.objects[name].side, seen)
                 for name, (*at, turn, seen) in zip(names, beside, strict=True)
             ]
+            neighbours = np.array(near).reshape(-1, 6)
+            tops = self._tops_beside(position, neighbours, T_odom_world)
             return ArmGoal(
                 kind="pick",
                 name=task.object,
-                position=position,
+                position=position + self._over_middle(side, tops),
                 yaw=yaw,
-                side=self.objects[task.object].side,
+                side=side,
                 position_sd=sd,
                 last_seen=last_seen,
-                neighbours=np.array(near).reshape(-1, 6),
+                neighbours=neighbours,
                 neighbour_names=names,
             )
         if task is None or isinstance(task, DriveTo):
@@ -109,7 +117,7 @@ class Targets:
             )
         place = self.bins[task.bin]
         top = self._top_of(place, held, T_odom_world)
-        position = from_frame(T_odom_world, np.array([*place.centre, top]))
+        position = from_frame(T_odom_world, np.array([*place.centre, top])) + self._over_middle(side)
         return ArmGoal(
             kind="place",
             name=place.name,
@@ -120,6 +128,25 @@ class Targets:
             last_seen=observation.time,
             release_half_width=place.side / 2.0 - place.wall,
         )
+
+    def _over_middle(self, side: float, tops: Array = NOTHING_BESIDE) -> Array:
+        """From the middle of an object to where it is grasped, (3,) [m]; ``tops`` as of `over_middle`."""
+        return np.array([0.0, 0.0, over_middle(side, self._arm.pick_tilt, tops)])
+
+    def _tops_beside(self, position: Array, neighbours: Array, T_odom_world: Array) -> Array:
+        """Tops over the middle of an object, odometry frame, of furniture and objects that the hand reaches, (k,) [m].
+
+        With what is kept from them. ``neighbours`` (n, 6) of `ArmGoal`.
+        """
+        keep, middle = self._arm.avoidance, to_frame(T_odom_world, position)
+        low, far, (x, y, z) = self._bounds[:, :2], self._bounds[:, 2:], middle.tolist()
+        near = ((low < (x + REACH, y + REACH)) & (far > (x - REACH, y - REACH))).all(axis=1) & (self._highest > z)
+        solids = [self._solids[k] for k in np.flatnonzero(near).tolist()]
+        at = np.array([x, y])
+        tops = [each.z_max - z + keep.furniture_d_s for each in solids if distance_to_shape(each.shape, at) < REACH]
+        beside = neighbours[np.abs(neighbours[:, :2] - position[:2]).max(axis=1) < REACH]
+        objects = beside[:, 2] + 0.5 * beside[:, 4] + HIGHER + keep.objects_kept - position[2]
+        return np.concatenate((tops, objects))
 
     def _top_of(self, place: Bin, held: str, T_odom_world: Array) -> float:
         """Height [m] over which an object is let go: the bin's rim, or what was seen to lie higher in it."""

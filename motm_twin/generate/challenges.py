@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from motm_twin.model.bounds import SEED
-from motm_twin.model.scene_error import SceneError
+from motm_twin.model.names import SceneError
 from motm_twin.model.scene_format import FORMAT
 
 PREFIX = "barn:"

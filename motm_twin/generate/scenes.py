@@ -29,8 +29,8 @@ from shapely.ops import unary_union
 from motm_twin.generate import pieces
 from motm_twin.generate.pieces import Dial, Entry, Maker, Piece, Pose, Rng, dial
 from motm_twin.model.bounds import SEED
+from motm_twin.model.names import SceneError
 from motm_twin.model.profile import RobotProfile
-from motm_twin.model.scene_error import SceneError
 from motm_twin.model.scene_format import FORMAT
 
 DISC = 0.50  # [m] 0.43 m round the footprint, 0.05 m that the search keeps, 0.02 m of localisation (2 sigma)

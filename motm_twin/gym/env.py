@@ -19,12 +19,10 @@ from motm_twin.gym.observation import AgentView, ObservationReader, Observed, gy
 from motm_twin.methods.registry import find_method
 from motm_twin.model.arm_kernels import TCP, fk_arm
 from motm_twin.model.geometry import Array, from_frame, rectangle
-from motm_twin.model.joint_limits import DQ_MAX
 from motm_twin.model.plant import BodyTruth, Truth
-from motm_twin.model.profile import BaseLimits
+from motm_twin.model.profile import DQ_MAX, BaseLimits
 from motm_twin.model.scene import Bin, Box, Cylinder, Prism, Scene
-from motm_twin.model.scene_file import load_scene
-from motm_twin.model.scene_load import load_document
+from motm_twin.model.scene_file import load_document, load_scene
 from motm_twin.twin import Twin
 from motm_twin.ui.colours import BRAND, NAMED, PEOPLE, TARGET, WAY_THERE, Rgb
 

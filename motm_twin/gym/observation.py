@@ -23,11 +23,9 @@ from motm_twin.gym.actions import BaseAction, check_fits
 from motm_twin.methods.registry import find_method
 from motm_twin.model.arm_kernels import TCP, fk_arm
 from motm_twin.model.geometry import Array, from_frame, to_frame
-from motm_twin.model.joint_limits import DQ_MAX, Q_MAX, Q_MIN
 from motm_twin.model.motion import command_pose
-from motm_twin.model.period import PERIOD
-from motm_twin.model.plant import Observation, Scan
-from motm_twin.model.profile import RobotProfile
+from motm_twin.model.plant import PERIOD, Observation, Scan
+from motm_twin.model.profile import DQ_MAX, Q_MAX, Q_MIN, RobotProfile
 from motm_twin.planning.types import BasePlan, BaseProblem, SearchBudget, Target
 from motm_twin.twin import Twin
 

@@ -19,7 +19,7 @@ from motm_twin.bus.client import TwinClient
 from motm_twin.bus.commands import AddObstacle, Command, HandOver, MoveBody, Record, RemoveBody, Speed
 from motm_twin.bus.messages import TickMessage
 from motm_twin.bus.publisher import memory_mb
-from motm_twin.model.period import PERIOD
+from motm_twin.model.plant import PERIOD
 from motm_twin.perf import participants
 from motm_twin.perf.participants import Sizes
 from motm_twin.perf.processes import Worker, act, children, cpu_seconds, open_place, restart, ticks, wait_for

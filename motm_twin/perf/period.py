@@ -30,7 +30,7 @@ from motm_twin.control.arm.qp import SOLVERS, Program
 from motm_twin.control.method import Method
 from motm_twin.control.parameters import Parameters
 from motm_twin.methods.registry import FAST, MOTM
-from motm_twin.model.period import PERIOD
+from motm_twin.model.plant import PERIOD
 from motm_twin.model.scene import DriveTo, Scene
 from motm_twin.model.scene_file import load_scene
 from motm_twin.perf import report

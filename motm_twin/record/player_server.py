@@ -12,9 +12,8 @@ from pathlib import Path
 import msgspec
 import zenoh
 
-from motm_twin.bus.connection import LOOPBACK, PortTaken, open_server
+from motm_twin.bus.connection import DEFAULT_PORT, DEFAULT_TWIN, LOOPBACK, Keys, PortTaken, open_server
 from motm_twin.bus.events import EventLog
-from motm_twin.bus.keys import DEFAULT_PORT, DEFAULT_TWIN, Keys
 from motm_twin.bus.messages import NumberedEvent
 from motm_twin.bus.private_folder import forget
 from motm_twin.bus.queries import Answering, Idle, LatestValues

@@ -29,7 +29,7 @@ from motm_twin.control.tuning import check, parameter
 from motm_twin.methods.registry import find_method
 from motm_twin.model.edits import Edit, InsertTask, ParameterValue, SetParameter
 from motm_twin.model.names import MethodError
-from motm_twin.model.period import PERIODS_PER_SECOND
+from motm_twin.model.plant import PERIODS_PER_SECOND
 from motm_twin.planning.types import SearchBudget
 from motm_twin.processes import at_end_of_input, end_with_parent, put_off
 from motm_twin.program import BAD_INPUT, FAILED, OK, THREADS

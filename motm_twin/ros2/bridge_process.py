@@ -14,8 +14,16 @@ import zenoh
 
 from motm_twin.bus.client import TwinClient, decode_grid_info, decode_robot, decode_scan, decode_tick
 from motm_twin.bus.commands import Command, Drive, DriveToPoint, PushRobot
-from motm_twin.bus.connection import LOOPBACK, ConfigError, answers, direct, open_member
-from motm_twin.bus.keys import DEFAULT_PORT, DEFAULT_TWIN, Keys
+from motm_twin.bus.connection import (
+    DEFAULT_PORT,
+    DEFAULT_TWIN,
+    LOOPBACK,
+    ConfigError,
+    Keys,
+    answers,
+    direct,
+    open_member,
+)
 from motm_twin.model.geometry import wrap_angle
 from motm_twin.model.scene import Scene
 from motm_twin.processes import Reporter, leave, stop_event

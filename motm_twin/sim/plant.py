@@ -18,33 +18,27 @@ import numpy as np
 from motm_twin.model.arm_kernels import HAND, TCP, fk_arm, placed_frames
 from motm_twin.model.edits import WorldEdit
 from motm_twin.model.geometry import Array
-from motm_twin.model.joint_limits import READY
-from motm_twin.model.physics import Physics
+from motm_twin.model.names import SceneError
 from motm_twin.model.plant import Actuation, Observation, Truth
-from motm_twin.model.profile import ArmSpec
+from motm_twin.model.profile import READY, ArmSpec
 from motm_twin.model.rvo import require_pyrvo
-from motm_twin.model.scene import Faults, PlanarPose, Point, Scene, Task
-from motm_twin.model.scene_error import SceneError
+from motm_twin.model.scene import Faults, Physics, PlanarPose, Point, Scene, Task
 from motm_twin.model.state import Stateful
-from motm_twin.sim.actuators import ArmState, BaseState, ControlErrors, drives
 from motm_twin.sim.agent_kernels import shadow_corners
 from motm_twin.sim.agents import DECISION_STEPS, Agents, AgentState, start_agent
-from motm_twin.sim.bodies import square_outline
+from motm_twin.sim.bodies import RobotObstruction, slide_body, square_outline
 from motm_twin.sim.crowd import NO_ROBOT, RobotShadow
-from motm_twin.sim.edit_effects import Effects, Rehearsal
-from motm_twin.sim.faults import FaultEffects, expire
-from motm_twin.sim.grasp_faults import CubeMover, gripper_with
+from motm_twin.sim.faults import CubeMover, FaultEffects, expire, gripper_with
 from motm_twin.sim.gripper import Gripper
 from motm_twin.sim.kernels import compile_gaps
-from motm_twin.sim.layout import Furnishings, Layout, Scenery, build_scenery
-from motm_twin.sim.mechanics import NO_SLIDES, Kinematics, Mechanics, Moved, Told
+from motm_twin.sim.mechanics import NO_SLIDES, ControlErrors, Kinematics, Mechanics, Moved, Told, drives
 from motm_twin.sim.objects import ObjectWorld, start_objects
-from motm_twin.sim.plant_state import PlantState, truth_of
+from motm_twin.sim.plant_state import ArmState, BaseState, PlantState, truth_of
 from motm_twin.sim.referee import Referee
-from motm_twin.sim.referee_state import NOT_JUDGED, World
 from motm_twin.sim.sensors import Camera, CameraState, Lidar, LidarState, Localisation
-from motm_twin.sim.slides import RobotObstruction, slide_body
-from motm_twin.sim.world_edits import check_edit
+from motm_twin.sim.solids import Furnishings, Layout, Scenery, build_scenery
+from motm_twin.sim.verdict import NOT_JUDGED, World
+from motm_twin.sim.world_edits import Effects, Rehearsal, check_edit
 
 SUBSTEP = 0.01  # [s]
 _RNG = 0x11DA2, 0xCA3E2A, 0x10CA7E  # of lidar, camera, localisation

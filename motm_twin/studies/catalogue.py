@@ -19,8 +19,7 @@ from motm_twin.generate.scenes import is_generated, name_of, parse_name
 from motm_twin.methods.registry import ABLATIONS, FAST, METHODS, MOTM, find_method
 from motm_twin.model.names import MethodError, hint
 from motm_twin.model.profile import DEG
-from motm_twin.model.scene_file import listing
-from motm_twin.model.scene_load import load_document
+from motm_twin.model.scene_file import listing, load_document
 from motm_twin.studies.spec import Experiment, TrialSpec
 
 REACTIVE, SEQUENTIAL, PLANNED = "motm", "sequential", "open_loop"

@@ -30,8 +30,7 @@ from motm_twin.measures.interval import Interval, Sampler
 from motm_twin.methods.registry import FAST, find_method
 from motm_twin.model.geometry import Array, from_frame
 from motm_twin.model.names import hint
-from motm_twin.model.period import PERIOD
-from motm_twin.model.plant import Scan, Truth
+from motm_twin.model.plant import PERIOD, Scan, Truth
 from motm_twin.model.scene import AGENT_MOVES, Scene
 from motm_twin.perception.mapper import MapSettings
 from motm_twin.perception.tracks import IDENTITY, VX, VY

@@ -24,7 +24,7 @@ from motm_twin.methods.registry import find_method
 from motm_twin.model.edits import ParameterValue
 from motm_twin.model.names import hint
 from motm_twin.model.number import numbers_of, replaced
-from motm_twin.model.period import PERIODS_PER_SECOND
+from motm_twin.model.plant import PERIODS_PER_SECOND
 from motm_twin.model.scene import Scene
 from motm_twin.model.scene_file import load_scene
 from motm_twin.perf.report import machine

@@ -1,8 +1,11 @@
 """Goals of the hand, and what stands in its way to them."""
 
+import math
+
 import numpy as np
 import pytest
 
+from motm_twin.control.arm.parameters import ArmParameters
 from motm_twin.control.targets import Targets, odometry_to_world
 from motm_twin.model.known import known_world
 from motm_twin.model.scene import Pick, Place
@@ -10,6 +13,27 @@ from motm_twin.model.scene_file import load_scene
 from motm_twin.perception.objects import ObjectTracker
 from motm_twin.planning.parameters import ReachParameters
 from motm_twin.sim.plant import SimulatedPlant
+
+TILT = ArmParameters().pick_tilt
+
+
+@pytest.mark.parametrize(("side", "over"), [(0.04, 0.0), (0.05, 0.0), (0.06, 0.006), (0.065, 0.008)])
+def test_a_tall_object_is_grasped_over_its_middle_for_the_palm_is_tilted(tmp_path, side, over):
+    path = tmp_path / "tall.yaml"
+    path.write_text(
+        "format: motm-scene/1\ntitle: tall\nstart: {x: 0.0, y: 0.0, heading_deg: 0}\nfurniture:\n"
+        "  table: {shape: box, centre: [2.0, 0.0], size: [0.8, 1.6], z: [0.0, 0.6], style: table}\n"
+        f"objects:\n  cube: {{surface: table, at: [2.1, 0.0], yaw_deg: 0, side: {side}}}\ntasks:\n  - pick: cube\n"
+    )
+    scene = load_scene(str(path), None, 0)
+    known, observation = known_world(scene), SimulatedPlant(scene).observe()
+    tracker = ObjectTracker(known)
+    targets, frame = Targets(known, tracker, ReachParameters(), ArmParameters()), odometry_to_world(observation)
+    goal = targets.arm_goal(Pick(object="cube"), "", observation, frame)
+    middle = float(tracker.belief("cube", observation)[0][2])
+    assert goal.position[2] - middle == pytest.approx(over, abs=1e-3)
+    corner = 0.5 * side * (math.cos(TILT) + math.sqrt(2.0) * math.sin(TILT))  # along the hand's axis
+    assert corner < 0.0374 + over  # where the palm begins
 
 
 @pytest.mark.parametrize(
@@ -25,7 +49,7 @@ def test_an_object_is_let_go_over_the_rim_or_over_what_was_seen_to_lie_higher(he
     scene = load_scene("shelf_run", "one_trolley")
     known = known_world(scene)
     tracker, observation = ObjectTracker(known), SimulatedPlant(scene).observe()
-    targets, frame = Targets(known, tracker, ReachParameters()), odometry_to_world(observation)
+    targets, frame = Targets(known, tracker, ReachParameters(), ArmParameters()), odometry_to_world(observation)
     place = next(each for each in known.bins if each.name == "order_2")
     seen = np.array([place.centre[0] + aside, place.centre[1], place.rim_z + height])
     lies = known.objects[0]
@@ -46,6 +70,6 @@ def test_what_stands_higher_than_the_hand_comes_in_is_a_wall(tmp_path, height, w
         "objects:\n  cube: {surface: table, at: [2.1, 0.0], yaw_deg: 0}\ntasks:\n  - pick: cube\n"
     )
     known = known_world(load_scene(str(path), None, 0))
-    targets = Targets(known, ObjectTracker(known), ReachParameters())
+    targets = Targets(known, ObjectTracker(known), ReachParameters(), ArmParameters())
     target = targets.base_target(Pick(object="cube"), SimulatedPlant(load_scene(str(path), None, 0)).observe(), None)
     assert (len(target.walls), len(target.tall)) == (walls, tall)

@@ -25,8 +25,8 @@ from motm_twin.generate.challenges import (
 )
 from motm_twin.generate.pieces import dial
 from motm_twin.generate.scenes import generate, name_of, parse_name
+from motm_twin.model.names import SceneError
 from motm_twin.model.scene import Cylinder, DriveTo, Pick, Scene
-from motm_twin.model.scene_error import SceneError
 from motm_twin.model.scene_file import check_all, load_scene
 from motm_twin.model.scene_shapes import outline
 from motm_twin.trial import run_scene

@@ -8,9 +8,9 @@ from sim_hands import act, move
 from sim_scenes import box, scene
 
 from motm_twin.model.edits import AddObstacle, MoveBody, MoveObject, PushRobot, RemoveBody
+from motm_twin.model.names import SceneError
 from motm_twin.model.profile import RobotProfile
 from motm_twin.model.scene import Agent, Bump, Faults
-from motm_twin.model.scene_error import SceneError
 from motm_twin.model.state import state_hash
 from motm_twin.sim.plant import SimulatedPlant, make_plant, with_plant
 

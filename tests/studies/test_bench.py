@@ -10,7 +10,8 @@ from motm_twin.cli import bench as command
 from motm_twin.cli.bench import main
 from motm_twin.generate.challenges import barn
 from motm_twin.measures.measures import PARTS
-from motm_twin.model.scene_file import SceneError, load_scene
+from motm_twin.model.names import SceneError
+from motm_twin.model.scene_file import load_scene
 from motm_twin.studies import groups
 from motm_twin.studies.barn import bench_barn, limits_of, metric, optimal_time, worlds
 from motm_twin.studies.groups import GROUPS, Trial, failed, run_group

@@ -15,11 +15,10 @@ from motm_twin.control.arm.controller import _BOUND_NAMES
 from motm_twin.control.task_list import kind_of, name_of
 from motm_twin.measures.references import published
 from motm_twin.model.arm_kernels import manipulability
-from motm_twin.model.furniture import pieces
-from motm_twin.model.joint_limits import DQ_MAX, READY
-from motm_twin.model.profile import BaseLimits
+from motm_twin.model.profile import DQ_MAX, READY, BaseLimits
 from motm_twin.model.reason import Kind, Reason
 from motm_twin.model.scene_file import load_scene
+from motm_twin.model.scene_shapes import pieces
 from motm_twin.ui.history import Part, Sample, sample
 from motm_twin.ui.panel import explain, why_tab
 from motm_twin.ui.panel.drive_tab import in_hand as in_hand_of

@@ -33,7 +33,7 @@ from motm_twin.model.known import KnownWorld
 
 REACH = 0.16  # [m] from the centre of an object: no part of the hand is further off
 _WAY = (0.0, 0.05, 0.10)  # [m] above the grasp at which furniture is looked for: hover and lift are no higher
-_HIGHER = 0.01  # [m] by which they may be higher beside the object than the camera has it
+HIGHER = 0.01  # [m] by which they may be higher beside the object than the camera has it
 BLOCKED = 100.0  # [rad] more than any turning
 _BEFORE = 0.05  # [m] before the target at which the way over things ends: there the hand comes down
 _ASIDE = 0.05  # [m] beside the middle of the hand in which its fingers are
@@ -45,6 +45,9 @@ _PARTS = (  # of the hand: middle beyond the pad and half width along the closin
     (0.0146, 0.0118, 0.0110, 0.0150),
 )
 _PALM = (0.104, 0.0320, 0.0374)  # half width, half depth, bottom over the tool [m]
+_UNDER_PALM = 0.003  # [m] between a tilted palm and the object's top: camera
+_MOST_OVER_MIDDLE = 0.008  # [m]: the pads still hold it, whatever the camera is off by
+_YIELDS = 0.015  # [m] less than is kept is better than nothing
 
 
 class Room(NamedTuple):
@@ -180,6 +183,17 @@ def _object_room(position: Array, yaw: float, width: float, neighbours: Array) -
     return nearest, who
 
 
+def over_middle(side: float, tilt: float, tops: Array) -> float:
+    """Height [m] over an object's middle at which the fingers take it: as much as the palm needs, and the pads hold.
+
+    A palm tilted [rad] has to clear the object's own top, and what stands beside it; ``tops`` (k,) of that over the
+    middle [m], and what is kept from it. What is higher than a palm can get over does not count: it goes beside it.
+    """
+    own = 0.5 * side * (math.cos(tilt) + math.sqrt(2.0) * math.sin(tilt)) + _UNDER_PALM
+    highest = tops[tops < _PALM[2] + _MOST_OVER_MIDDLE + _YIELDS].max(initial=own)
+    return float(min(max(highest - _PALM[2], 0.0), _MOST_OVER_MIDDLE))
+
+
 def height_over(position: Array, yaw: float, width: float, goal: ArmGoal) -> float:
     """Height [m] of the tool centre point below which the open hand, as it is now, would be in an object; -inf: none.
 
@@ -196,7 +210,7 @@ def _height_over(position: Array, yaw: float, width: float, items: Array) -> flo
     low, height = np.array([position[0], position[1], -np.inf]), -np.inf  # so low that every part counts
     for n in range(items.shape[0]):
         item = items[n]
-        top = item[2] + 0.5 * item[4] + _HIGHER
+        top = item[2] + 0.5 * item[4] + HIGHER
         if item[5] == 0.0:
             continue
         if _fingers_gap(low, yaw, width, item) < 0.0:
@@ -210,7 +224,7 @@ def _height_over(position: Array, yaw: float, width: float, items: Array) -> flo
 def _object_gap(position: Array, yaw: float, width: float, item: Array) -> float:
     """Gap [m] between the open hand over a position and an upright cube; negative: they overlap seen from above."""
     gap = _fingers_gap(position, yaw, width, item)
-    if item[2] + 0.5 * item[4] + _HIGHER > position[2] + _PALM[2]:
+    if item[2] + 0.5 * item[4] + HIGHER > position[2] + _PALM[2]:
         gap = min(gap, _part_gap(position, yaw, 0.0, _PALM[0], _PALM[1], item))
     return gap
 
@@ -219,7 +233,7 @@ def _object_gap(position: Array, yaw: float, width: float, item: Array) -> float
 def _fingers_gap(position: Array, yaw: float, width: float, item: Array) -> float:
     """The same of the fingers alone."""
     gap = np.inf
-    top = item[2] + 0.5 * item[4] + _HIGHER
+    top = item[2] + 0.5 * item[4] + HIGHER
     for middle, half, depth, bottom in _PARTS:
         if top > position[2] + bottom:
             for sign in (1.0, -1.0):

@@ -21,7 +21,7 @@ class ArmGoal(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
     kind: str  # "pick" | "place" | "none" (drive only: carry or stow)
     name: str  # object or bin
-    position: Array  # pick: centre of the object; place: bin centre at the rim height [m], shape (3,)
+    position: Array  # pick: point of the object between the fingers; place: that of the bin's rim [m], shape (3,)
     yaw: float  # [rad] of the object (modulo 90 deg) or bin, odometry frame
     side: float  # [m] of the object to grasp or being held
     position_sd: float  # [m] per axis of the estimate

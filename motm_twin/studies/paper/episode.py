@@ -25,8 +25,7 @@ from motm_twin.measures import Measures
 from motm_twin.measures.agents import CUT_DISTANCE, CUT_TIME, base_gap, body_of
 from motm_twin.model.geometry import Array, from_frame
 from motm_twin.model.kinematics import Frankie
-from motm_twin.model.period import PERIOD
-from motm_twin.model.plant import Truth
+from motm_twin.model.plant import PERIOD, Truth
 from motm_twin.model.scene import Scene
 from motm_twin.model.scene_file import load_scene
 from motm_twin.perf.page_reader import browser

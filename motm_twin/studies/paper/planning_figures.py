@@ -12,8 +12,7 @@ from motm_twin.model.geometry import Array
 from motm_twin.model.known import KnownWorld, known_world
 from motm_twin.model.profile import DEG, Footprint
 from motm_twin.model.scene import Scene
-from motm_twin.model.scene_file import load_scene
-from motm_twin.model.scene_load import load_document
+from motm_twin.model.scene_file import load_document, load_scene
 from motm_twin.perception.world_map import WorldMap
 from motm_twin.planning.bezier import bezier_curve, curve_length, curve_time
 from motm_twin.planning.global_path import GraphCache, goal_table, path_to_goal, rates_of, shortest_path

@@ -19,10 +19,8 @@ from motm_twin.control.task_list import kind_of, name_of
 from motm_twin.measures.references import REFERENCE_TOUR_NOTE, published
 from motm_twin.model.edits import ParameterValue
 from motm_twin.model.geometry import Array
-from motm_twin.model.joint_limits import DQ_MAX
-from motm_twin.model.physics import REFLEXES
-from motm_twin.model.profile import BaseLimits
-from motm_twin.model.scene import Scene
+from motm_twin.model.profile import DQ_MAX, BaseLimits
+from motm_twin.model.scene import REFLEXES, Scene
 from motm_twin.ui.history import STAGES, Sample
 from motm_twin.ui.hub import Hub, Shown, Visitor
 from motm_twin.ui.panel.widgets import (

@@ -9,8 +9,7 @@ import viser
 from motm_twin.bus import messages as bus
 from motm_twin.control.arm.types import ProgramStatus
 from motm_twin.model.edits import ParameterValue
-from motm_twin.model.physics import REFLEXES
-from motm_twin.model.scene import Scene
+from motm_twin.model.scene import REFLEXES, Scene
 from motm_twin.ui import colours
 from motm_twin.ui.hub import Hub, Shown, Visitor
 from motm_twin.ui.panel import explain

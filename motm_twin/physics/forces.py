@@ -1,14 +1,75 @@
-"""Contacts as MuJoCo has them: forces of the pads on an object, and of the robot on everything else."""
+"""Forces as MuJoCo has them, and torques as the arm estimates them; with the state of the contact dynamics.
 
+Forces: of the pads on an object, and of the robot on everything else.
+
+Torques: the arm's own controller does not know that its base moves. tau_ext = tau - (M(q) ddq + c(q, dq) + g(q)), of an
+arm on a base at rest. Accelerations of the base, bumps of the floor and contacts all are in it; beyond a threshold the
+Panda stops by a reflex. A base that drives can trip it: a phantom collision.
+"""
+
+import xml.etree.ElementTree as ET
 from collections.abc import Sequence
+from dataclasses import dataclass, field
 
 import mujoco
 import numpy as np
 
-from motm_twin.model.plant import Contact, ContactForce
-from motm_twin.physics.state import Press
-from motm_twin.physics.world_model import Kind
-from motm_twin.sim.plant_state import PlantState
+from motm_twin.model.geometry import Array
+from motm_twin.model.plant import Contact, ContactForce, GraspTruth
+from motm_twin.model.profile import RobotProfile
+from motm_twin.model.scene import REFLEXES, Physics
+from motm_twin.physics.mjcf import Kind, add_arm_alone
+from motm_twin.sim.plant_state import ArmState, BaseState, PlantState
+
+
+@dataclass
+class Press:
+    """A contact with force that goes on."""
+
+    began: float  # [s]
+    last: float
+    bodies: tuple[str, ...]  # of the robot, in order
+    force: float  # [N] largest
+    impulse: float  # [Ns]
+
+
+@dataclass
+class Grasp:
+    """Fingers and what is between them."""
+
+    width: float  # [m] that the drive is told
+    waits: int = 0  # substeps until the fingers begin to move
+    still: int = 0  # substeps for which they have not moved
+    pressed: str = ""  # object that both pads press
+    loose: int = 0  # substeps for which a held object was not pressed by both
+    forces: tuple[float, float] = (0.0, 0.0)  # [N] of left and right pad on it
+    began: float = 0.0  # [s] of the command to close
+    speed: float = 0.0  # [m/s] largest of the tool centre point since then
+    places: dict[str, Array] = field(default_factory=dict)  # [m] of the objects then
+    taken: tuple[Array, Array] | None = None  # position and rotation in the hand of what is held, when it was taken
+    done: list[GraspTruth] = field(default_factory=list)  # all grasps, the newest last
+
+
+@dataclass
+class PhysicsState:
+    """Everything that changes, beside what the kinematic plant has too."""
+
+    integration: Array  # of MuJoCo: mjSTATE_INTEGRATION
+    base: BaseState  # reference of the base's drives: its speeds
+    arm: ArmState  # reference of the arm's drives
+    grasp: Grasp
+    quiet: dict[str, int] = field(default_factory=dict)  # substeps for which a falling object has been at rest
+    presses: dict[str, Press] = field(default_factory=dict)  # contacts of the robot that go on, by the other
+    torque: Array = field(default_factory=lambda: np.zeros(7))  # [Nm] external, as the arm estimates it
+    torque_peaks: Array = field(default_factory=lambda: np.zeros(7))  # [Nm] largest magnitude so far
+    reflexes: dict[str, str] = field(default_factory=dict)  # threshold: when it was first passed, and by which joint
+    trips: dict[str, int] = field(default_factory=dict)  # threshold: times that it was passed without a contact
+    over: dict[str, int] = field(default_factory=dict)  # threshold: last substep in which it was passed
+    wrist: tuple[float, float] = (0.0, 0.0)  # [N], [Nm] at the hand's mount, weight included
+    wrist_peaks: tuple[float, float] = (0.0, 0.0)  # largest so far
+    edited: int = -1000  # substep of a person's newest edit
+    felt: list[ContactForce] = field(default_factory=list)  # those that have ended
+
 
 FELT = 0.5  # [N] below which a contact is none
 ENDED = 0.1  # [s] apart after which a contact has ended, as with the referee
@@ -158,3 +219,42 @@ def _own_name(name: str) -> str:
 
 def _class_of(name: str) -> int:
     return next((found for found, beginnings in _CLASSES.items() if name.startswith(beginnings)), _SOLID)
+
+
+APART = 10  # substeps below a threshold after which it is passed anew
+
+
+def note_reflexes(p: PhysicsState, substep: int, now: float) -> None:
+    """Count the thresholds that the torque of now passes; a phantom collision is one without any contact."""
+    most = np.abs(p.torque)
+    p.torque_peaks = np.maximum(p.torque_peaks, most)
+    joint = int(most.argmax())
+    for name, limit in REFLEXES.items():
+        if most[joint] <= limit:
+            continue
+        p.reflexes.setdefault(name, f"{now:.2f} s: joint {joint + 1}, {most[joint]:.1f} Nm over {limit:g}")
+        if substep - p.over.get(name, -APART) >= APART and not p.presses:
+            p.trips[name] = p.trips.get(name, 0) + 1
+        p.over[name] = substep
+
+
+class ArmAlone:
+    """The arm on a base at rest."""
+
+    def __init__(self, profile: RobotProfile, physics: Physics) -> None:
+        root = ET.Element("mujoco", model="arm")
+        ET.SubElement(root, "compiler", angle="radian", autolimits="true", eulerseq="XYZ")
+        world = ET.SubElement(root, "worldbody")
+        files = add_arm_alone(ET.SubElement(world, "body", name="base"), root, profile, physics)
+        self._model = mujoco.MjModel.from_xml_string(ET.tostring(root, encoding="unicode"), files)
+        self._model.body_gravcomp[:] = 0.0
+        self._model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
+        self._data = mujoco.MjData(self._model)
+
+    def torque(self, q: Array, dq: Array, ddq: Array, width: float) -> Array:
+        """Torques [Nm] of a motion, shape (7,), with the gripper ``width`` [m] open."""
+        data = self._data
+        data.qpos[:7], data.qvel[:7], data.qacc[:7] = q, dq, ddq
+        data.qpos[7:9] = 0.5 * width
+        mujoco.mj_inverse(self._model, data)
+        return data.qfrc_inverse[:7].copy()

@@ -3,12 +3,11 @@ import numpy as np
 import pytest
 from sim_scenes import scene
 
-from motm_twin.model.joint_limits import Q_MAX, Q_MIN
-from motm_twin.model.kinematics import LINKS, Frankie
-from motm_twin.model.physics import Physics
-from motm_twin.model.profile import RobotProfile
-from motm_twin.physics.robot_model import ARM_MASS, INERTIALS, TORQUE_MAX
-from motm_twin.physics.world_model import Kind, compile_model
+from motm_twin.model.assets import LINKS
+from motm_twin.model.kinematics import Frankie
+from motm_twin.model.profile import Q_MAX, Q_MIN, RobotProfile
+from motm_twin.model.scene import Physics
+from motm_twin.physics.mjcf import ARM_MASS, INERTIALS, TORQUE_MAX, Kind, compile_model
 
 
 @pytest.fixture(scope="module")

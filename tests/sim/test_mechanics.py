@@ -3,9 +3,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from motm_twin.model.joint_limits import DDQ_MAX, DQ_MAX, Q_MAX, Q_MIN, READY
-from motm_twin.model.profile import BaseLimits
-from motm_twin.sim.actuators import Arm, ArmState, Base, BaseState
+from motm_twin.model.profile import DDQ_MAX, DQ_MAX, Q_MAX, Q_MIN, READY, BaseLimits
+from motm_twin.sim.mechanics import Arm, Base
+from motm_twin.sim.plant_state import ArmState, BaseState
 
 DT = 0.01
 
