@@ -11,8 +11,7 @@ from pathlib import Path
 
 from rich.console import Console
 
-from motm_twin.model.scene_file import listing
-from motm_twin.model.scene_load import load_document
+from motm_twin.model.scene_file import listing, load_document
 from motm_twin.program import clean_exit
 from motm_twin.studies.run import run
 from motm_twin.studies.spec import Experiment, TrialSpec

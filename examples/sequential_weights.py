@@ -10,8 +10,8 @@ import dataclasses
 from functools import partial
 
 from motm_twin.methods.method import BaseChoices
-from motm_twin.rivals.parking import StationaryParameters
 from motm_twin.rivals.stationary import ALL_TERMS, SEQUENTIAL, SEQUENTIAL_OVERLAP, parking, stationary
+from motm_twin.rivals.stationary_placement import StationaryParameters
 
 
 def weighing(seconds, method=SEQUENTIAL):

@@ -18,26 +18,26 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from motm_twin.interrupts import starting
+from motm_twin.processes import starting
 
 if TYPE_CHECKING:
     from motm_twin import methods
     from motm_twin.client import connect
     from motm_twin.model.scene import Scene
     from motm_twin.model.scene_file import load_scene
-    from motm_twin.result import Result, run
+    from motm_twin.trial import Result, run
     from motm_twin.twin import Twin
 
 __version__ = "0.1.0"
 __all__ = ["Result", "Scene", "Twin", "connect", "load_scene", "methods", "run"]
 
 _HOMES = {  # imported by `__getattr__`
-    "Result": "result",
+    "Result": "trial",
     "Scene": "model.scene",
     "Twin": "twin",
     "connect": "client",
     "load_scene": "model.scene_file",
-    "run": "result",
+    "run": "trial",
 }
 
 

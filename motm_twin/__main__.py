@@ -3,7 +3,7 @@
 import os
 import sys
 
-from motm_twin.interrupts import loaded, starting
+from motm_twin.processes import loaded, starting
 
 
 def main() -> None:

@@ -16,8 +16,7 @@ from motm_twin.control.tick import Tick
 from motm_twin.model.geometry import frozen
 from motm_twin.model.known import KnownWorld
 from motm_twin.model.motion import command_pose
-from motm_twin.model.period import ARM_STEPS, PERIOD
-from motm_twin.model.plant import Actuation, Observation, Plant
+from motm_twin.model.plant import ARM_STEPS, PERIOD, Actuation, Observation, Plant
 from motm_twin.model.scene import Noise, Scene
 from motm_twin.planning.types import BoolArray, Mode, PlanStatus
 

@@ -11,18 +11,17 @@ from typing import TYPE_CHECKING
 import msgspec
 
 from motm_twin.bus.commands import Load
-from motm_twin.bus.connection import PortTaken, open_member
+from motm_twin.bus.connection import DEFAULT_PORT, DEFAULT_TWIN, PortTaken, open_member
 from motm_twin.bus.data_folder import DEFAULT_FOLDER
-from motm_twin.bus.keys import DEFAULT_PORT, DEFAULT_TWIN
 from motm_twin.bus.library import FileLibrary, MethodLibrary, TwinSetup
 from motm_twin.bus.pacing import refusal
-from motm_twin.bus.processes import Reporter, leave, stop_event
 from motm_twin.bus.server import RobotChoice, TwinServer
 from motm_twin.external.robot_link import RobotLink
 from motm_twin.methods import DEFAULT_METHOD
+from motm_twin.model.names import SceneError
 from motm_twin.model.scene import Scene
-from motm_twin.model.scene_error import SceneError
 from motm_twin.planning.types import SearchBudget
+from motm_twin.processes import Reporter, leave, stop_event
 from motm_twin.program import BAD_INPUT, freeze_setup, share_arenas
 
 if TYPE_CHECKING:
@@ -35,7 +34,7 @@ WATCH = 0.1  # [s] between looks at the state for the report
 
 def make_twin(scene: Scene, *, budget: SearchBudget, plant: str, method: "Method") -> "Twin":
     """A twin whose searches are bounded by the clock as well; ``plant``: kinematic, or by contact dynamics."""
-    from motm_twin.plants import with_plant
+    from motm_twin.sim.plant import with_plant
     from motm_twin.twin import Twin  # slow to import: only once the server listens
     from motm_twin.warm_up import compile_kernels, parts_of, program_clock
 
@@ -63,7 +62,7 @@ def make_external_twin(
 
 def reference_tour(scene: Scene) -> float:
     """Lower bound [s] of the time for the tasks of a scene."""
-    from motm_twin.measures.reference_tour import reference_tour_s
+    from motm_twin.measures.references import reference_tour_s
 
     return reference_tour_s(scene)
 

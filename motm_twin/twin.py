@@ -34,16 +34,15 @@ from motm_twin.model.edits import (
 from motm_twin.model.exact import norm
 from motm_twin.model.geometry import Array, from_frame
 from motm_twin.model.known import KnownWorld
-from motm_twin.model.period import PERIOD
+from motm_twin.model.plant import PERIOD, ExternalPlant, TwinPlant, WorldRehearsal
 from motm_twin.model.scene import Pick, PlanarPose, Scene
 from motm_twin.model.state import HasState, state_hash
-from motm_twin.model.twin_plant import ExternalPlant, TwinPlant, WorldRehearsal
 from motm_twin.planning.global_path import GraphCache
 from motm_twin.planning.parameters import PlanningParameters
 from motm_twin.planning.planner import BasePlanner
 from motm_twin.planning.types import SearchBudget
-from motm_twin.plants import make_plant
 from motm_twin.sessions.session import Cut, LoggedEdit, Session, made_with, plain
+from motm_twin.sim.plant import make_plant
 
 POINTED_AT = 0.15  # [m] error of a belief beyond which an object added to the task list is shown to the robot
 

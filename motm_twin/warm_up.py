@@ -9,7 +9,6 @@ import math
 import os
 import subprocess
 import sys
-import threading
 import time
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
@@ -29,16 +28,13 @@ from motm_twin.control.arm.types import ArmGoal, ArmInputs, ArmObstacles
 from motm_twin.control.monitor import Monitor, MonitorParameters, unseen_in_stop
 from motm_twin.control.self_check import SelfCheck, SelfCheckSettings
 from motm_twin.measures.agents import compile_gaps
-from motm_twin.measures.people import compile_meetings
 from motm_twin.methods.registry import find_method
 from motm_twin.model.arm_kernels import manipulability_gradient
 from motm_twin.model.edits import ParameterValue
 from motm_twin.model.geometry import frozen
-from motm_twin.model.joint_limits import READY
 from motm_twin.model.known import known_world
-from motm_twin.model.period import PERIOD
-from motm_twin.model.plant import Actuation, Observation, Scan
-from motm_twin.model.profile import Lidar, RobotProfile
+from motm_twin.model.plant import PERIOD, Actuation, Observation, Scan
+from motm_twin.model.profile import READY, Lidar, RobotProfile
 from motm_twin.model.scene import Scene
 from motm_twin.model.scene_file import load_scene
 from motm_twin.perception.detection_check import Beliefs, DetectionSettings, Screens
@@ -50,6 +46,7 @@ from motm_twin.planning.in_time import fill_waits
 from motm_twin.planning.rejections import mark_free
 from motm_twin.planning.staa import run_search
 from motm_twin.planning.warm_up import warm_up_evasion, warm_up_foresight, warm_up_placement, warm_up_search
+from motm_twin.processes import at_end_of_input
 from motm_twin.sim.agent_kernels import look_about
 from motm_twin.sim.kernels import polygon_distance
 from motm_twin.sim.plant import SimulatedPlant
@@ -172,14 +169,6 @@ def _start(parts: Iterable[str]) -> subprocess.Popen[bytes]:
     }
     command = [sys.executable, "-m", "motm_twin.warm_up", *parts]
     return subprocess.Popen(command, stdin=subprocess.PIPE, env=environment, start_new_session=True)  # noqa: S603
-
-
-def _end_with_input() -> None:
-    def watch() -> None:
-        sys.stdin.read()
-        os._exit(1)
-
-    threading.Thread(target=watch, name="parent", daemon=True).start()
 
 
 def _agents() -> None:
@@ -330,7 +319,7 @@ def main() -> None:
     """Compile everything, by running the twin; with names of parts, only those."""
     parts = sys.argv[1:]
     if parts and all(part in PARTS for part in parts):
-        _end_with_input()
+        at_end_of_input(lambda: os._exit(1))
         gc.freeze()
         gc.disable()  # a seventh of the time
         for part in parts:
@@ -339,7 +328,6 @@ def main() -> None:
         return
     compile_kernels()
     compile_gaps()
-    compile_meetings()
     for name in METHODS:
         for scene, periods in DRIVES:
             twin = Twin(load_scene(scene), method=find_method(name))

@@ -7,7 +7,7 @@ import pytest
 from bounds_of_scenes import ROOM, ends
 
 from motm_twin.control.tuning import PARAMETERS
-from motm_twin.model.scene_error import SceneError
+from motm_twin.model.names import SceneError
 from motm_twin.model.scene_file import load_scene
 from motm_twin.sessions.session import decode_session, encode_session
 from motm_twin.twin import Twin

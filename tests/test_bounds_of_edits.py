@@ -9,7 +9,7 @@ import pytest
 from motm_twin.bus.commands import EDITS, SERVER_COMMANDS, CommandGate, Refused, command_name
 from motm_twin.model.bounds import Between, Count, Length, Listed, OneOf, Text, bounds_of
 from motm_twin.model.edits import WORLD_EDITS, Edit
-from motm_twin.model.joint_limits import DQ_MAX, Q_MAX, Q_MIN
+from motm_twin.model.profile import DQ_MAX, Q_MAX, Q_MIN
 from motm_twin.model.scene import DriveTo, Pick, Place
 from motm_twin.model.scene_file import load_scene
 from motm_twin.perf.fuzz import EXAMPLES

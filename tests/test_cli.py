@@ -25,7 +25,7 @@ from motm_twin.__main__ import main as start
 from motm_twin.bus.connection import free_port
 from motm_twin.cli.serve import BAD_INPUT, OK, _Supervisor, serve
 from motm_twin.cli.settings import ServeSettings
-from motm_twin.model.data_dirs import scenes_dir
+from motm_twin.model.assets import scenes_dir
 from motm_twin.sessions.session import load_session, save_session
 from motm_twin.trial import run_scene
 
@@ -216,7 +216,7 @@ def test_a_file_that_cannot_be_written_is_refused_before_anything_is_computed(ca
         "/proc/out.json": "/proc cannot be written to: give another folder",  # even root cannot
     }
     computed = []
-    for module in ("cli.run.run_scene", "cli.rerun.rerun", "cli.rerun.compare"):
+    for module in ("cli.run.run_scene", "cli.run.rerun", "cli.run.compare"):
         monkeypatch.setattr(f"motm_twin.{module}", lambda *given, **named: computed.append(given))
     commands = (("run", "exp1"), ("rerun", str(RECORDED)), ("what-if", str(RECORDED), "--set", "bezier=off"))
     for arguments, (report, said) in itertools.product(commands, reports.items()):

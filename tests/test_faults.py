@@ -14,7 +14,7 @@ from motm_twin.model.faults import DELAY, JOINT, KINDS, SECONDS, table
 from motm_twin.model.scene_file import load_scene
 from motm_twin.perception.finding import KINDS as FINDINGS
 from motm_twin.sim.plant import SimulatedPlant
-from motm_twin.studies.faults import CAUSES, noticeable
+from motm_twin.studies.disturbances import CAUSES, noticeable
 from motm_twin.twin import Twin
 
 LASTS = 2.0  # [s]

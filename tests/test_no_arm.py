@@ -8,8 +8,8 @@ from motm_twin.bus.encode import tick_message
 from motm_twin.model.edits import InsertTask
 from motm_twin.model.kinematics import Frankie
 from motm_twin.model.known import known_world
+from motm_twin.model.names import SceneError
 from motm_twin.model.scene import Pick, Scene
-from motm_twin.model.scene_error import SceneError
 from motm_twin.model.scene_file import load_scene
 from motm_twin.perception.base_map import base_map
 from motm_twin.record.replay import rerun

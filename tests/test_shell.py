@@ -11,7 +11,7 @@ import pytest
 
 from motm_twin import __version__, cli
 from motm_twin.bus.connection import LOOPBACK
-from motm_twin.cli import doctor, outputs
+from motm_twin.cli import doctor
 from motm_twin.program import BAD_INPUT, OK
 from motm_twin.sessions.session import load_session
 
@@ -102,7 +102,7 @@ def test_without_a_folder_for_kernels_commands_and_the_doctor_say_what_to_set(ca
     def imports_kernels():
         no_locator()
 
-    monkeypatch.setattr(outputs, "njit", no_locator)
+    monkeypatch.setattr("numba.njit", no_locator)
     monkeypatch.setitem(cli.COMMANDS, "version", imports_kernels)
     code, out, error = call("version")
     assert (code, out) == (BAD_INPUT, "")

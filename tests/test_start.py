@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from motm_twin.cli.serve import _Supervisor
-from motm_twin.interrupts import put_off
+from motm_twin.processes import put_off
 from motm_twin.program import plain_console
 
 PIPE = subprocess.PIPE

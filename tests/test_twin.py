@@ -13,7 +13,7 @@ from motm_twin.model.known import known_world
 from motm_twin.model.scene_file import check_all, list_scenes, load_scene
 from motm_twin.record.replay import rerun
 from motm_twin.sessions.session import decode_session, encode_session
-from motm_twin.studies.faults import Watch
+from motm_twin.studies.disturbances import Watch
 from motm_twin.trial import run_scene
 from motm_twin.twin import Twin
 

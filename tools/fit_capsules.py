@@ -1,4 +1,4 @@
-"""Fit the capsules of ``motm_twin/model/body_geometry.py`` to the collision hulls; prints the table.
+"""Fit the capsules of ``motm_twin/model/arm_kernels.py`` to the collision hulls; prints the table.
 
 Each hull is cut by the plane that makes the two capsules round its halves smallest. A capsule is convex, so capsules
 that contain the corners of both halves contain the whole hull. Run it from the

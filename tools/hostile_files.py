@@ -28,7 +28,7 @@ import msgspec
 from mcap.writer import CompressionType, IndexType, Writer
 
 from motm_twin.bus.encode import ObservationEncoder, tick_message
-from motm_twin.cli.rerun import rerun_file
+from motm_twin.cli.run import rerun_file
 from motm_twin.record import channels as ch
 from motm_twin.record.mcap_file import McapFile, read, recover
 from motm_twin.record.player import Frames

@@ -6,8 +6,8 @@ robot caused; docs/notebook/faults.md has results.
 
 import argparse
 
-from motm_twin.completion import Completion
 from motm_twin.control.arm.types import Phase
+from motm_twin.control.tick import Completion
 from motm_twin.methods.registry import find_method
 from motm_twin.model.edits import InjectFault
 from motm_twin.model.scene_file import load_scene

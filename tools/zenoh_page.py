@@ -17,7 +17,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from motm_twin.bus.commands import EDITS, SERVER_COMMANDS
-from motm_twin.bus.keys import PREFIX, Keys
+from motm_twin.bus.connection import PREFIX, Keys
 from motm_twin.bus.schemas import MESSAGES, schema
 from motm_twin.client.commanding import Commanding
 from motm_twin.control.tuning import PARAMETERS
@@ -49,7 +49,7 @@ def table(name: str) -> str:
 
 
 def keys_table() -> str:
-    """One row for each key of `bus.keys.Keys`: its message, when it comes, and what it is."""
+    """One row for each key of `bus.connection.Keys`: its message, when it comes, and what it is."""
     comments = dict(re.findall(r"self\.([a-z]\w*) = f\"\{root\}/[^\"]*\"(?:  # (.+))?", inspect.getsource(Keys)))
     lines = ["", "| key | message | form, and when | what |", "|---|---|---|---|"]
     for attribute, comment in comments.items():

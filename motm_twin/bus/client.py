@@ -18,8 +18,7 @@ from numpy.typing import NDArray
 
 from motm_twin.bus import messages
 from motm_twin.bus.commands import Answer, Command, Envelope, command_name
-from motm_twin.bus.connection import answers, direct, open_client
-from motm_twin.bus.keys import Keys, spoken_on
+from motm_twin.bus.connection import Keys, answers, direct, open_client, spoken_on
 from motm_twin.model.scene import Scene
 
 STANDS = ("paused", "done")  # states in which no further tick comes

@@ -9,8 +9,8 @@ from pathlib import Path
 
 from motm_twin.bus.commands import Record, Refused, Save
 from motm_twin.bus.live import LiveTwin
-from motm_twin.bus.processes import Child, end_all
 from motm_twin.bus.publisher import Outbox
+from motm_twin.processes import Child, end_all
 
 DEFAULT_FOLDER = Path("recordings")
 MAX_FILES = 1000  # in the folder; a program that saves without end must not fill the disk

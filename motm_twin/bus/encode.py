@@ -236,7 +236,7 @@ class RobotEncoder:
     def _frames(self, observation: Observation) -> dict[str, list[float]]:
         from scipy.spatial.transform import Rotation  # as above
 
-        from motm_twin.model.kinematics import LINKS
+        from motm_twin.model.assets import LINKS
 
         links = self._robot.link_transforms(observation.pose, observation.q, observation.gripper_width)
         tcp = np.eye(4)

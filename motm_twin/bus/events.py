@@ -12,7 +12,7 @@ from msgspec.structs import replace
 
 from motm_twin.bus import messages
 from motm_twin.model.edits import Drive, Edit, MoveBody
-from motm_twin.model.period import PERIOD
+from motm_twin.model.plant import PERIOD
 
 HISTORY = 1000  # events that can be asked for
 SAME_DRAG = 1.0  # [s] simulated time within which repeated moves of a held body, or twists by hand, make one event

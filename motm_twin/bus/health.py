@@ -10,8 +10,7 @@ from contextlib import closing, suppress
 
 import msgspec
 
-from motm_twin.bus.connection import LOOPBACK, LOOPBACK_6, answers, open_client
-from motm_twin.bus.keys import DEFAULT_TWIN, Keys
+from motm_twin.bus.connection import DEFAULT_TWIN, LOOPBACK, LOOPBACK_6, Keys, answers, open_client
 from motm_twin.bus.messages import StatusMessage
 from motm_twin.bus.private_folder import all_running
 

@@ -15,8 +15,15 @@ from motm_twin.bus.messages import MethodChoice, SceneChoice
 from motm_twin.methods import DEFAULT_METHOD
 from motm_twin.model.names import hint
 from motm_twin.model.scene import Scene
-from motm_twin.model.scene_file import SceneListing, list_scenes, listing, load_scene
-from motm_twin.model.scene_load import find_scene, is_made, load_document
+from motm_twin.model.scene_file import (
+    SceneListing,
+    find_scene,
+    is_made,
+    list_scenes,
+    listing,
+    load_document,
+    load_scene,
+)
 
 if TYPE_CHECKING:
     from motm_twin.control.method import Method

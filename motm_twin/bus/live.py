@@ -28,10 +28,8 @@ from motm_twin.model.edits import (
     SetParameter,
     WorldEdit,
 )
-from motm_twin.model.period import PERIOD
-from motm_twin.model.plant import BodyTruth, Truth
+from motm_twin.model.plant import PERIOD, BodyTruth, ExternalPlant, Truth
 from motm_twin.model.scene import Scene
-from motm_twin.model.twin_plant import ExternalPlant
 from motm_twin.planning.types import SearchBudget
 from motm_twin.sessions.session import LoggedEdit
 
@@ -48,7 +46,7 @@ class Preview:
     """Applies edits to a copy of the state. Edits of the robot's knowledge have no visible effect."""
 
     def __init__(self, scene: Scene) -> None:
-        from motm_twin.plants import make_plant  # slow to import: only once the server listens
+        from motm_twin.sim.plant import make_plant  # slow to import: only once the server listens
 
         self._plant = make_plant(scene)
         self._of: TickMessage | None = None

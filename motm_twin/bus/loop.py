@@ -10,16 +10,16 @@ from contextlib import suppress
 import msgspec
 
 from motm_twin.bus import commands
+from motm_twin.bus.commands import Holds, Wheel
 from motm_twin.bus.data_folder import DataFolder
-from motm_twin.bus.driver import Holds, Wheel
 from motm_twin.bus.library import MethodLibrary, SceneSource, TwinSetup
 from motm_twin.bus.live import LiveTwin, SessionDesk, SessionReply, Sink
 from motm_twin.bus.messages import STATUS_VERSION, StatusMessage
 from motm_twin.bus.pacing import Pacer, RealTime
 from motm_twin.bus.queries import Idle, Reply
-from motm_twin.completion import SETTLE_PERIODS
+from motm_twin.control.tick import SETTLE_PERIODS
 from motm_twin.model.bounds import SEED
-from motm_twin.model.period import PERIOD
+from motm_twin.model.plant import PERIOD
 from motm_twin.model.scene import DriveTo, Scene
 from motm_twin.sessions.session import LoggedEdit
 

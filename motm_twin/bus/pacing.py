@@ -3,7 +3,7 @@
 import os
 from collections import deque
 
-from motm_twin.model.period import PERIOD
+from motm_twin.model.plant import PERIOD
 
 MAX_LAG = 0.25  # [s] real time; a greater lag is not made up
 WINDOW = 1.0  # [s] over which the actual factor is measured

@@ -18,14 +18,13 @@ import msgspec
 import numpy as np
 import zenoh
 
+from motm_twin.bus.connection import Keys
 from motm_twin.bus.encode import ObservationEncoder, RobotEncoder, as_message, grid_bytes, grid_info
 from motm_twin.bus.events import EventLog, EventWatch
-from motm_twin.bus.keys import Keys
 from motm_twin.bus.messages import METRICS_VERSION, MetricsMessage, SceneInfo, ScoreMessage, StatusMessage, TickMessage
 from motm_twin.bus.queries import Idle, LatestValues
 from motm_twin.control.tick import Tick
-from motm_twin.model.period import PERIOD
-from motm_twin.model.plant import Observation
+from motm_twin.model.plant import PERIOD, Observation
 from motm_twin.model.profile import RobotProfile
 from motm_twin.model.scene import Scene
 from motm_twin.perception.world_map import WorldMap

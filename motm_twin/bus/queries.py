@@ -19,8 +19,7 @@ import msgspec
 import zenoh
 
 from motm_twin.bus.commands import COMMAND_NAMES, Answer, CommandGate, Envelope, Refused
-from motm_twin.bus.connection import direct
-from motm_twin.bus.keys import Keys
+from motm_twin.bus.connection import Keys, direct
 from motm_twin.bus.schemas import names, schema
 
 WAITING = 1024  # queries of a key; more would block their link

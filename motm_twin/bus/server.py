@@ -16,9 +16,8 @@ from typing import Any, Self
 import zenoh
 
 from motm_twin.bus.commands import Refused
-from motm_twin.bus.connection import LOOPBACK, free_port, open_server
+from motm_twin.bus.connection import LOOPBACK, Keys, PlantKeys, free_port, open_server
 from motm_twin.bus.data_folder import DEFAULT_FOLDER, DataFolder
-from motm_twin.bus.keys import Keys, PlantKeys
 from motm_twin.bus.library import TwinSetup
 from motm_twin.bus.loop import TwinLoop
 from motm_twin.bus.private_folder import forget

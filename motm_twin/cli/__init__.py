@@ -1,19 +1,134 @@
-"""The command line: `motm-twin serve | run | record | replay | rerun | what-if | scene | bench | ...`."""
+"""The command line: `motm-twin serve | run | record | replay | rerun | what-if | scene | bench | ...`.
+
+Each command has its options and help here, in `settings`, or in its own file. What it does is imported when it is
+called.
+"""
 
 import io
 import os
 import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated, Literal
 
 import tyro
+from tyro.conf import Positional, arg
 
 from motm_twin import __version__
 from motm_twin.bus.connection import ConfigError
-from motm_twin.cli.commands import COMMANDS
-from motm_twin.cli.outputs import kernel_problem
-from motm_twin.model.names import MethodError, hint
-from motm_twin.model.scene_error import SceneError
-from motm_twin.program import BAD_INPUT, FAILED, INTERRUPTED, OK, plain_console
+from motm_twin.cli import client, doctor, record, security
+from motm_twin.cli.settings import BenchSettings, PaperSettings, RunSettings, Seed, ServeSettings
+from motm_twin.model.names import MethodError, SceneError, hint
+from motm_twin.processes import interruptible
+from motm_twin.program import BAD_INPUT, FAILED, INTERRUPTED, OK, kernel_problem, plain_console
 from motm_twin.sessions.session import SessionError
+
+
+def _run(settings: Annotated[RunSettings, arg(name="")]) -> int:
+    """Run a scene headless, as fast as the processor allows.
+
+    Exit code 0: the task was completed with no contact caused by the robot; 1: not; 2: bad input; 130: Ctrl-C.
+    """
+    from motm_twin.cli.run import run as run_scene
+
+    return run_scene(settings)
+
+
+def _serve(settings: Annotated[ServeSettings, arg(name="")]) -> int:
+    """Serve the twin in the browser, and its state on Zenoh."""
+    from motm_twin.cli.serve import serve as serve_twin
+
+    return serve_twin(settings)
+
+
+def _scene(
+    action: Positional[Literal["list", "check", "schema", "generate"]],
+    path: Annotated[Positional[str | None], arg(metavar="[SCENE]")] = None,
+    /,
+    seed: Seed = None,
+    difficulty: Annotated[float | None, arg(metavar="FLOAT")] = None,
+    output: Annotated[Path | None, arg(aliases=["-o"], metavar="FILE")] = None,
+) -> int:
+    """List the shipped scenes, check a scene file, print the JSON Schema of scene files, or make a new scene.
+
+    Args:
+        action: What to do.
+        path: For check: name or file of a scene; - reads standard input.
+        seed: For generate: the same seed and difficulty give the same file.
+        difficulty: For generate: from 0 (easy) to 1 (hard); 0.5 without it.
+        output: For generate: the new file; without it, the scene is printed.
+    """
+    from motm_twin.cli.scene import check_scene, generate_scene, list_scenes, print_schema
+
+    if action == "generate":
+        return generate_scene(seed, difficulty, output, path)
+    if (seed, difficulty, output) != (None, None, None):
+        raise SceneError(f"scene {action}: --seed, --difficulty and --output belong to scene generate")
+    if action == "list":
+        return list_scenes()
+    if action == "schema":
+        return print_schema()
+    if path is None:
+        raise SceneError("scene check: name a shipped scene or a file to check")
+    return check_scene(path)
+
+
+def _bench(settings: Annotated[BenchSettings, arg(name="")]) -> int:
+    """Measure trials, the page, Zenoh or a router, as tables and JSON; or compare methods.
+
+    A group, such as exp1, measures the numbers of the README. With --methods, --trials, --changes, --backend, --address
+    or --retry-failed it runs an experiment and compares the methods in a table: exp1, exp1a, exp2, blind, one_temi,
+    ablations, grasp_delay, robustness, mismatch, quick_robot, further_scenes, generated, sweep_next_weight,
+    sweep_bezier_offset, sweep_radius_min or sweep_radius_max. Trials are kept on disk: after Ctrl-C or a crash the same
+    command resumes.
+    """
+    from motm_twin.cli.bench import run_bench
+
+    return run_bench(settings)
+
+
+def _paper(settings: Annotated[PaperSettings, arg(name="")]) -> int:
+    """Run the paper's experiments and write a report to cite: figures, tables, results, one HTML file.
+
+    The default runs all methods on ten trials of Experiments 1 and 1a and on five of 2, each modification switched off
+    on ten, other values of four parameters on five, ten seeds of every error and five of late, missed and slipped
+    grasps: less than an hour on two cores. After Ctrl-C the same command resumes. Exit code 0: the report was written;
+    2: bad input; 130: stopped with Ctrl-C.
+    """
+    from motm_twin.cli.bench import write_paper
+
+    return write_paper(settings)
+
+
+def _demo() -> int:
+    """Serve Experiment 2, four Temis in the robot's way, again and again. The same as `motm-twin serve exp2 --loop`."""
+    return _serve(ServeSettings(scene="exp2", loop=True))
+
+
+def _version() -> int:
+    """Print the version."""
+    print(f"motm-twin {__version__}")
+    return 0
+
+
+def _warm_up() -> int:
+    """Compile the numeric kernels, once per installation: later starts take seconds."""
+    from motm_twin.warm_up import main
+
+    main()
+    return 0
+
+
+OWN: dict[str, Callable[..., int]] = {  # have signal handlers of their own, or say when they are loaded
+    "serve": _serve, "run": _run, "record": record.record, "replay": record.replay, "robot": client.robot,
+    "demo": _demo,
+}  # fmt: skip
+OTHERS: dict[str, Callable[..., int]] = {
+    "rerun": record.rerun, "info": record.info, "recover": record.recover, "what-if": record.what_if,
+    "watch": client.watch, "send": client.send, "twins": client.twins, "scene": _scene, "bench": _bench,
+    "paper": _paper, "security": security.security, "doctor": doctor.doctor, "warm-up": _warm_up, "version": _version,
+}  # fmt: skip
+COMMANDS = OWN | {name: interruptible(command) for name, command in OTHERS.items()}
 
 
 def main() -> None:

@@ -1,29 +1,33 @@
-"""`motm-twin bench NAME ...`: groups of trials with numbers to reach, benchmarks, and experiments by name."""
+"""`motm-twin bench NAME ...`: groups of trials with numbers to reach, benchmarks, and experiments by name.
+
+`motm-twin paper`: the experiments, the figures and tables, and the report, in one command.
+"""
 
 from collections.abc import Callable, Iterable
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import msgspec
 import tyro
 from rich.console import Console
 from rich.table import Table
 
-from motm_twin.cli.outputs import folder_problem
-from motm_twin.generate.barn import PREFIX
+from motm_twin.cli.settings import BenchSettings, PaperSettings
+from motm_twin.generate.challenges import PREFIX
 from motm_twin.model.names import hint
-from motm_twin.perf import anytime, bus, growth, page, period, scale, soak
+from motm_twin.perf import bus, growth, page, period, soak
 from motm_twin.perf.report import machine
-from motm_twin.plants import MUJOCO, require_mujoco
-from motm_twin.program import BAD_INPUT, FAILED, INTERRUPTED, OK, plain_console, table_console
-from motm_twin.studies import barn, faults, grasping, people, pool, screening, surprise, task, tracker
+from motm_twin.program import BAD_INPUT, FAILED, INTERRUPTED, OK, folder_problem, plain_console, table_console
+from motm_twin.sessions.session import SOURCE, made_with
+from motm_twin.sim.plant import MUJOCO, require_mujoco
+from motm_twin.studies import barn, disturbances, groups, people, pool, sensitivity
 from motm_twin.studies.catalogue import EXPERIMENTS, experiment
 from motm_twin.studies.groups import GROUPS, bench_group
+from motm_twin.studies.paper import data, parts, report
 from motm_twin.studies.pool import BACKENDS
 from motm_twin.studies.run import Results, kept_text, run
-from motm_twin.studies.settings import BenchSettings
-from motm_twin.studies.summary import published_beside, reasons_table, rows, summary_table, write_summary
+from motm_twin.studies.statistics import published_beside, reasons_table, rows, summary_table, write_summary
 from motm_twin.warm_up import compile_kernels
 
 TABLE_WIDTH = 132  # characters; a narrower table is not readable
@@ -46,7 +50,7 @@ def _period(given: BenchSettings, console: Console) -> bool:
 def _grasp_rule(given: BenchSettings, console: Console) -> bool:
     """Sweep the floating hand; True when a rule nowhere holds what physics loses. Raises SceneError without MuJoCo."""
     require_mujoco()
-    sweeps = import_module("motm_twin.physics.grasp_sweep")
+    sweeps = import_module("motm_twin.physics.floating_hand")
     console.print(f"\n[bold]{GRASP_RULE}[/bold]: {GRASP_RULE_TITLE}")
     outcomes = sweeps.sweep(given.workers, quick=given.quick)
     found = sweeps.counts(outcomes)
@@ -55,49 +59,53 @@ def _grasp_rule(given: BenchSettings, console: Console) -> bool:
     return not any(count for name, count in found.items() if name.endswith("holds what physics loses"))
 
 
-def _grasping(study: grasping.Study) -> Run:
+def _study(study: sensitivity.Study) -> Run:
     def run_study(given: BenchSettings, console: Console) -> bool:
         if any(setting.plant == MUJOCO for setting in study.settings):
             require_mujoco()
-        return grasping.bench_study(study, given.out, given.share, given.workers, console)
+        return sensitivity.bench_study(study, given.out, given.share, given.workers, console)
 
     return run_study
 
 
-RUNS: dict[str, Run] = {
-    **{name: _group(name) for name in GROUPS},
-    "period": _period,
-    page.NAME: lambda given, console: page.bench_page(given.out, given.seconds, given.minutes, given.visits, console),
-    bus.NAME: lambda given, console: bus.bench_bus(given.out, given.seconds, console),
-    soak.NAME: lambda given, console: soak.bench_soak(given.out, given.share, console),
-    scale.NAME: lambda given, console: scale.bench_scale(given.out, given.seconds, console),
-    pool.NAME: lambda given, console: pool.bench_efficiency(given.out, given.workers, console),
-    growth.NAME: lambda given, console: growth.bench_growth(given.out, console, quick=given.quick),
-    anytime.NAME: lambda given, console: anytime.bench_anytime(given.out, console, quick=given.quick),
-    period.SOLVERS_NAME: lambda given, console: period.bench_solvers(given.out, console, quick=given.quick),
-    task.NAME: lambda given, console: task.bench_task(given.out, given.share, given.workers, console),
-    faults.NAME: lambda given, console: faults.bench_faults(
-        given.out, given.share, given.workers, console, kinds=given.kinds, scenes=given.scenes
-    ),
-    screening.NAME: lambda given, console: screening.bench_screening(
-        given.out, given.share, given.workers, console, given.numbers
-    ),
-    GRASP_RULE: _grasp_rule,
-    **{name: _grasping(study) for name, study in grasping.STUDIES.items()},
-    surprise.NAME: lambda given, console: surprise.bench_surprise(given.out, given.workers, console),
-}
-OF_EXTRA = "physics"  # group that needs an extra
-ALL = (*(name for name in GROUPS if name != OF_EXTRA), task.NAME)  # of the name "all"
-TRIAL = 0.12  # [min] of one trial on one of two processes
-ABOUT = {  # of the others: minutes on two cores, and title
-    "period": (5, period.TITLE), page.NAME: (10, page.TITLE), bus.NAME: (6, bus.TITLE), soak.NAME: (45, soak.TITLE),
-    scale.NAME: (12, scale.TITLE), pool.NAME: (6, pool.TITLE), growth.NAME: (5, growth.TITLE),
-    anytime.NAME: (7, anytime.TITLE), period.SOLVERS_NAME: (1, period.SOLVERS_TITLE), task.NAME: (40, task.TITLE),
-    faults.NAME: (120, faults.TITLE), surprise.NAME: (12, surprise.TITLE), screening.NAME: (900, screening.TITLE),
-    GRASP_RULE: (6, GRASP_RULE_TITLE),
-    **{name: (study.minutes, study.title) for name, study in grasping.STUDIES.items()},
+class Bench(NamedTuple):
+    """A benchmark that is no group of trials."""
+
+    minutes: int  # about, on two cores
+    title: str
+    run: Run
+
+
+BENCHES = {
+    "period": Bench(5, period.TITLE, _period),
+    page.NAME: Bench(10, page.TITLE, lambda given, console: page.bench_page(
+        given.out, given.seconds, given.minutes, given.visits, console)),
+    bus.NAME: Bench(6, bus.TITLE, lambda given, console: bus.bench_bus(given.out, given.seconds, console)),
+    soak.NAME: Bench(45, soak.TITLE, lambda given, console: soak.bench_soak(given.out, given.share, console)),
+    bus.SCALE: Bench(12, bus.SCALE_TITLE, lambda given, console: bus.bench_scale(given.out, given.seconds, console)),
+    pool.NAME: Bench(6, pool.TITLE, lambda given, console: pool.bench_efficiency(given.out, given.workers, console)),
+    growth.NAME: Bench(5, growth.TITLE, lambda given, console: growth.bench_growth(
+        given.out, console, quick=given.quick)),
+    period.ANYTIME: Bench(7, period.ANYTIME_TITLE, lambda given, console: period.bench_anytime(
+        given.out, console, quick=given.quick)),
+    period.SOLVERS_NAME: Bench(1, period.SOLVERS_TITLE, lambda given, console: period.bench_solvers(
+        given.out, console, quick=given.quick)),
+    groups.TASK: Bench(40, groups.TASK_TITLE, lambda given, console: groups.bench_task(
+        given.out, given.share, given.workers, console)),
+    disturbances.NAME: Bench(120, disturbances.TITLE, lambda given, console: disturbances.bench_faults(
+        given.out, given.share, given.workers, console, kinds=given.kinds, scenes=given.scenes)),
+    disturbances.SURPRISE: Bench(12, disturbances.SURPRISE_TITLE, lambda given, console: disturbances.bench_surprise(
+        given.out, given.workers, console)),
+    sensitivity.SCREENING: Bench(900, sensitivity.SCREENING_TITLE, lambda given, console: sensitivity.bench_screening(
+        given.out, given.share, given.workers, console, given.numbers)),
+    GRASP_RULE: Bench(6, GRASP_RULE_TITLE, _grasp_rule),
+    **{name: Bench(study.minutes, study.title, _study(study)) for name, study in sensitivity.STUDIES.items()},
 }  # fmt: skip
-ALONE = (barn.NAME, people.NAME, tracker.NAME)  # named first, with arguments of their own
+RUNS: dict[str, Run] = {name: _group(name) for name in GROUPS} | {name: bench.run for name, bench in BENCHES.items()}
+OF_EXTRA = "physics"  # group that needs an extra
+ALL = (*(name for name in GROUPS if name != OF_EXTRA), groups.TASK)  # of the name "all"
+TRIAL = 0.12  # [min] of one trial on one of two processes
+ALONE = (barn.NAME, people.NAME, people.TRACKER)  # named first, with arguments of their own
 ONLY_EXPERIMENTS = tuple(name for name in EXPERIMENTS if name not in RUNS)
 
 
@@ -132,12 +140,12 @@ def _list_groups(console: Console) -> None:
     """Print what can be measured, and how long it takes."""
     table = Table("group", "about", "what", title="motm-twin bench GROUP [GROUP ...]; all: those above the line")
     whole = {name: (round(len(GROUPS[name].trials) * TRIAL) or 1, GROUPS[name].title) for name in GROUPS}
-    whole |= ABOUT
+    whole |= {name: (bench.minutes, bench.title) for name, bench in BENCHES.items()}
     for name in (*ALL, *(name for name in whole if name not in ALL)):
         table.add_row(name, f"{whole[name][0]} min", whole[name][1], end_section=name == ALL[-1])
     table.add_row(barn.NAME, "", f"{barn.TITLE}; then scene files, or --worlds N")
     table.add_row(people.NAME, "", f"{people.TITLE}; --situations, --methods, --trials N of each from seed --first")
-    table.add_row(tracker.NAME, "", f"{tracker.TITLE}; --situations, --trials N of each")
+    table.add_row(people.TRACKER, "", f"{people.TRACKER_TITLE}; --situations, --trials N of each")
     table.add_section()
     for name in ONLY_EXPERIMENTS:
         table.add_row(name, "", EXPERIMENTS[name].title)
@@ -152,12 +160,17 @@ def _problem(given: BenchSettings) -> str:
         return problem
     if given.worlds is not None and given.worlds < 1:
         return f"--worlds {given.worlds}: at least 1 is needed"
-    if given.workers < 1:
-        return f"--workers {given.workers}: at least 1 is needed"
     if not 0.0 < given.share <= 1.0:
         return f"--share {given.share:g}: give a share above 0, at most 1"
-    problem = folder_problem(given.out)
-    return f"--out {given.out}: {problem}" if problem else ""
+    return _impossible(given.workers, given.out)
+
+
+def _impossible(workers: int, out: Path) -> str:
+    """Refusal of a number of processes, or of a folder; "" when both are possible."""
+    if workers < 1:
+        return f"--workers {workers}: at least 1 is needed"
+    problem = folder_problem(out)
+    return f"--out {out}: {problem}" if problem else ""
 
 
 def _wrong_name(given: BenchSettings) -> str:
@@ -166,8 +179,8 @@ def _wrong_name(given: BenchSettings) -> str:
     named = given.groups if given.groups[0] not in ALONE else []  # scene files may follow it
     for what, names, known in (
         ("experiment" if given.experiment else "group", named, possible),
-        ("fault", given.kinds, (faults.NONE, *faults.KINDS)),
-        ("scene", given.scenes, tuple(faults.SCENES)),
+        ("fault", given.kinds, (disturbances.NONE, *disturbances.KINDS)),
+        ("scene", given.scenes, tuple(disturbances.SCENES)),
     ):
         if wrong := [name for name in names if name not in known]:
             return f"unknown {what} {wrong[0]!r}; {hint(wrong[0], known)}"
@@ -189,7 +202,7 @@ def _bench_alone(given: BenchSettings, console: Console) -> int:
             named = (given.situations, given.methods, given.trials)
             good = people.bench_people(*named, workers, out, console, given.first)
         else:
-            good = tracker.bench_tracker(given.situations, given.trials, workers, out, console)
+            good = people.bench_tracker(given.situations, given.trials, workers, out, console)
     except ValueError as error:
         return _refused(error, console)
     return OK if good else FAILED
@@ -261,3 +274,105 @@ def show(name: str, results: Results, out: Path, console: Console) -> None:
         console.print(why)
     target = write_summary(found, beside, out / name)
     console.print(f"written to {target}; the trials are in {out / name}", markup=False)
+
+
+WARN_HOURS = 3.0  # beyond this, --yes is required
+
+
+def write_paper(given: PaperSettings) -> int:
+    """Run what the report of the paper's experiments needs, and write it; the exit code."""
+    console = plain_console()
+    if problem := _paper_problem(given):
+        return _refused_paper(problem)
+    plan = data.PLANS[given.plan]()
+    try:
+        records = _records_in_folder(given, plan) if given.draw else _run(given, plan, console)
+    except ValueError as error:  # a scene, method or folder with which no trial can be run; or hours
+        return _refused_paper(str(error))
+    except KeyboardInterrupt:
+        text = f"\nstopped; the finished trials are in {given.out}: the same command resumes there"
+        console.print(text, markup=False)
+        return INTERRUPTED
+    console.print("figures and tables:")
+    target = _write(given, plan, records, console)
+    console.print(f"written: {target}")
+    return 0
+
+
+def _paper_problem(given: PaperSettings) -> str:
+    if unknown := [name for name in given.only if name not in parts.NAMES]:
+        return f"there is no figure or table {unknown[0]!r}; {hint(unknown[0], parts.NAMES)}"
+    if given.quick and given.full:
+        return "--quick and --full exclude each other"
+    return _impossible(given.workers, given.out)
+
+
+def _records_in_folder(given: PaperSettings, plan: data.Plan) -> data.Records:
+    """The records in the folder. Raises ValueError when there are none, and what is asked for is drawn from some."""
+    records = data.stored(given.out)
+    if not any(records.values()) and parts.needed(plan.experiments, given.only or parts.NAMES):
+        raise ValueError(f"--out {given.out}: there is no trial in it to draw: give the folder of a run")
+    return records
+
+
+def _run(given: PaperSettings, plan: data.Plan, console: Console) -> data.Records:
+    """Run what is missing; the records of the plan, and of what else is in the folder. Raises ValueError."""
+    compile_kernels()
+    experiments = parts.needed(plan.experiments, given.only) if given.only else plan.experiments
+    wanted = data.keys(experiments)
+    _announce(given, wanted, console)
+    results = run(
+        experiments,
+        out=given.out,
+        workers=given.workers,
+        backend=given.backend,
+        address=given.address,
+        console=console,
+        retry_failed=given.retry_failed,
+        about={data.PLAN: plan.name, data.COMMAND: given.command()},
+    )
+    for note in results.notes:
+        console.print(f"  {note}", markup=False)
+    if not given.only:
+        return {**data.stored(given.out, without=wanted), **data.of_plan(given.out, wanted)}
+    whole = data.keys(each for each in plan.experiments if (given.out / each.name).is_dir())
+    data.write_completed(given.out, whole)
+    return {**data.stored(given.out, without=whole), **data.of_plan(given.out, whole)}
+
+
+def _announce(given: PaperSettings, wanted: data.Keys, console: Console) -> None:
+    """Say how long it will take. Raises ValueError for hours that nobody has confirmed."""
+    left, count = data.missing(given.out, wanted, retry_failed=given.retry_failed)
+    expected_h = data.hours(left, given.workers)
+    expected = f"{expected_h:.1f} h" if expected_h >= 1.0 else f"{60.0 * expected_h:.0f} min"
+    console.print(
+        f"{len(left)} of {count} trials to run, expected to take {expected} with {given.workers} processes on this "
+        "machine; then the figures"
+    )
+    if expected_h > WARN_HOURS and not given.yes and not _begun(given):
+        raise ValueError(f"that is long: add --yes to start, more --workers, or --backend ray; expected {expected}")
+
+
+def _begun(given: PaperSettings) -> bool:
+    """The folder has trials of this plan, run with the source as it is now."""
+    wanted = (given.plan, made_with()[SOURCE])
+    notes = (record.made_with for these in data.stored(given.out).values() for record in these)
+    return any((note.get(data.PLAN), note.get(SOURCE)) == wanted for note in notes)
+
+
+def _write(given: PaperSettings, plan: data.Plan, records: data.Records, console: Console) -> Path:
+    """Draw the report, and note the origin of the trials."""
+    ran = data.origin((record for these in records.values() for record in these), given.command())
+    known = [name for name in data.PLANS if name in ran.plans]  # the largest plan that ran the trials comes last
+    shown = data.PLANS[known[-1]]() if given.draw and known else plan
+    trials = {name: [record.result for record in these] for name, these in records.items()}
+    context = parts.Context(data.Store(trials), given.out, console, not given.no_page, shown.name, ran.sources)
+    given.out.mkdir(parents=True, exist_ok=True)
+    for warning in report.stale(ran):
+        console.print(f"  {warning}", markup=False)
+    return report.write(context, ran, given.command(), given.only or parts.NAMES, shown.notes)
+
+
+def _refused_paper(why: str) -> int:
+    plain_console(stderr=True).print(f"motm-twin paper: {why}", markup=False)
+    return BAD_INPUT

@@ -12,10 +12,8 @@ from enum import StrEnum
 from typing import NamedTuple
 
 from motm_twin import __version__
-from motm_twin.bus.connection import LOOPBACK, require_free_port
-from motm_twin.bus.keys import DEFAULT_PORT
-from motm_twin.cli.outputs import kernel_problem
-from motm_twin.program import FAILED, OK, table_console
+from motm_twin.bus.connection import DEFAULT_PORT, LOOPBACK, require_free_port
+from motm_twin.program import FAILED, OK, kernel_problem, table_console
 
 PAGE_PORT = 8080
 CHROMIUMS = ("chromium", "chromium-browser", "google-chrome-stable", "google-chrome")
@@ -86,7 +84,7 @@ def _packages() -> Iterator[Answer]:
 
 
 def _models() -> Iterator[Answer]:
-    from motm_twin.model.data_dirs import web_assets_dir
+    from motm_twin.model.assets import web_assets_dir
     from motm_twin.model.scene_file import list_scenes
 
     model = web_assets_dir() / "frankie.urdf"

@@ -14,6 +14,7 @@ from rich.console import Console
 from tyro.conf import Positional
 
 from motm_twin.cli.settings import Changes, ReplaySettings
+from motm_twin.processes import handled
 from motm_twin.program import BAD_INPUT, FAILED, OK, plain_console
 from motm_twin.sessions.session import SessionError
 
@@ -58,23 +59,18 @@ def record(
     arguments += [] if seconds is None else ["--seconds", str(seconds)]
     console = plain_console()
     command = [sys.executable, "-m", "motm_twin.record.recorder", *arguments]
-    code = FAILED
     process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)  # noqa: S603 - our own module
-    handlers = {number: signal.signal(number, signal.SIG_IGN) for number in (signal.SIGINT, signal.SIGTERM)}
-    try:
-        # Ctrl-C reaches the recorder as well, which ends by itself; SIGTERM is passed on.
-        signal.signal(signal.SIGTERM, lambda *_: process.terminate())
-        assert process.stdout is not None
-        for line in process.stdout:
-            with suppress(OSError):  # recording goes on when nobody reads this
-                _tell(console, json_module.loads(line))
-        code = process.wait()
-    finally:
-        for number, handler in handlers.items():
-            signal.signal(number, handler)
-        if process.poll() is None:
-            process.terminate()
-    return code
+    # Ctrl-C reaches the recorder as well, which ends by itself; SIGTERM is passed on.
+    with handled(signal.SIG_IGN, signal.SIGINT), handled(lambda *_: process.terminate(), signal.SIGTERM):
+        try:
+            assert process.stdout is not None
+            for line in process.stdout:
+                with suppress(OSError):  # recording goes on when nobody reads this
+                    _tell(console, json_module.loads(line))
+            return process.wait()
+        finally:
+            if process.poll() is None:
+                process.terminate()
 
 
 def _tell(console: Console, event: dict) -> None:
@@ -129,7 +125,7 @@ def rerun(file: _File, /, update: _Flag = False, json: _Json = None, method: _Me
         json: Write the report to a file, or to standard output with '-'.
         method: File of your own method, if the session or recording was made with one.
     """
-    from motm_twin.cli.rerun import rerun_file
+    from motm_twin.cli.run import rerun_file
 
     return rerun_file(file, update=update, report=json, method=method)
 
@@ -155,7 +151,7 @@ def what_if(
         stream: Instead, write the poses of both robots at 10 Hz and their outcomes as JSON lines.
         method: File of your own method, if the session was made with one.
     """
-    from motm_twin.cli.rerun import what_if as compare
+    from motm_twin.cli.run import what_if as compare
 
     return compare(file, list(changes), seconds=seconds, report=json, lines=stream, method=method)
 
@@ -169,7 +165,7 @@ def info(file: _File, /, json: _Json = None) -> int:
         file: A recording (.mcap).
         json: Write the report to a file, or to standard output with '-'.
     """
-    from motm_twin.cli.outputs import write_json
+    from motm_twin.program import write_json
     from motm_twin.record.recording import info as contents_of
     from motm_twin.record.recording import show
 

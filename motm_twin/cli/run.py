@@ -1,12 +1,22 @@
-"""`motm-twin run`: a headless run, which may leave a session and a figure behind."""
+"""`motm-twin run | rerun | what-if`: a headless run, which may leave a session and a figure behind.
+
+A session, or a recording, is run again and compared bit for bit; or a session with other parameters.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from types import TracebackType
+from typing import TYPE_CHECKING, Any, Self
 
-from motm_twin import interrupts
-from motm_twin.cli.outputs import refuse_existing, refuse_unwritable, write_json
+import msgspec
+from rich.console import Console
+from rich.markup import escape
+from rich.progress import BarColumn, Progress, TextColumn
+from rich.table import Table
+
+from motm_twin import processes
 from motm_twin.cli.settings import RunSettings
 from motm_twin.control.method import Method
 from motm_twin.control.tick import Tick
@@ -14,14 +24,26 @@ from motm_twin.control.tuning import parameter
 from motm_twin.methods.registry import FAST, find_method
 from motm_twin.model.edits import ParameterValue
 from motm_twin.model.names import scene_name
-from motm_twin.model.period import PERIODS_PER_SECOND
+from motm_twin.model.plant import PERIOD, PERIODS_PER_SECOND
 from motm_twin.model.scene import Scene
 from motm_twin.model.scene_file import load_scene
-from motm_twin.plants import with_plant
-from motm_twin.program import table_console
-from motm_twin.record.replay import Tracker
-from motm_twin.record.what_if import parse_changes
-from motm_twin.sessions.session import Session, SessionError, made_with, save_session
+from motm_twin.program import FAILED, OK, plain_console, refuse_existing, refuse_unwritable, table_console, write_json
+from motm_twin.record.recording import load_recording
+from motm_twin.record.replay import Rerun, RunReport, Tracker, rerun, rerun_run, updated
+from motm_twin.record.what_if import (
+    AS_IT_WAS,
+    CHANGED,
+    Line,
+    Outcome,
+    RunBroke,
+    Sample,
+    compare,
+    parse_changes,
+    start_period,
+    stream,
+)
+from motm_twin.sessions.session import Session, SessionError, load_session, made_with, save_session
+from motm_twin.sim.plant import with_plant
 from motm_twin.trial import run_scene
 
 if TYPE_CHECKING:
@@ -62,7 +84,7 @@ def run_headless(
     def on_tick(tick: Tick) -> None:
         nonlocal periods
         if not periods:
-            interrupts.loaded()  # everything is compiled: from now on there is a run to save
+            processes.loaded()  # everything is compiled: from now on there is a run to save
         periods = tick.index + 1
         if save is not None:
             tracker.add(tick)
@@ -136,3 +158,242 @@ def print_report(result: dict) -> None:
         f"period p50 {tick['p50']:.1f} ms, p99 {tick['p99']:.1f} ms, max {tick['max']:.1f} ms; "
         f"{result['realtime_factor']:.1f} x real time; state {result['state_hash'][:12]}"
     )
+
+
+def rerun_file(file: str, *, update: bool = False, report: str | None = None, method: str | None = None) -> int:
+    """Rerun a session or a recording; the exit code: 0 equal (or updated), 1 different, or a session without a hash.
+
+    ``update`` writes the new hash into the file; ``report``: file of the JSON report, '-' for standard output;
+    ``method``: FILE.py:NAME of a user's, for what was made with it. Raises SessionError for a file that cannot be used,
+    such as a recording of which no run can be computed, MethodError for such a method.
+    """
+    refuse_unwritable(report)
+    own = None if method is None else find_method(method)
+    if file.endswith(".mcap"):
+        if update:
+            raise SessionError("--update is for saved sessions: a recording stays as it was", file=file)
+        return _rerun_recording(file, report, own)
+    session = load_session(file)
+    try:
+        again = rerun(session, own)
+    except SessionError as error:
+        raise SessionError(error.problem, file=file) from error
+    if report != "-":
+        _print(session, again)
+    if update:
+        save_session(updated(session, again), file)
+        if report != "-":
+            plain_console().print(f"{file} was written with this run's state.", markup=False)
+    if report is not None:
+        write_json({"file": file, "updated": update, **msgspec.to_builtins(again)}, report)
+    return OK if again.ok or update else FAILED
+
+
+class NotComputed(msgspec.Struct, frozen=True, kw_only=True):
+    """A run that cannot be compared: neither equal nor different."""
+
+    run: int
+    text: str  # why
+
+
+def _rerun_recording(file: str, report: str | None, own: Method | None) -> int:
+    """Every run of a recording that can be computed. Raises SessionError when none can."""
+    recording = load_recording(file)
+    console = plain_console()
+    if not recording.runs:
+        raise SessionError("holds no period of a twin: `motm-twin info` tells what is in it", file=file)
+    found: list[RunReport] = []
+    left: list[NotComputed] = []
+    for run in recording.runs:
+        try:
+            found.append(rerun_run(recording, run, own))
+        except SessionError as error:
+            left.append(NotComputed(run=run.key[1], text=error.problem))
+            continue
+        if report != "-":
+            _print_run(console, found[-1])
+    if not found:
+        reasons = "; ".join(f"run {run.run}: {run.text}" for run in left)
+        raise SessionError(f"no run in it can be computed again: {reasons}", file=file)
+    ok = all(run.ok for run in found)
+    if report != "-":
+        for run in left:
+            console.print(f"run {run.run}", style="bold", markup=False)
+            console.print("[yellow]not computed[/yellow], which is no difference: ", end="")
+            console.print(run.text, markup=False)
+        if not recording.health.complete:
+            text = f"the file is not complete ({recording.health.text}): only what is whole in it could be compared"
+            console.print(text, markup=False)
+    if report is not None:
+        parts = {"complete": recording.health.complete, "text": recording.health.text}
+        runs = {"runs": msgspec.to_builtins(found), "not_computed": msgspec.to_builtins(left)}
+        write_json({"file": file, "ok": ok, **parts, **runs}, report)
+    return OK if ok else FAILED
+
+
+def _print_run(console: Console, run: RunReport) -> None:
+    console.print(f"run {run.run}: {run.scene}", style="bold", markup=False)
+    if run.text:
+        console.print("[yellow]note[/yellow]: ", end="")
+        console.print(run.text, markup=False)
+    if run.ok:
+        compared = f"{run.compared} of {run.periods} periods and {run.hashes} states compared"
+        console.print(f"[green]equal[/green] bit for bit: {compared}; ends in state {run.state_hash[:12]}")
+        return
+    console.print(f"[red]different[/red] first in period {run.period} ({run.period * PERIOD:.2f} s):")
+    for line in run.fields:
+        console.print(f"  {line}", markup=False)
+    for line in run.differences:
+        console.print(f"  also different: {line}", markup=False)
+
+
+def explain(again: Rerun) -> str:
+    """Likely reasons why the states differ; "" when they are equal."""
+    if again.ok:
+        return ""
+    made = "; also different: " + ", ".join(again.differences) if again.differences else ""
+    return f"recorded {again.recorded_hash or 'nothing'}, now {again.state_hash}; {again.first_sign}{made}"
+
+
+def _print(session: Session, again: Rerun) -> None:
+    console = plain_console()
+    scene = session.scene
+    name = f"{scene_name(scene.name, scene.variant)}, seed {scene.seed}" + (
+        f": {session.title}" if session.title else ""
+    )
+    console.print(name, style="bold", markup=False)
+    console.print(
+        f"method {session.method}, time {again.time_s:.2f} s, {again.periods} periods ({again.periods * PERIOD:.2f} s "
+        f"of recording), {len(session.edits)} edits, {len(session.cuts)} searches cut by the clock",
+        markup=False,
+    )
+    if again.ok:
+        console.print(f"[green]equal[/green] bit for bit: state {again.state_hash[:12]}")
+        return
+    if not again.recorded_hash:
+        console.print("[yellow]not compared[/yellow]: ", end="")
+        console.print(f"{again.first_sign}; this run ends in state {again.state_hash[:12]}", markup=False)
+        return
+    console.print("[red]different[/red]: ", end="")
+    console.print(explain(again), markup=False)
+
+
+STEP = 5.0  # [s] simulated between two lines, at least
+
+
+def what_if(
+    file: str, changes: list[str], *, seconds: float, report: str | None, lines: bool, method: str | None
+) -> int:
+    """Run both and print them; the exit code. ``lines``: JSON lines of both runs instead, see `record.what_if`.
+
+    ``method``: FILE.py:NAME of a user's, for a session that was made with it.
+
+    Raises SessionError for a file, a parameter or a time that cannot be used.
+    """
+    if lines:
+        return stream(file, changes, seconds, method)
+    refuse_unwritable(report)
+    session = load_session(file)
+    values, start = parse_changes(changes), start_period(session, seconds)
+    try:
+        console = plain_console(stderr=True) if report == "-" else table_console()
+        ends = _run_both(compare(session, values, start, method), session.periods / PERIODS_PER_SECOND, console)
+    except SessionError as error:
+        raise SessionError(error.problem, file=file) from error
+    except RunBroke as error:
+        plain_console(stderr=True).print(f"motm-twin what-if: {error}", markup=False)
+        return FAILED
+    was, changed = ends[AS_IT_WAS], ends[CHANGED]
+    if report is not None:
+        parts = {"as_it_was": msgspec.to_builtins(was), "changed": msgspec.to_builtins(changed)}
+        gain = round(changed.time_s - was.time_s, 3)
+        write_json({"file": file, "from_s": seconds, "parameters": values, "difference_s": gain, **parts}, report)
+    if report != "-":
+        _print_both(was, changed, f"{', '.join(changes)} from {seconds:g} s")
+    return OK
+
+
+def _run_both(lines: Iterator[Line], recorded: float, console: Console) -> dict[str, Outcome]:
+    """Outcomes of both runs, with their progress on the console. ``recorded``: [s]."""
+    ends: dict[str, Outcome] = {}
+    with BothRuns(recorded, console) as progress:
+        for line in lines:
+            progress.add(line)
+            if isinstance(line, Outcome):
+                ends[line.run] = line
+    return ends
+
+
+def _print_both(was: Outcome, changed: Outcome, title: str) -> None:
+    console = table_console()
+    table = Table("", "as it was", "changed", "difference")
+    for column in table.columns[1:]:
+        column.justify = "right"
+    table.add_row(escape("time [s]"), *_numbers(was.time_s, changed.time_s, 2))
+    begins = ["as recorded" if end.forecast_from_s is None else f"{end.forecast_from_s:.2f}" for end in (was, changed)]
+    table.add_row(escape("forecast from [s]"), *begins, "")
+    table.add_row("picks", *_numbers(was.picks, changed.picks, 0))
+    table.add_row("places", *_numbers(was.places, changed.places, 0))
+    table.add_row("contacts", *_numbers(was.all_contacts, changed.all_contacts, 0))
+    table.add_row("contacts caused", *_numbers(was.contacts, changed.contacts, 0))
+    table.add_row(escape("distance driven [m]"), *_numbers(was.path_length, changed.path_length, 2))
+    table.add_row("success", *("yes" if end.success else "no" for end in (was, changed)), "")
+    console.print(title, style="bold", markup=False)
+    console.print(table)
+    lines = [f"{end.run}: {end.reason}" for end in (was, changed) if end.reason]
+    for end, why in ((was, "the recording ends there"), (changed, "the change begins there")):
+        if end.forecast_from_s is not None:
+            lines.append(
+                f"{end.run}: forecast from {end.forecast_from_s:g} s on ({why}): no clock cuts its searches, "
+                "so a live run may end at another time"
+            )
+    lines += [f"left out of the changed run: {said}" for said in changed.skipped]
+    for line in lines:
+        console.print(line, markup=False)
+
+
+def _numbers(was: float, changed: float, digits: int) -> tuple[str, str, str]:
+    return f"{was:.{digits}f}", f"{changed:.{digits}f}", f"{changed - was:+.{digits}f}"
+
+
+class BothRuns:
+    """A bar for each run while the console is a terminal; without one, a line whenever both are a tenth further.
+
+    ``recorded`` [s] is the length of the recording; the length of a run is unknown.
+    """
+
+    def __init__(self, recorded: float, console: Console) -> None:
+        self._recorded, self._console = recorded, console
+        self._step = max(STEP, recorded / 10.0)
+        self._next = self._step
+        self._times = {AS_IT_WAS: 0.0, CHANGED: 0.0}  # [s] simulated
+        self._running = set(self._times)
+        columns = (TextColumn("  {task.description:9}"), BarColumn(), TextColumn("{task.fields[said]}"))
+        self._progress = Progress(*columns, console=console, disable=not console.is_terminal)
+        self._tasks = {run: self._progress.add_task(run, total=max(recorded, 0.05), said="") for run in self._times}
+
+    def __enter__(self) -> Self:
+        self._progress.start()
+        self._say(f"running both: {self._recorded:.2f} s are recorded")
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+        self._progress.stop()
+
+    def add(self, line: Sample | Outcome) -> None:
+        """Take a line of one of the runs into account."""
+        if isinstance(line, Outcome):
+            self._running.discard(line.run)
+            self._progress.update(self._tasks[line.run], total=1.0, completed=1.0, said=f"ended at {line.time_s:.2f} s")
+            self._say(f"{line.run}: ended at {line.time_s:.2f} s")
+            return
+        self._times[line.run] = line.time
+        said = f"{line.time:.0f} s, {self._recorded:.0f} s recorded"
+        self._progress.update(self._tasks[line.run], completed=line.time, said=said)
+        if min(self._times[run] for run in self._running) >= self._next:
+            self._next += self._step
+            self._say(", ".join(f"{run}: {self._times[run]:.0f} s" for run in self._times if run in self._running))
+
+    def _say(self, text: str) -> None:
+        if not self._console.is_terminal:
+            self._console.print(f"  {text}", markup=False)

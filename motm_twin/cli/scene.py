@@ -5,11 +5,10 @@ import sys
 from pathlib import Path
 
 from motm_twin.generate.scenes import DIFFICULTY, generate
-from motm_twin.model.scene_error import SceneError
-from motm_twin.model.scene_file import check_all, check_document
+from motm_twin.model.names import SceneError
+from motm_twin.model.scene_file import check_all, check_document, text_document
 from motm_twin.model.scene_file import list_scenes as shipped_scenes
 from motm_twin.model.scene_format import json_schema
-from motm_twin.model.scene_load import text_document
 from motm_twin.program import BAD_INPUT, OK
 
 _MANY = 6

@@ -9,7 +9,7 @@ from tyro.conf import FlagCreatePairsOff, Positional, arg
 from motm_twin.program import BAD_INPUT, OK
 
 if TYPE_CHECKING:
-    from motm_twin.security.folder import Folder
+    from motm_twin.bus.security import Folder
 
 USES = {  # what each role can do with its file
     "viewer": "motm-twin watch tick",
@@ -57,8 +57,8 @@ def security(settings: Annotated[SecuritySettings, arg(name="")]) -> int:
 
     Exit code 0: done; 2: bad input, and nothing was changed.
     """
+    from motm_twin.bus.security import Folder, SecurityError
     from motm_twin.program import plain_console
-    from motm_twin.security.folder import Folder, SecurityError
 
     console, place = plain_console(), Folder(settings.folder)
     try:
@@ -82,7 +82,7 @@ def security(settings: Annotated[SecuritySettings, arg(name="")]) -> int:
 
 def _change(place: "Folder", settings: SecuritySettings) -> None:
     """Make the folder, or add or remove people. Raises SecurityError and OSError."""
-    from motm_twin.security.folder import People, SecurityError
+    from motm_twin.bus.security import People, SecurityError
 
     named = settings.names()
     if settings.action == "make":

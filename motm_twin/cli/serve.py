@@ -5,25 +5,23 @@ import queue
 import signal
 import threading
 import time
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from rich.console import Console
 
-from motm_twin.bus.connection import LOOPBACK, VARIABLE, check_endpoint, free_port, require_free_port
-from motm_twin.bus.keys import Keys
+from motm_twin.bus.connection import LOOPBACK, VARIABLE, Keys, check_endpoint, free_port, require_free_port
 from motm_twin.bus.library import MethodLibrary
 from motm_twin.bus.private_folder import Running, announce, client_file, forget, keep_young, note, own_credentials
-from motm_twin.bus.processes import Child, end_all, setter
-from motm_twin.cli.outputs import folder_problem
+from motm_twin.bus.security import Folder
 from motm_twin.cli.settings import PageSettings, ReplaySettings, ServeSettings
 from motm_twin.model.scene_file import load_scene
-from motm_twin.plants import with_plant
-from motm_twin.program import BAD_INPUT, FAILED, OK, THREADS, plain_console
-from motm_twin.security.folder import Folder
+from motm_twin.processes import Child, end_all, handled, setter
+from motm_twin.program import BAD_INPUT, FAILED, OK, THREADS, folder_problem, plain_console
+from motm_twin.sim.plant import with_plant
 from motm_twin.ui.page_server import VARIABLE as VARIABLE_OF_TOKEN
 from motm_twin.ui.page_server import check_token, chosen_token
 
@@ -150,7 +148,7 @@ class _Supervisor:
 
     def run(self) -> int:
         """Look after the processes until a signal; the exit code."""
-        with _signals(self._stop):
+        with handled(setter(self._stop), signal.SIGINT, signal.SIGTERM):
             if self._open_bus:
                 announce(self.zenoh_port, self.endpoint, None)  # before the children connect
             self._print(f"motm-twin: starting twin [bold]{self._twin}[/bold]")
@@ -227,18 +225,3 @@ class _Supervisor:
     def _remember(self, port: int | None, page: str) -> None:
         running = Running(pid=os.getpid(), twin=self._twin, endpoint=self.endpoint, page_port=port, page=page)
         self._note = note(running)
-
-
-@contextmanager
-def _signals(stop: threading.Event) -> Iterator[None]:
-    """SIGINT and SIGTERM set the event while the block runs."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    handler = setter(stop)
-    before = {number: signal.signal(number, handler) for number in (signal.SIGINT, signal.SIGTERM)}
-    try:
-        yield
-    finally:
-        for number, old in before.items():
-            signal.signal(number, old)

@@ -13,9 +13,8 @@ lost. `docs/zenoh.md` describes the keys, for programs that use Zenoh without th
 """
 
 from motm_twin.bus.commands import Answer, Refused
-from motm_twin.client.asynchronous import AsyncTwin, connect_async
 from motm_twin.client.discover import Found, NoTwin, running_twins
-from motm_twin.client.twin import EventsLost, Twin, connect
+from motm_twin.client.twin import AsyncTwin, EventsLost, Twin, connect, connect_async
 
 __all__ = [
     "Answer",

@@ -7,8 +7,7 @@ from typing import TypeVar
 import msgspec
 import zenoh
 
-from motm_twin.bus.connection import answers, configured_endpoint, open_client
-from motm_twin.bus.keys import PREFIX, Keys, is_name
+from motm_twin.bus.connection import PREFIX, Keys, answers, configured_endpoint, is_name, open_client
 from motm_twin.bus.messages import StatusMessage
 from motm_twin.bus.private_folder import all_running
 

@@ -25,8 +25,7 @@ from motm_twin.model.edits import Edit, TaskEdit
 from motm_twin.model.geometry import Array, from_frame, to_frame, wrap_angle
 from motm_twin.model.known import KnownWorld
 from motm_twin.model.motion import command_pose
-from motm_twin.model.period import ARM_STEPS, PERIOD
-from motm_twin.model.plant import Observation, Plant, Truth
+from motm_twin.model.plant import ARM_STEPS, PERIOD, Observation, Plant, Truth
 from motm_twin.model.profile import RobotProfile
 from motm_twin.model.reason import Reason
 from motm_twin.model.state import HasState, Stateful

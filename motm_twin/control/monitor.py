@@ -16,7 +16,6 @@ from motm_twin.control.arm.parameters import Numbers, numbers
 from motm_twin.control.self_check import FULL_TRUST, Trust
 from motm_twin.model.compiler import njit
 from motm_twin.model.geometry import Array
-from motm_twin.model.joint_limits import DQ_MAX
 from motm_twin.model.motion import lag_share
 from motm_twin.model.number import OWN, Number, Slider
 from motm_twin.model.passive_safety import (
@@ -30,7 +29,7 @@ from motm_twin.model.passive_safety import (
     stop_of,
 )
 from motm_twin.model.plant import Actuation, Observation, Scan
-from motm_twin.model.profile import RobotProfile
+from motm_twin.model.profile import DQ_MAX, RobotProfile
 from motm_twin.model.reason import Kind, Reason
 from motm_twin.model.state import Stateful
 from motm_twin.perception.floor import STALE, UNSEEN, Floor

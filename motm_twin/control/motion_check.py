@@ -8,12 +8,10 @@ import msgspec
 import numpy as np
 
 from motm_twin.model.geometry import Array
-from motm_twin.model.joint_limits import Q_MAX, Q_MIN
 from motm_twin.model.motion import lag_share
 from motm_twin.model.number import OWN, Number
-from motm_twin.model.period import A_PERIOD_AND_A_BIT, PERIOD
-from motm_twin.model.plant import Actuation, Observation
-from motm_twin.model.profile import BaseLimits, RobotProfile
+from motm_twin.model.plant import A_PERIOD_AND_A_BIT, PERIOD, Actuation, Observation
+from motm_twin.model.profile import Q_MAX, Q_MIN, BaseLimits, RobotProfile
 from motm_twin.model.reason import Kind, Reason
 from motm_twin.perception.finding import Finding
 

@@ -13,11 +13,9 @@ import numpy as np
 
 from motm_twin.model.compiler import njit
 from motm_twin.model.geometry import Array
-from motm_twin.model.joint_limits import DDQ_MAX, DQ_MAX, Q_MAX, Q_MIN, braking_time
 from motm_twin.model.motion import drive, lag_share
-from motm_twin.model.period import ARM_STEP
-from motm_twin.model.plant import Actuation
-from motm_twin.model.profile import RobotProfile
+from motm_twin.model.plant import ARM_STEP, Actuation
+from motm_twin.model.profile import DDQ_MAX, DQ_MAX, Q_MAX, Q_MIN, RobotProfile, braking_time
 from motm_twin.planning.types import BasePlan
 
 ROUNDING = 1e-6  # [s]

@@ -16,12 +16,10 @@ import numpy as np
 from motm_twin.control.motion_check import JOINTS
 from motm_twin.control.predictor import FARTHEST, Motion, Predictor
 from motm_twin.model.geometry import Array
-from motm_twin.model.joint_limits import DDQ_MAX, DQ_MAX
 from motm_twin.model.motion import lag_share
 from motm_twin.model.number import OWN, Number
-from motm_twin.model.period import A_PERIOD_AND_A_BIT, ARM_STEP
-from motm_twin.model.plant import Actuation, Observation
-from motm_twin.model.profile import RobotProfile
+from motm_twin.model.plant import A_PERIOD_AND_A_BIT, ARM_STEP, Actuation, Observation
+from motm_twin.model.profile import DDQ_MAX, DQ_MAX, RobotProfile
 from motm_twin.model.state import Stateful
 
 LAGS = (0.0, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4)  # [s] more than the profile says

@@ -8,12 +8,12 @@ import msgspec
 import numpy as np
 
 from motm_twin.model.edits import ParameterValue
-from motm_twin.model.furniture import moved_scene, pieces, relative, rigid
 from motm_twin.model.geometry import Array
 from motm_twin.model.known import KnownWorld, known_world
 from motm_twin.model.names import hint
 from motm_twin.model.plant import Truth
 from motm_twin.model.scene import PlanarPose, Scene
+from motm_twin.model.scene_shapes import moved_scene, pieces, relative, rigid
 from motm_twin.model.state import LATER, Stateful
 from motm_twin.perception.footprints import distance_to_shape
 

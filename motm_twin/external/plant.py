@@ -1,18 +1,19 @@
 """A robot in another program as a Plant: observed where it will be when the next command acts, told by messages."""
 
+import math
 import time
 from collections.abc import Mapping, Sequence
 
+import msgspec
 import numpy as np
 
 from motm_twin.bus import plant_messages
 from motm_twin.control.predictor import Motion, Predictor
-from motm_twin.external.messages import NAMES, detection_of, scan_of, truth_of
-from motm_twin.external.robot_link import RESET_ANSWER, ClockOffset, Lead, Obedience, RobotLink
+from motm_twin.external.robot_link import NAMES, RESET_ANSWER, ClockOffset, Lead, Obedience, RobotLink
 from motm_twin.model.edits import WorldEdit
 from motm_twin.model.geometry import Array, compose, inverse
-from motm_twin.model.joint_limits import DQ_MAX
 from motm_twin.model.plant import Actuation, Detection, Observation, Scan, Truth
+from motm_twin.model.profile import DQ_MAX
 from motm_twin.model.scene import PlanarPose, Scene, Task
 
 
@@ -27,6 +28,29 @@ BEHIND = 0.2  # [s] that control falls behind the robot's clock before it skips 
 LONGEST_STEP = 0.2  # [s] that a step waits at most
 ROUNDING = 1e-6  # [s]
 FIRST_STATES = 100  # steps of a shared clock in which a robot must have shown itself
+_CLEARANCES = ("min_base_clearance", "min_arm_clearance", "min_ee_obstacle", "ee_obstacle")
+
+
+def scan_of(data: plant_messages.ScanData, origin: float) -> Scan:
+    """A received sweep, times counted from ``origin`` [s]."""
+    return plant_messages.from_message(data, Scan, stamp=data.stamp - origin)
+
+
+def detection_of(data: plant_messages.DetectionData, origin: float, T_run_odometry: Array | None = None) -> Detection:
+    """A received detection, times counted from ``origin`` [s]; of a restarted robot in the odometry frame of the run.
+
+    ``T_run_odometry`` is that of the restarted robot.
+    """
+    seen = plant_messages.from_message(data, Detection, stamp=data.stamp - origin)
+    if T_run_odometry is None:
+        return seen
+    return msgspec.structs.replace(seen, odometry=compose(T_run_odometry, seen.odometry))
+
+
+def truth_of(data: plant_messages.TruthData) -> Truth:
+    """Received ground truth; forces stay in the robot's report."""
+    clearances = {name: math.inf if (value := getattr(data, name)) is None else value for name in _CLEARANCES}
+    return plant_messages.from_message(data, Truth, **clearances)
 
 
 class RemoteRehearsal:

@@ -34,13 +34,11 @@ from motm_twin.bus.plant_messages import (
     to_message,
 )
 from motm_twin.control.predictor import expired
-from motm_twin.external.messages import WIDEST
-from motm_twin.model.joint_limits import DQ_MAX
+from motm_twin.external.robot_link import WIDEST
 from motm_twin.model.plant import Actuation
-from motm_twin.model.profile import BaseLimits
+from motm_twin.model.profile import DQ_MAX, BaseLimits
 from motm_twin.model.scene import Scene
-from motm_twin.plants import make_plant
-from motm_twin.sim.plant import SUBSTEP
+from motm_twin.sim.plant import SUBSTEP, make_plant
 
 T = TypeVar("T")
 EARLY = 1e-9  # [s] rounding of times

@@ -1,6 +1,7 @@
 """The twin's end of the keys of a robot: the newest of everything it says, commands, questions, and its clock.
 
-Zenoh's threads only read, check and store. What can not be used is dropped and counted, and the last reason kept.
+Zenoh's threads only read, check and store. What can not be used is dropped and counted, and the last reason kept; the
+twin tells it.
 
 A robot that is heard keeps its keys: what another one says there (another life, another robot of the same name, a
 forgery) is kept aside, and told. Once it is silent, the other one is its successor. It counts when whoever reads this
@@ -11,17 +12,123 @@ import math
 import threading
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from typing import Any
 
 import msgspec
 import zenoh
 
-from motm_twin.bus.connection import answers, direct
-from motm_twin.bus.keys import PlantKeys, spoken_on
-from motm_twin.bus.plant_messages import VERSION, ClockGrant, Info, PlantAnswer, RobotCommand, RobotState
-from motm_twin.external.messages import MAX_AHEAD, NAMES, Message, RefusedMessage, read
+from motm_twin.bus.connection import PlantKeys, answers, direct, spoken_on
+from motm_twin.bus.plant_messages import (
+    VERSION,
+    ClockGrant,
+    ClockReached,
+    DetectionList,
+    Info,
+    PlantAnswer,
+    RobotCommand,
+    RobotState,
+    ScanData,
+    TruthData,
+)
+
+MAX_BYTES = 1024 * 1024
+MAX_AHEAD = 1.0  # [s] that a scan or a frame of the camera may be stamped later than the newest state
+LARGEST = 1e11  # of any measure: 3,000 years in s; sums and products of larger ones overflow
+MOST = 2**53  # of any count: JSON has no larger whole numbers
+FARTHEST = 1e5  # [m] from the origin of the world, or of the odometry
+FASTEST = 20.0  # [m/s], [rad/s] of base and joints
+TURNED = 10.0  # [rad] of a joint: more than a turn and a half must be degrees
+WIDEST = 1.0  # [m] between finger pads
+SHUT = -0.01  # [m] the same, of a gripper that is not well calibrated
+
+Message = RobotState | ScanData | DetectionList | ClockReached | TruthData
+_KINDS: dict[str, type[Message]] = {
+    "state": RobotState,
+    "scan": ScanData,
+    "detections": DetectionList,
+    "truth": TruthData,
+    "clock": ClockReached,
+}
+_DECODERS = {name: msgspec.json.Decoder(kind) for name, kind in _KINDS.items()}
+NAMES = tuple(_KINDS)
+
+
+class RefusedMessage(ValueError):
+    """A message that is ignored; the text says what is wrong with it."""
+
+
+def read(name: str, payload: bytes) -> Message:
+    """The message of that key; raises `RefusedMessage`."""
+    if len(payload) > MAX_BYTES:
+        raise RefusedMessage(f"{len(payload)} bytes: at most {MAX_BYTES} are taken")
+    try:
+        message = _DECODERS[name].decode(payload)
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
+        raise RefusedMessage(str(error)) from None
+    if message.version != VERSION:
+        raise RefusedMessage(f"version {message.version!r}: this twin reads {VERSION!r}")
+    _require_bounded(message)
+    if isinstance(message, RobotState):
+        _check_state(message)
+    elif isinstance(message, ScanData):
+        _vector("origin", message.origin, 2)
+        _pose("pose", message.pose)
+    elif isinstance(message, DetectionList):
+        for one in message.detections:
+            if one.stamp > message.stamp + MAX_AHEAD:
+                raise RefusedMessage(f"stamp of {one.name!r} is {one.stamp - message.stamp:.1f} s after its picture")
+            _vector(f"p_base of {one.name!r}", one.p_base, 3)
+            _pose(f"odometry of {one.name!r}", one.odometry)
+            if one.position_sd < 0.0:
+                raise RefusedMessage(f"position_sd of {one.name!r} is {one.position_sd:g} m: it can not be negative")
+    elif isinstance(message, TruthData):
+        _pose("pose", message.pose)
+    return message
+
+
+def _require_bounded(value: Any, name: str = "") -> None:
+    """Raise `RefusedMessage` for a number that is too large to compute with, however deep; ranges are checked later."""
+    if isinstance(value, float | int):
+        most = LARGEST if isinstance(value, float) else MOST
+        if not abs(value) <= most:
+            said = f"{value:g}" if isinstance(value, float) else f"a whole number of {value.bit_length()} bits"
+            raise RefusedMessage(f"{name} has {said}: {most:g} at most can be")
+    elif isinstance(value, msgspec.Struct):
+        for field in value.__struct_fields__:
+            if field != "ranges":
+                _require_bounded(getattr(value, field), field)
+    elif isinstance(value, list | tuple):
+        for part in value:
+            _require_bounded(part, name)
+
+
+def _check_state(state: RobotState) -> None:
+    _pose("pose", state.pose)
+    _pose("odometry", state.odometry)
+    _within("twist", _vector("twist", state.twist, 2), -FASTEST, FASTEST, "m/s, rad/s")
+    _within("q", _vector("q", state.q, 7), -TURNED, TURNED, "rad")
+    _within("dq", _vector("dq", state.dq, 7), -FASTEST, FASTEST, "rad/s")
+    _within("gripper_width", [state.gripper_width], SHUT, WIDEST, "m")
+
+
+def _pose(name: str, values: Sequence[float]) -> None:
+    _within(name, _vector(name, values, 3)[:2], -FARTHEST, FARTHEST, "m")
+
+
+def _vector(name: str, values: Sequence[float], length: int) -> Sequence[float]:
+    if len(values) != length or not all(map(math.isfinite, values)):
+        has = str(list(values)) if len(values) <= 8 else f"{len(values)}"
+        raise RefusedMessage(f"{name} needs {length} finite numbers, and has {has}")
+    return values
+
+
+def _within(name: str, values: Iterable[float], low: float, high: float, unit: str) -> None:
+    for value in values:
+        if not low <= value <= high:
+            raise RefusedMessage(f"{name} has {value:g}: {low:g} to {high:g} {unit} can be")
+
 
 ANSWER = 2.0  # [s] for an answer
 RESET_ANSWER = 60.0  # [s] a simulated robot may compile for so long

@@ -10,8 +10,7 @@ from typing import Any
 import msgspec
 import zenoh
 
-from motm_twin.bus.connection import direct, open_member
-from motm_twin.bus.keys import PlantKeys, spoken_on
+from motm_twin.bus.connection import PlantKeys, direct, open_member, spoken_on
 from motm_twin.bus.plant_messages import VERSION, ClockGrant, EditRequest, PlantAnswer, ResetRequest, TaskNotice
 from motm_twin.external.robot import LinkSpec, ReferenceRobot, encode
 from motm_twin.model.scene import Scene

@@ -4,8 +4,7 @@ Needs the extra `[gym]`. docs/gym.md has the actions, the observations and the r
 """
 
 from motm_twin.gym.env import MotmEnv, RewardWeights
-from motm_twin.gym.expert import Expert
-from motm_twin.gym.observation import gymnasium
+from motm_twin.gym.observation import Expert, gymnasium
 
 __all__ = ["ENVIRONMENTS", "Expert", "MotmEnv", "RewardWeights"]
 

@@ -24,7 +24,7 @@ from motm_twin.model.exact import norm
 from motm_twin.model.geometry import Array, frozen, to_frame
 from motm_twin.model.known import KnownWorld
 from motm_twin.model.motion import kernel, step
-from motm_twin.model.period import PERIOD
+from motm_twin.model.plant import PERIOD
 from motm_twin.model.profile import RobotProfile
 from motm_twin.model.reason import Kind, Reason
 from motm_twin.model.state import Stateful

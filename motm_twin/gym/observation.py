@@ -1,27 +1,32 @@
-"""Observations of an agent, from what the robot knows: float32 boxes and small discrete numbers, see docs/gym.md."""
+"""Observations of an agent, from what the robot knows, and a shipped method that acts on the same as an expert.
+
+Observations are float32 boxes and small discrete numbers, see docs/gym.md. The expert gives the action for the next
+step: for imitation, as a baseline, and to check that the environment is the same task.
+"""
 
 import math
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from motm_twin.control.arm.types import ArmGoal, ArmStep, Phase
-from motm_twin.control.predictor import dwell_to_plan
+from motm_twin.control.arm.types import ArmGoal, ArmInputs, ArmObstacles, ArmStep, Phase
+from motm_twin.control.method import ArmParts, PlannerParts
+from motm_twin.control.predictor import dwell_to_plan, followed
 from motm_twin.control.targets import odometry_to_world
 from motm_twin.control.tick import Tick
-from motm_twin.gym.actions import BaseAction
+from motm_twin.control.tuning import tuned
+from motm_twin.gym.actions import BaseAction, check_fits
+from motm_twin.methods.registry import find_method
 from motm_twin.model.arm_kernels import TCP, fk_arm
-from motm_twin.model.geometry import Array, to_frame
-from motm_twin.model.joint_limits import DQ_MAX, Q_MAX, Q_MIN
+from motm_twin.model.geometry import Array, from_frame, to_frame
 from motm_twin.model.motion import command_pose
-from motm_twin.model.period import PERIOD
-from motm_twin.model.plant import Observation, Scan
-from motm_twin.model.profile import RobotProfile
-from motm_twin.planning.types import BaseProblem, Target
+from motm_twin.model.plant import PERIOD, Observation, Scan
+from motm_twin.model.profile import DQ_MAX, Q_MAX, Q_MIN, RobotProfile
+from motm_twin.planning.types import BasePlan, BaseProblem, SearchBudget, Target
 from motm_twin.twin import Twin
 
 
@@ -225,3 +230,67 @@ def _turn(goal: ArmGoal, odometry: Array) -> tuple[float, float]:
         return 0.0, 0.0
     yaw = 4.0 * (goal.yaw - float(odometry[2]))
     return math.cos(yaw), math.sin(yaw)
+
+
+class Acting(Protocol):
+    """The parts of `MotmEnv` that an expert needs."""
+
+    whole_body: bool
+    twin: Twin
+    view: AgentView
+    action_space: Any
+
+
+class Expert:
+    """A method that chooses actions from the robot's knowledge. For one episode: make a new one after every reset."""
+
+    def __init__(self, env: Acting, method: str = "motm") -> None:
+        """Make an expert for ``env.unwrapped``, after its `reset`. ValueError for a method that cannot act in it."""
+        chosen = find_method(method)
+        check_fits(chosen, whole_body=env.whole_body)
+        numbers = tuned(chosen.parameters)
+        self._env, self._known = env, env.twin.loop.known
+        parts = PlannerParts(known=self._known, parameters=numbers.planning, movers=numbers.movers)
+        self._planner = chosen.planner(parts)
+        self._arm = chosen.arm(ArmParts(known=self._known, parameters=numbers.arm))
+
+    def action(self) -> NDArray[np.float32]:
+        """The action for the next step; zeros for the first one, before which there is no map."""
+        space = self._env.action_space
+        assert space.shape is not None
+        action, view = np.zeros(space.shape), self._env.view
+        if view.tick is None:
+            return action.astype(np.float32)
+        problem = view.problem()
+        _, plan = self._planner.plan(problem, SearchBudget())
+        twist = problem.twist + plan.acceleration * PERIOD
+        if len(action) > 2:
+            step = self._arm.step(_inputs(view, plan, twist, self._known.robot.base.velocity_lag))
+            twist = step.actuation.twist
+            action[2:9] = step.actuation.joint_velocity / DQ_MAX
+            action[9] = 1.0 if step.actuation.gripper == "close" else -1.0
+        base = self._known.robot.base
+        speed = base.forward_speed if twist[0] > 0.0 else base.reverse_speed
+        action[:2] = float(twist[0]) / speed if speed > 0.0 else 0.0, float(twist[1]) / base.yaw_rate
+        return np.clip(action, -1.0, 1.0).astype(np.float32)
+
+
+def _inputs(view: AgentView, plan: BasePlan, twist: Array, lag: float) -> ArmInputs:
+    """Inputs of an arm step, for a step that is as long as a period."""
+    assert view.tick is not None
+    T_odom_world, world = odometry_to_world(view.observation), view.tick.map
+    poses = np.array(plan.local_poses, dtype=float)
+    poses[:, :2] = from_frame(T_odom_world, poses[:, :2])
+    poses[:, 2] += T_odom_world[2]
+    time_to_range, plan_times = followed(plan, lag)
+    return ArmInputs(
+        observation=view.observation,
+        dt=PERIOD,
+        goal=view.goal,
+        base_twist=twist,
+        time_to_range=time_to_range,
+        plan_times=plan_times,
+        plan_poses=poses,
+        obstacles=ArmObstacles.of(world, T_odom_world),
+        T_odom_world=T_odom_world,
+    )

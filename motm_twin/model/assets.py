@@ -1,15 +1,60 @@
-"""Shipped meshes by name: what to draw, what to draw as a ghost, what the referee takes as solid."""
+"""Folders of shipped assets and scenes, and the meshes by name: what to draw, what to draw as a ghost, what is solid.
+
+The folders are beside the package in a checkout, and inside it when it is installed from a wheel.
+"""
 
 import functools
+import xml.etree.ElementTree as ET
 from pathlib import Path
 
 import numpy as np
-import trimesh
 from numpy.typing import NDArray
 
-from motm_twin.model.data_dirs import web_assets_dir
 from motm_twin.model.geometry import Array
-from motm_twin.model.kinematics import LINKS
+from motm_twin.model.profile import RobotProfile
+
+_PACKAGE = Path(__file__).resolve().parent.parent
+
+
+def _shipped(name: str) -> Path:
+    for folder in (_PACKAGE / name, _PACKAGE.parent / name):
+        if folder.is_dir():
+            return folder
+    raise FileNotFoundError(f"{name}/ is neither in {_PACKAGE} nor beside it: reinstall motm_twin")
+
+
+def web_assets_dir() -> Path:
+    """Folder of URDF, meshes and licences."""
+    return _shipped("web_assets")
+
+
+def scenes_dir() -> Path:
+    """Folder of the shipped scenes."""
+    return _shipped("scenes")
+
+
+def robot_urdf(profile: RobotProfile) -> ET.Element:
+    """``frankie.urdf`` with the arm where the profile mounts it, and the profile's footprint as base body."""
+    robot = ET.parse(web_assets_dir() / "frankie.urdf").getroot()  # noqa: S314 - our own file, not from outside
+    mount = robot.find("joint[@name='arm_mount']/origin")
+    body = robot.find("link[@name='base_link']/collision/origin")
+    box = robot.find("link[@name='base_link']/collision/geometry/box")
+    if mount is None or body is None or box is None:
+        raise ValueError("frankie.urdf lacks the joint arm_mount or the collision box of base_link: restore the file")
+    arm, foot = profile.arm, profile.footprint
+    mount.set("xyz", f"{arm.mount_x!r} {arm.mount_y!r} {arm.mount_z!r}")
+    body.set("xyz", f"{foot.offset_x!r} 0.0 {0.5 * foot.height!r}")
+    box.set("size", f"{foot.length!r} {foot.width!r} {foot.height!r}")
+    return robot
+
+
+LINKS = (
+    "base_link",
+    *(f"panda_link{i}" for i in range(8)),
+    "panda_hand",
+    "panda_leftfinger",
+    "panda_rightfinger",
+)  # everything with a shape, in the order of `Frankie.link_transforms`
 
 Faces = NDArray[np.uint32]
 
@@ -64,6 +109,8 @@ def finger_boxes(link: str) -> tuple[tuple[Array, Array], ...]:
 
 
 def _shape(path: Path) -> tuple[Array, Faces]:
+    import trimesh
+
     mesh = trimesh.load(path, force="mesh")
     if not isinstance(mesh, trimesh.Trimesh) or mesh.is_empty:
         raise ValueError(f"{path.name} holds no mesh: make it again with tools/make_assets.py")

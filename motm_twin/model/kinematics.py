@@ -12,18 +12,10 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from motm_twin.model.arm_kernels import HAND, fk_arm, placed_frames
-from motm_twin.model.data_dirs import web_assets_dir
+from motm_twin.model.assets import LINKS, robot_urdf
 from motm_twin.model.exact import times
 from motm_twin.model.geometry import Array
-from motm_twin.model.profile import ArmSpec, RobotProfile
-
-LINKS = (
-    "base_link",
-    *(f"panda_link{i}" for i in range(8)),
-    "panda_hand",
-    "panda_leftfinger",
-    "panda_rightfinger",
-)  # everything with a shape, in the order of `Frankie.link_transforms`
+from motm_twin.model.profile import RobotProfile
 
 _FINGER_Z = 0.0584  # [m] finger frames beyond the hand
 _COLUMNS = (0, *range(2, 10))  # of the planar model's velocity: forward, yaw, seven joints; sideways dropped
@@ -35,20 +27,17 @@ class Frankie:
     def __init__(self, profile: RobotProfile) -> None:
         """Kinematics for one profile; only its arm mount matters here."""
         self.profile = profile
-        self.model = _model(profile.arm)
+        self.model = _model(profile)
         self.mount = np.array([profile.arm.mount_x, profile.arm.mount_y, profile.arm.mount_z])
         self._data = self.model.createData()
-        self._hand = self.model.getFrameId("panda_hand")
         self._tcp = self.model.getFrameId("panda_tcp")
         self._configuration = np.zeros(self.model.nq)
 
     def tcp_pose(self, pose: Array, q: Array) -> tuple[Array, Array]:
         """Position [m] shape (3,) and rotation shape (3, 3) of the tool centre point."""
-        return self._frame_pose(pose, q, self._tcp)
-
-    def hand_pose(self, pose: Array, q: Array) -> tuple[Array, Array]:
-        """Position [m] shape (3,) and rotation shape (3, 3) of ``panda_hand``, where the palm camera is."""
-        return self._frame_pose(pose, q, self._hand)
+        pin.forwardKinematics(self.model, self._data, self._configure(pose, q))
+        T = pin.updateFramePlacement(self.model, self._data, self._tcp)
+        return T.translation.copy(), T.rotation.copy()
 
     def tcp_jacobian(self, pose: Array, q: Array) -> Array:
         """Geometric Jacobian of the tool centre point, shape (6, 9).
@@ -80,16 +69,6 @@ class Frankie:
         T[11, :3, 3] -= 0.5 * width * arm[HAND, :3, 1]
         return T
 
-    def link_poses(self, pose: Array, q: Array, width: float = 0.08) -> dict[str, Array]:
-        """`link_transforms` by name of the link."""
-        return dict(zip(LINKS, self.link_transforms(pose, q, width), strict=True))
-
-    def _frame_pose(self, pose: Array, q: Array, frame: int) -> tuple[Array, Array]:
-        configuration = self._configure(pose, q)
-        pin.forwardKinematics(self.model, self._data, configuration)
-        T = pin.updateFramePlacement(self.model, self._data, frame)
-        return T.translation.copy(), T.rotation.copy()
-
     def _configure(self, pose: Array, q: Array) -> Array:
         configuration = self._configuration
         configuration[0], configuration[1] = pose[0], pose[1]
@@ -99,14 +78,9 @@ class Frankie:
 
 
 @functools.cache
-def _model(arm: ArmSpec) -> pin.Model:
+def _model(profile: RobotProfile) -> pin.Model:
     """The planar model with locked fingers, its arm mounted where the profile says."""
-    robot = ET.parse(web_assets_dir() / "frankie.urdf").getroot()  # noqa: S314 - our own file, not from outside
-    origin = robot.find("joint[@name='arm_mount']/origin")
-    if origin is None:
-        raise ValueError("frankie.urdf has no joint arm_mount with an origin: restore the file")
-    origin.set("xyz", f"{arm.mount_x!r} {arm.mount_y!r} {arm.mount_z!r}")
-    full = pin.buildModelFromXML(ET.tostring(robot, encoding="unicode"), pin.JointModelPlanar())
+    full = pin.buildModelFromXML(ET.tostring(robot_urdf(profile), encoding="unicode"), pin.JointModelPlanar())
     fingers = [full.getJointId(f"panda_finger_joint{i}") for i in (1, 2)]
     return pin.buildReducedModel(full, fingers, pin.neutral(full))
 

@@ -9,8 +9,8 @@ import msgspec
 import numpy as np
 
 from motm_twin.model.profile import RobotProfile
-from motm_twin.model.scene import Bin, Box, Cylinder, PlanarPose, Point, Prism, Scene, SceneObject, Solid, Task
-from motm_twin.model.scene_shapes import bin_solid, covers
+from motm_twin.model.scene import Bin, PlanarPose, Scene, SceneObject, Solid, Task
+from motm_twin.model.scene_shapes import bin_solid, covers, moved_bin, moved_object, moved_solid
 
 STANDS_WITHIN = 0.005  # [m] of what carries it
 _RNG_MAP = 0x3A90FF
@@ -80,21 +80,10 @@ def carries(solid: Solid, item: SceneObject) -> bool:
 def _map_off(known: KnownWorld, scene: Scene) -> KnownWorld:
     """Mismatch: furniture, bins and believed objects are offset from reality by the same vector."""
     angle = np.random.default_rng([scene.seed, _RNG_MAP]).uniform(-math.pi, math.pi)
-    off = scene.mismatch.map_offset
-    dx, dy = off * math.cos(angle), off * math.sin(angle)
-    replace = msgspec.structs.replace
-
-    def moved(x: float, y: float) -> Point:
-        return x + dx, y + dy
-
-    def moved_shape(shape: Box | Cylinder | Prism) -> Box | Cylinder | Prism:
-        if isinstance(shape, Prism):
-            return replace(shape, corners=tuple(moved(*corner) for corner in shape.corners))
-        return replace(shape, centre=moved(*shape.centre))
-
-    return replace(
+    off = scene.mismatch.map_offset * np.array([math.cos(angle), math.sin(angle), 0.0])
+    return msgspec.structs.replace(
         known,
-        solids=tuple(replace(one, shape=moved_shape(one.shape)) for one in known.solids),
-        objects=tuple(replace(one, position=(*moved(*one.position[:2]), one.position[2])) for one in known.objects),
-        bins=tuple(replace(one, centre=moved(*one.centre)) for one in known.bins),
+        solids=tuple(moved_solid(off, one) for one in known.solids),
+        objects=tuple(moved_object(off, one) for one in known.objects),
+        bins=tuple(moved_bin(off, one) for one in known.bins),
     )

@@ -2,7 +2,7 @@
 
     hysteresis: Annotated[float, Number("s", OWN, "cuts changes of mind")] = 0.3
 
-Tables of documents, the sliders of the page and the screening (`studies/screening.py`) are derived from it.
+Tables of documents, the sliders of the page and the screening (`studies/grasping.py`) are derived from it.
 """
 
 import dataclasses

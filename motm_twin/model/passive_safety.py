@@ -12,12 +12,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from motm_twin.model.arm_kernels import fk_arm
-from motm_twin.model.body_geometry import CAPSULE_RADII, capsule_segments
+from motm_twin.model.arm_kernels import CAPSULE_RADII, capsule_segments, fk_arm
 from motm_twin.model.compiler import njit
 from motm_twin.model.geometry import Array
 from motm_twin.model.motion import kernel, lag_share, step
-from motm_twin.model.period import PERIOD
+from motm_twin.model.plant import PERIOD
 from motm_twin.model.profile import RobotProfile
 
 ROUNDING = 1e-6  # [m]

@@ -1,13 +1,25 @@
-"""The robot as the control loop sees it: a Plant with three verbs, its observations and its commands."""
+"""The robot as the control loop sees it: a Plant with three verbs, its observations and commands, and the period.
+
+`TwinPlant` is the robot of a twin, which beyond the three verbs takes edits, where the robot has them.
+"""
 
 import math
+from collections.abc import Mapping, Sequence
 from typing import ClassVar, Protocol
 
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from motm_twin.model.edits import WorldEdit
 from motm_twin.model.geometry import Array
+from motm_twin.model.scene import PlanarPose, Scene, Task
+
+PERIOD = 0.05  # [s] the paper's 20 Hz (Sec. IV)
+A_PERIOD_AND_A_BIT = 1.2 * PERIOD  # [s] up to which the next one may come
+PERIODS_PER_SECOND = round(1.0 / PERIOD)
+ARM_STEPS = 5  # arm steps in a period: 100 Hz
+ARM_STEP = PERIOD / ARM_STEPS  # [s]
 
 
 class Scan(msgspec.Struct, frozen=True, kw_only=True, eq=False):
@@ -186,3 +198,62 @@ class Truth(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     cut_ins: tuple[CutIn, ...] = ()  # so far
     dropped: tuple[str, ...] = ()  # objects that fell by the robot's doing and were not picked up and placed since
     physics: PhysicsTruth | None = None  # of a plant with contact dynamics
+
+
+class WorldRehearsal(Protocol):
+    """Edits that wait, tried one after another."""
+
+    def accept(self, edit: WorldEdit) -> None:
+        """Take an edit after those before; raises ValueError when the world will not take it."""
+        ...
+
+
+class TwinPlant(Plant, Protocol):
+    """A twin's robot. Unsupported requests raise ValueError, and truth is None."""
+
+    def truth(self) -> Truth | None:
+        """Ground truth, if the robot has one."""
+        ...
+
+    def rehearsal(self) -> WorldRehearsal:
+        """Try edits before they are applied."""
+        ...
+
+    def apply(self, edit: WorldEdit) -> None:
+        """Change the world as a person does."""
+        ...
+
+    def expect_tasks(self, tasks: Sequence[Task]) -> None:
+        """Give the referee, if there is one, the current task list."""
+        ...
+
+    def expect_map(self, announced: Mapping[str, PlanarPose]) -> None:
+        """Give the referee, if there is one, the announced places of furniture."""
+        ...
+
+
+class ExternalPlant(TwinPlant, Protocol):
+    """A robot in another program."""
+
+    mirror: bool  # it is shown, and not commanded
+
+    @property
+    def shared(self) -> bool:
+        """Its time passes only as granted."""
+        ...
+
+    def begin(self, scene: Scene) -> None:
+        """Another run begins."""
+        ...
+
+    def ready(self) -> bool:
+        """True when there is a robot to observe."""
+        ...
+
+    def text(self) -> str:
+        """One sentence about the robot."""
+        ...
+
+    def interrupted(self) -> bool:
+        """True when control was interrupted since the last call."""
+        ...

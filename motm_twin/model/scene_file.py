@@ -1,20 +1,223 @@
-"""Scenes by name or file: load one variant, list what is shipped.
+"""Scenes by name or file: find, read, extend, lay the variant over it, resolve and check; list what is shipped.
 
 The format is documented in ``docs/scenes.md``; its types are in ``scene_format.py``.
 """
 
+import dataclasses
+import difflib
+import importlib
 from numbers import Integral
+from pathlib import Path
 
 import msgspec
 
+from motm_twin.model.assets import scenes_dir
 from motm_twin.model.bounds import SEED
+from motm_twin.model.names import SceneError, hint
 from motm_twin.model.scene import Scene
 from motm_twin.model.scene_check import check_scene
-from motm_twin.model.scene_error import SceneError
-from motm_twin.model.scene_load import Document, load_document, shipped_names, with_variant
+from motm_twin.model.scene_format import FORMAT, SceneFile
 from motm_twin.model.scene_resolve import Resolver
+from motm_twin.model.scene_yaml import MAX_BYTES, Node, check_types, parse_yaml, show
 
-__all__ = ["SceneError", "SceneListing", "check_all", "list_scenes", "load_scene"]
+MAKERS = {  # prefix of a name: module with `made`, imported when such a scene is asked for
+    "generated:": "motm_twin.generate.scenes",
+    **dict.fromkeys(("barn:", "circle:", "square:", "dynabarn:"), "motm_twin.generate.challenges"),
+}
+_ENDINGS = (".yaml", ".yml")
+_MAX_EXTENDS = 4
+_BY_NAME = ("furniture", "slots", "objects", "bins", "bumps", "agents", "variants")
+_BY_KEY = ("robot", "noise", "mismatch", "faults", "deliver")
+_NOT_INHERITED = ("format", "extends", "title")
+
+
+@dataclasses.dataclass(frozen=True)
+class Document:
+    """A scene file with everything it extends merged in; types are checked."""
+
+    name: str
+    file: str  # how messages call it
+    root: Node
+
+    def variants(self) -> list[str]:
+        """Names of the variants, in the order of the file."""
+        node = self.root.value.get("variants")
+        return [] if node is None else list(node.value)
+
+
+def shipped_names() -> list[str]:
+    """Names of the shipped scenes."""
+    return sorted(path.stem for path in scenes_dir().glob("*.yaml"))
+
+
+def find_scene(name_or_path: str) -> tuple[Path, str]:
+    """The file of a shipped name or a path, and how messages call it."""
+    text = str(name_or_path)
+    names = shipped_names()
+    if text in names:
+        return scenes_dir() / f"{text}.yaml", f"scenes/{text}.yaml"
+    path = Path(text)
+    looks_like_path = text.endswith(_ENDINGS) or path.name != text
+    if _is_file(path):
+        if not text.endswith(_ENDINGS):
+            raise SceneError("a scene file ends with .yaml or .yml: rename it", file=text)
+        return path, text
+    if looks_like_path:
+        close = difflib.get_close_matches(path.stem, names, n=1)
+        shipped = f"; the shipped scene '{close[0]}' is called without folder and ending" if close else ""
+        raise SceneError(f"there is no such scene file{shipped}", file=show(text))
+    raise SceneError(
+        f"no scene is called {show(text)} (a path to your own .yaml file works too, generated:SEED and barn:SEED); "
+        f"{hint(text, names)}"
+    )
+
+
+def _is_file(path: Path) -> bool:
+    try:
+        return path.is_file()
+    except (OSError, ValueError):  # a name that is too long, or has a zero in it
+        return False
+
+
+def load_document(name_or_path: str) -> Document:
+    """Read a scene file and all that it extends, or make a scene from a seed; raises SceneError."""
+    if is_made(name_or_path):
+        return _made(name_or_path)
+    path, shown = find_scene(name_or_path)
+    return Document(path.stem, shown, _extended(_read(path, shown), path, shown, (path.resolve(),)))
+
+
+def text_document(raw: bytes, name: str) -> Document:
+    """The document of a scene that is no file; what it extends is shipped or in the working folder."""
+    path = Path(f"{name}.yaml")
+    return Document(name, name, _extended(_parsed(raw, name), path, name, (path.resolve(),)))
+
+
+def is_made(name: str) -> bool:
+    """The scene is made from a seed: there is no file of it."""
+    return name.startswith(tuple(MAKERS))
+
+
+def _made(asked: str) -> Document:
+    maker = next(module for prefix, module in MAKERS.items() if asked.startswith(prefix))
+    name, text = importlib.import_module(maker).made(asked)
+    root = parse_yaml(text, name)
+    check_types(root, SceneFile)
+    return Document(name, name, merge(Node({}, name, root.line, ""), root))
+
+
+def _extended(root: Node, path: Path, shown: str, seen: tuple[Path, ...]) -> Node:
+    """The tree over all that it extends."""
+    extends = root.value.get("extends")
+    if extends is None or extends.value is None:
+        return merge(Node({}, root.file, root.line, ""), root)
+    base, base_shown = _find_base(extends, path, shown)
+    if base.resolve() in seen:
+        raise extends.error(f"'{extends.value}' extends this file in turn: break the circle")
+    if len(seen) > _MAX_EXTENDS:
+        raise extends.error(f"more than {_MAX_EXTENDS} files extend one another")
+    inherited = _extended(_read(base, base_shown), base, base_shown, (*seen, base.resolve()))
+    kept = {key: node for key, node in inherited.value.items() if key not in _NOT_INHERITED}
+    return merge(Node(kept, root.file, root.line, ""), root)
+
+
+def _read(path: Path, shown: str) -> Node:
+    try:
+        with path.open("rb") as stream:
+            raw = stream.read(MAX_BYTES + 1)
+    except OSError as error:
+        raise SceneError(f"cannot be read: {error.strerror}", file=shown) from error
+    return _parsed(raw, shown)
+
+
+def _parsed(raw: bytes, shown: str) -> Node:
+    if len(raw) > MAX_BYTES:
+        raise SceneError("larger than 1 MiB: a scene is a short text", file=shown)
+    try:
+        text = raw.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = raw[: error.start].count(b"\n") + 1
+        raise SceneError("not UTF-8 text: save the file as UTF-8", file=shown, line=line) from error
+    root = parse_yaml(text, shown)
+    if not isinstance(root.value, dict):
+        raise root.error(f"a scene is a mapping that begins with 'format: {FORMAT}', got {show(root.value)}")
+    if "format" not in root.value:
+        raise root.error(f"the key 'format' is missing: write 'format: {FORMAT}'")
+    check_types(root, SceneFile)
+    return root
+
+
+def _find_base(extends: Node, path: Path, shown: str) -> tuple[Path, str]:
+    name = extends.value
+    stem = name[: -len(".yaml")] if name.endswith(".yaml") else name
+    if Path(stem).name != stem or "\\" in stem or stem in (".", "..") or "\0" in stem:
+        raise extends.error(f"'{name}' leaves the folder: give a shipped scene's name or a file in the same folder")
+    beside = path.parent / f"{stem}.yaml"
+    if beside.is_file():
+        if beside.resolve().parent != path.resolve().parent:
+            raise extends.error(f"'{name}' is a link that leaves the folder: copy the file here")
+        return beside, shown[: len(shown) - len(Path(shown).name)] + beside.name
+    if stem in shipped_names():
+        return scenes_dir() / f"{stem}.yaml", f"scenes/{stem}.yaml"
+    others = [other.stem for other in sorted(path.parent.glob("*.yaml")) if other != path]
+    raise extends.error(f"there is no scene '{name}'; {hint(stem, sorted({*shipped_names(), *others}))}")
+
+
+def merge(base: Node, over: Node) -> Node:
+    """The sections of one tree laid over those of another: named entries by name, settings by key, others whole."""
+    merged = dict(base.value)
+    for given, other in (("tasks", "deliver"), ("deliver", "tasks")):
+        if given in over.value and over.value[given].value is not None and other not in over.value:
+            merged.pop(other, None)
+    for key, node in over.value.items():
+        below = merged.get(key)
+        if key in _BY_NAME:
+            merged[key] = _merge_named(below, node)
+        elif key in _BY_KEY and below is not None:
+            merged[key] = _merge_keys(below, node)
+        else:
+            merged[key] = node
+        if merged[key].value is None:
+            del merged[key]
+    return Node(merged, over.file, over.line, over.place)
+
+
+def _merge_named(below: Node | None, over: Node) -> Node:
+    entries = {} if below is None else dict(below.value)
+    for name, node in over.value.items():
+        if node.value is not None:
+            entries[name] = node
+        elif name in entries:
+            del entries[name]
+        else:
+            raise node.error(f"nothing is called '{name}' here that could be removed; {hint(name, entries)}")
+    return Node(entries, over.file, over.line, over.place)
+
+
+def _merge_keys(below: Node, over: Node) -> Node:
+    if not (isinstance(below.value, dict) and isinstance(over.value, dict)):
+        return over
+    entries = dict(below.value)
+    for key, node in over.value.items():
+        entries[key] = _merge_keys(entries[key], node) if key in entries else node
+    return Node(entries, over.file, over.line, over.place)
+
+
+def with_variant(document: Document, variant: str | None) -> tuple[Node, str]:
+    """The tree of one variant (None: the default one), and the variant's name ("" when the scene has none)."""
+    names = document.variants()
+    default = document.root.value.get("default_variant")
+    if default is not None and default.value not in names:
+        raise default.error(f"there is no variant '{default.value}'; {hint(default.value, names)}")
+    first = names[0] if names else ""
+    chosen = variant if variant is not None else first if default is None else default.value
+    if chosen and chosen not in names:
+        where = hint(chosen, names) if names else "the scene has no variants"
+        raise SceneError(f"there is no variant {show(chosen)}; {where}", file=document.file)
+    base = Node({k: n for k, n in document.root.value.items() if k != "variants"}, document.file, 1, "")
+    if not chosen:
+        return base, ""
+    return merge(base, document.root.value["variants"].value[chosen]), chosen
 
 
 class SceneListing(msgspec.Struct, frozen=True, kw_only=True):

@@ -9,9 +9,9 @@ from shapely.ops import unary_union
 
 from motm_twin.model import scene as resolved
 from motm_twin.model import scene_format as fmt
+from motm_twin.model.names import hint
 from motm_twin.model.profile import DEG, RobotProfile
 from motm_twin.model.scene import PlanarPose, Point, Scene, SceneObject, Solid, Task
-from motm_twin.model.scene_error import near
 from motm_twin.model.scene_shapes import base_outline, counter_clockwise, is_simple, lane, outline
 from motm_twin.model.scene_yaml import Node
 
@@ -109,7 +109,7 @@ class Resolver:
         group = [solid for solid in self.solids.values() if solid.group == name]
         if not group:
             groups = {*self.solids, *(solid.group for solid in self.solids.values())}
-            raise node.error(f"there is no furniture '{name}'; {near(name, sorted(groups))}")
+            raise node.error(f"there is no furniture '{name}'; {hint(name, sorted(groups))}")
         return max(group, key=lambda solid: solid.z_max)
 
     def _work(self) -> tuple[tuple[SceneObject, ...], tuple[Task, ...]]:
@@ -154,7 +154,7 @@ class Resolver:
         for index, name in enumerate(chosen):
             place = node.at("slots", index)
             if name not in slots:
-                raise place.error(f"there is no slot '{name}'; {near(name, slots)}")
+                raise place.error(f"there is no slot '{name}'; {hint(name, slots)}")
             if name in chosen[:index]:
                 raise place.error(f"the object of slot '{name}' is already picked before: name each slot once")
         return list(chosen)
@@ -178,7 +178,7 @@ class Resolver:
         for index, name in enumerate(self.keep):
             if name not in self.agents:
                 node = self.root.at("keep_agents", index)
-                raise node.error(f"there is no agent '{name}'; {near(name, self.agents)}")
+                raise node.error(f"there is no agent '{name}'; {hint(name, self.agents)}")
         return {name: agent for name, agent in self.agents.items() if name in self.keep}
 
     def _agent(self, name: str, agent: fmt.AgentFile) -> resolved.Agent:

@@ -17,8 +17,7 @@ from scipy.optimize import linear_sum_assignment
 
 from motm_twin.model.geometry import Array, from_frame
 from motm_twin.model.number import OWN, Number
-from motm_twin.model.period import PERIOD
-from motm_twin.model.plant import Detection
+from motm_twin.model.plant import PERIOD, Detection
 
 MOST_CANDIDATES = 50  # that are remembered
 LIKELY = 0.2  # [s] for which one detection that was matched says where an object is that has no name yet

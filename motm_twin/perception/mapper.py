@@ -10,8 +10,7 @@ import numpy as np
 from motm_twin.model.geometry import Array
 from motm_twin.model.known import KnownWorld
 from motm_twin.model.number import OWN, STAA, Number, paper
-from motm_twin.model.period import PERIOD
-from motm_twin.model.plant import Observation, Scan
+from motm_twin.model.plant import PERIOD, Observation, Scan
 from motm_twin.model.profile import RobotProfile
 from motm_twin.model.reason import Reason
 from motm_twin.model.state import Stateful

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from motm_twin.model.exact import dot
 from motm_twin.model.geometry import Array
 from motm_twin.model.number import OWN, Number
-from motm_twin.model.period import A_PERIOD_AND_A_BIT
+from motm_twin.model.plant import A_PERIOD_AND_A_BIT
 from motm_twin.model.profile import RobotProfile
 from motm_twin.model.state import Stateful
 from motm_twin.perception.cell_times import AROUND, CellTimes, Mask, Numbers, among, numbers_of

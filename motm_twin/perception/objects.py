@@ -20,8 +20,7 @@ from motm_twin.model.exact import wrap_angle
 from motm_twin.model.geometry import Array, compose, from_frame, inverse, to_frame
 from motm_twin.model.known import KnownWorld
 from motm_twin.model.number import OWN, Number
-from motm_twin.model.period import PERIOD
-from motm_twin.model.plant import Detection, Observation
+from motm_twin.model.plant import PERIOD, Detection, Observation
 from motm_twin.model.state import Stateful
 from motm_twin.perception.association import Places
 

@@ -14,10 +14,10 @@ import numpy as np
 import zenoh
 
 from motm_twin.bus.commands import COMMAND_NAMES, MAX_COMMAND_BYTES, MAX_NAME
-from motm_twin.bus.keys import Keys, PlantKeys
+from motm_twin.bus.connection import Keys, PlantKeys
 from motm_twin.control.tick import Tick
-from motm_twin.external.messages import NAMES
 from motm_twin.external.robot import LinkSpec
+from motm_twin.external.robot_link import NAMES
 from motm_twin.model.scene_file import load_scene
 from motm_twin.perf.processes import external_robot, wait_for
 from motm_twin.twin import Twin

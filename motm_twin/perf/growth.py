@@ -20,7 +20,7 @@ from rich.table import Table
 
 from motm_twin.control.parameters import Parameters
 from motm_twin.model.geometry import Array
-from motm_twin.model.period import PERIOD
+from motm_twin.model.plant import PERIOD
 from motm_twin.model.scene import Agent, Bin, Box, Pick, Place, Scene, SceneObject, Solid
 from motm_twin.model.scene_file import load_scene
 from motm_twin.perf import page

@@ -25,14 +25,13 @@ import zenoh
 
 from motm_twin.bus.client import TwinClient
 from motm_twin.bus.commands import Answer, Load
-from motm_twin.bus.connection import LOOPBACK, free_port, open_client, open_member, open_server, session_config
-from motm_twin.bus.keys import Keys
+from motm_twin.bus.connection import LOOPBACK, Keys, free_port, open_client, open_member, open_server, session_config
 from motm_twin.bus.library import FileLibrary, TwinSetup
-from motm_twin.bus.processes import leave
 from motm_twin.bus.server import TwinServer
 from motm_twin.perf.fuzz import Fuzzer, Message
 from motm_twin.perf.report import percentiles
 from motm_twin.planning.types import SearchBudget
+from motm_twin.processes import leave
 from motm_twin.program import share_arenas
 from motm_twin.server_process import SEARCH_SECONDS, make_twin
 

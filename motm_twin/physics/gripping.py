@@ -7,11 +7,10 @@ import numpy as np
 
 from motm_twin.model.exact import norm, product, transposed_times
 from motm_twin.model.geometry import Array
-from motm_twin.model.physics import Physics
 from motm_twin.model.plant import GraspTruth
 from motm_twin.model.profile import Gripper as GripperSpec
-from motm_twin.physics.contacts import Contacts
-from motm_twin.physics.state import Grasp
+from motm_twin.model.scene import Physics
+from motm_twin.physics.forces import Contacts, Grasp
 from motm_twin.sim.gripper import GripperState
 from motm_twin.sim.plant_state import PlantState
 

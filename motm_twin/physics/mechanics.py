@@ -13,28 +13,34 @@ import numpy as np
 from numpy.typing import NDArray
 
 from motm_twin.model.arm_kernels import ARM_FRAMES, FLANGE, HAND, HAND_LENGTH, TCP
+from motm_twin.model.assets import LINKS
 from motm_twin.model.exact import norm
 from motm_twin.model.geometry import Array, wrap_angle
-from motm_twin.model.joint_limits import Q_MAX, Q_MIN
-from motm_twin.model.kinematics import LINKS
-from motm_twin.model.physics import REFLEXES
 from motm_twin.model.plant import Contact, PhysicsTruth
-from motm_twin.model.scene import Scene
-from motm_twin.physics.contacts import Contacts, disagreements, force_of
+from motm_twin.model.profile import Q_MAX, Q_MIN
+from motm_twin.model.scene import REFLEXES, Scene
+from motm_twin.physics.forces import ArmAlone, Contacts, Grasp, PhysicsState, disagreements, force_of, note_reflexes
 from motm_twin.physics.gripping import Fingers
-from motm_twin.physics.reflex import ArmAlone, note_reflexes
-from motm_twin.physics.robot_model import DAMPING, STIFFNESS, WHEEL_GAIN, WHEEL_RADIUS, base_inertia, track
-from motm_twin.physics.state import Grasp, PhysicsState
-from motm_twin.physics.world_model import TIMESTEP, Kind, compile_model, kind_of, standing
-from motm_twin.sim.actuators import ArmState, BaseState, drives
+from motm_twin.physics.mjcf import (
+    DAMPING,
+    STIFFNESS,
+    TIMESTEP,
+    WHEEL_GAIN,
+    WHEEL_RADIUS,
+    Kind,
+    base_inertia,
+    compile_model,
+    kind_of,
+    standing,
+    track,
+)
 from motm_twin.sim.cube_contacts import between_pads
 from motm_twin.sim.grasp import near
-from motm_twin.sim.layout import Scenery
-from motm_twin.sim.mechanics import NO_SLIDES, Moved, Surroundings, Told
+from motm_twin.sim.mechanics import NO_SLIDES, Moved, Surroundings, Told, drives
 from motm_twin.sim.objects import FLOOR_LEVEL, ObjectState, over
-from motm_twin.sim.plant_state import PlantState
+from motm_twin.sim.plant_state import ArmState, BaseState, PlantState
 from motm_twin.sim.referee import SUPPORT_CLEAR
-from motm_twin.sim.solids import Solids
+from motm_twin.sim.solids import Scenery, Solids
 
 SUBSTEP = 0.01  # [s]
 _STEPS = round(SUBSTEP / TIMESTEP)

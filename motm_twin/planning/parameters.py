@@ -7,7 +7,7 @@ import dataclasses
 from typing import Annotated, NamedTuple
 
 from motm_twin.model.number import OWN, STAA, Number, Slider, paper
-from motm_twin.model.period import PERIOD
+from motm_twin.model.plant import PERIOD
 from motm_twin.model.profile import DEG, Footprint, RobotProfile
 
 TERMINATIONS = ("task", "pass", "reach_goal")

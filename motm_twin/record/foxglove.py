@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from motm_twin.bus import messages as bus
-from motm_twin.model.data_dirs import web_assets_dir
+from motm_twin.model.assets import web_assets_dir
 from motm_twin.model.scene import Bin, Box, Cylinder, Prism, Scene, Solid
 from motm_twin.record import channels as ch
 from motm_twin.record.channels import Json

@@ -16,11 +16,11 @@ from pathlib import Path
 import msgspec
 
 from motm_twin.bus import commands
-from motm_twin.bus.driver import Wheel
+from motm_twin.bus.commands import Wheel
 from motm_twin.bus.library import MethodLibrary
 from motm_twin.bus.messages import STATUS_VERSION, MethodChoice, SceneChoice, StatusMessage
 from motm_twin.methods import UNNAMED_METHOD
-from motm_twin.model.period import PERIOD
+from motm_twin.model.plant import PERIOD
 from motm_twin.model.scene import Scene
 from motm_twin.record import channels as ch
 from motm_twin.record.mcap_file import Entry, read

@@ -12,14 +12,13 @@ from pathlib import Path
 import msgspec
 import zenoh
 
-from motm_twin.bus.connection import LOOPBACK, PortTaken, open_server
+from motm_twin.bus.connection import DEFAULT_PORT, DEFAULT_TWIN, LOOPBACK, Keys, PortTaken, open_server
 from motm_twin.bus.events import EventLog
-from motm_twin.bus.keys import DEFAULT_PORT, DEFAULT_TWIN, Keys
 from motm_twin.bus.messages import NumberedEvent
 from motm_twin.bus.private_folder import forget
-from motm_twin.bus.processes import Reporter, leave, stop_event
 from motm_twin.bus.queries import Answering, Idle, LatestValues
 from motm_twin.bus.server import HEARTBEAT, Server, server_clock
+from motm_twin.processes import Reporter, leave, stop_event
 from motm_twin.program import BAD_INPUT
 from motm_twin.record import channels as ch
 from motm_twin.record.player import AS_IT_WAS, Frames, Playback, Player

@@ -17,11 +17,10 @@ import msgspec
 import zenoh
 
 from motm_twin.bus import messages
-from motm_twin.bus.connection import LOOPBACK, direct, open_member
-from motm_twin.bus.keys import DEFAULT_PORT, DEFAULT_TWIN, Keys
-from motm_twin.bus.processes import Reporter, leave, stop_event
+from motm_twin.bus.connection import DEFAULT_PORT, DEFAULT_TWIN, LOOPBACK, Keys, direct, open_member
 from motm_twin.client.discover import NoTwin, require_answer
 from motm_twin.model.scene import Scene
+from motm_twin.processes import Reporter, leave, stop_event
 from motm_twin.program import BAD_INPUT, FAILED, OK
 from motm_twin.record import channels as ch
 from motm_twin.record.foxglove import Add, Drawer, furniture, grid

@@ -14,7 +14,7 @@ from motm_twin.bus.messages import StatusMessage
 from motm_twin.methods import UNNAMED_METHOD
 from motm_twin.model.edits import Edit
 from motm_twin.model.names import scene_name
-from motm_twin.model.period import PERIOD
+from motm_twin.model.plant import PERIOD
 from motm_twin.model.scene import Scene
 from motm_twin.program import table_console
 from motm_twin.record import channels as ch

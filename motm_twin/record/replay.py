@@ -11,16 +11,14 @@ import msgspec
 
 from motm_twin.bus.encode import ObservationsMessage, Sample, seconds, tick_message
 from motm_twin.bus.plant_messages import from_message
-from motm_twin.completion import Completion
 from motm_twin.control.method import Method
-from motm_twin.control.tick import Tick
+from motm_twin.control.tick import Completion, Tick
 from motm_twin.methods.registry import METHODS
 from motm_twin.model.edits import Announce
 from motm_twin.model.names import hint, scene_name
-from motm_twin.model.plant import Detection, Observation, Scan
+from motm_twin.model.plant import Detection, ExternalPlant, Observation, Scan
 from motm_twin.model.scene import Scene
 from motm_twin.model.state import state_hash
-from motm_twin.model.twin_plant import ExternalPlant
 from motm_twin.record.recording import Recording, Run, observations_of, ticks_of
 from motm_twin.sessions.branches import Log
 from motm_twin.sessions.session import Session, SessionError, check_session, differences, made_with

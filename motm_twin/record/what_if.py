@@ -15,7 +15,6 @@ import multiprocessing
 import os
 import stat
 import sys
-import threading
 import traceback
 from collections.abc import Iterable, Iterator
 from multiprocessing.connection import Connection, wait
@@ -24,16 +23,15 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from motm_twin.completion import Completion, all_placed
 from motm_twin.control.method import Method
-from motm_twin.control.tick import Tick
+from motm_twin.control.tick import Completion, Tick, all_placed
 from motm_twin.control.tuning import check, parameter
-from motm_twin.interrupts import end_with_parent, put_off
 from motm_twin.methods.registry import find_method
 from motm_twin.model.edits import Edit, InsertTask, ParameterValue, SetParameter
 from motm_twin.model.names import MethodError
-from motm_twin.model.period import PERIODS_PER_SECOND
+from motm_twin.model.plant import PERIODS_PER_SECOND
 from motm_twin.planning.types import SearchBudget
+from motm_twin.processes import at_end_of_input, end_with_parent, put_off
 from motm_twin.program import BAD_INPUT, FAILED, OK, THREADS
 from motm_twin.record.replay import begin
 from motm_twin.record.what_if_lines import AS_IT_WAS, CHANGED, Outcome, Sample
@@ -336,15 +334,8 @@ def _end_with_input() -> None:
         mode = os.fstat(0).st_mode
     except OSError:
         return
-    if not (stat.S_ISFIFO(mode) or stat.S_ISSOCK(mode)):
-        return
-
-    def watch() -> None:
-        while os.read(0, 1024):
-            continue
-        os._exit(OK)
-
-    threading.Thread(target=watch, name="standard input", daemon=True).start()
+    if stat.S_ISFIFO(mode) or stat.S_ISSOCK(mode):
+        at_end_of_input(lambda: os._exit(OK))
 
 
 def main() -> None:

@@ -43,7 +43,8 @@ from motm_twin.planning.types import (
     PlanStatus,
     SearchBudget,
     Target,
-    empty_path,
+    bare_plan,
+    no_placement,
 )
 from motm_twin.rivals.motm2022 import TangentController, TangentParameters, TangentPlacement, TangentState
 
@@ -176,12 +177,9 @@ class HolisticPlacement:
         target = problem.target
         if target is None or target.kind == "drive":
             return self._drives.place(problem)
-        none = frozen(np.zeros(0))
-        return Placement(
-            mode=Mode.WHOLE_BODY, radius=0.0, poses=frozen(np.zeros((0, 3))), cost_current=none, cost_next=none,
-            cost=none, rejected=(), chosen=-1, goal=frozen([*target.position[:2], problem.pose[2]]),
-            goal_has_heading=False, why=Reason(kind=Kind.WHOLE_BODY), next_goal=None,
-        )  # fmt: skip
+        goal = frozen([*target.position[:2], problem.pose[2]])
+        why = Reason(kind=Kind.WHOLE_BODY)
+        return msgspec.structs.replace(no_placement(problem.pose), mode=Mode.WHOLE_BODY, goal=goal, why=why)
 
 
 class HolisticBase:
@@ -198,22 +196,12 @@ class HolisticBase:
         if target is None or target.kind == "drive":
             return self._drives.plan(problem, placement, budget)
         time = self._time_to_range(problem, target)
-        return BasePlan(
-            acceleration=frozen(np.zeros(2)),
-            status=PlanStatus.GOAL,
-            why=None if time == 0.0 else Reason(kind=Kind.HAND_HELD_UP, subject=target.name),
-            global_path=frozen([problem.pose[:2], target.position[:2]]),
-            next_path=empty_path(),
-            intermediate_goal=placement.goal,
-            local_poses=frozen([[*problem.pose, *problem.twist]]),
-            local_times=frozen([0.0]),
-            bezier=empty_path(),
-            expansions=0,
-            cut_by_clock=False,
-            t_h=time,
-            k=1.0,
-            time_to_range=time,
-        )
+        why = None if time == 0.0 else Reason(kind=Kind.HAND_HELD_UP, subject=target.name)
+        way = frozen([problem.pose[:2], target.position[:2]])
+        return msgspec.structs.replace(
+            bare_plan(problem, np.zeros(2), PlanStatus.GOAL, why),
+            global_path=way, intermediate_goal=placement.goal, t_h=time, time_to_range=time,
+        )  # fmt: skip
 
     def _time_to_range(self, problem: BaseProblem, target: Target) -> float:
         """0 in reach, else the time [s] of the straight way."""

@@ -21,10 +21,9 @@ from motm_twin.control.arm.view import ManipulatorState
 from motm_twin.control.method import ArmParts, Method, PlannerParts, Rehearse, Rehearsed, Timed
 from motm_twin.model.edits import TaskEdit
 from motm_twin.model.geometry import Array, frozen, to_frame, wrap_angle
-from motm_twin.model.joint_limits import DQ_MAX
 from motm_twin.model.names import MethodError
-from motm_twin.model.period import ARM_STEPS
-from motm_twin.model.profile import RobotProfile
+from motm_twin.model.plant import ARM_STEPS
+from motm_twin.model.profile import DQ_MAX, RobotProfile
 from motm_twin.model.reason import Kind, Reason
 from motm_twin.model.state import Stateful
 from motm_twin.planning.planner import BasePlanner

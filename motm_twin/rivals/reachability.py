@@ -18,8 +18,8 @@ from motm_twin.model.arm_kernels import ELBOW_OFFSET, LOWER, SHOULDER, TOOL, UPP
 from motm_twin.model.compiler import njit
 from motm_twin.model.exact import angle_of, turn_between
 from motm_twin.model.geometry import Array, frozen
-from motm_twin.model.joint_limits import Q_MAX, Q_MIN, WRIST_MIN
 from motm_twin.model.known import KnownWorld
+from motm_twin.model.profile import Q_MAX, Q_MIN, WRIST_MIN
 from motm_twin.planning.parameters import PlanningParameters
 from motm_twin.planning.reach import ReachModel
 from motm_twin.planning.types import Target

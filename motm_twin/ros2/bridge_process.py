@@ -14,11 +14,19 @@ import zenoh
 
 from motm_twin.bus.client import TwinClient, decode_grid_info, decode_robot, decode_scan, decode_tick
 from motm_twin.bus.commands import Command, Drive, DriveToPoint, PushRobot
-from motm_twin.bus.connection import LOOPBACK, ConfigError, answers, direct, open_member
-from motm_twin.bus.keys import DEFAULT_PORT, DEFAULT_TWIN, Keys
-from motm_twin.bus.processes import Reporter, leave, stop_event
+from motm_twin.bus.connection import (
+    DEFAULT_PORT,
+    DEFAULT_TWIN,
+    LOOPBACK,
+    ConfigError,
+    Keys,
+    answers,
+    direct,
+    open_member,
+)
 from motm_twin.model.geometry import wrap_angle
 from motm_twin.model.scene import Scene
+from motm_twin.processes import Reporter, leave, stop_event
 from motm_twin.program import BAD_INPUT
 from motm_twin.ros2 import convert
 from motm_twin.ros2 import forms as topics

@@ -12,9 +12,9 @@ import shapely
 from numpy.typing import NDArray
 
 from motm_twin.bus import messages
-from motm_twin.model.furniture import moved_scene, pieces
 from motm_twin.model.geometry import compose, inverse
 from motm_twin.model.scene import Bin, Box, Cylinder, Prism, Scene, Solid
+from motm_twin.model.scene_shapes import moved_scene, pieces
 from motm_twin.planning.types import Mode
 from motm_twin.ros2.cdr import Message, blank
 from motm_twin.ros2.robot_model import BASE, FINGERS, LIDAR, Quaternion, RobotModel, Transform, turned

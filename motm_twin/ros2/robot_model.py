@@ -2,11 +2,11 @@
 
 import math
 import xml.etree.ElementTree as ET
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from scipy.spatial.transform import Rotation
 
-from motm_twin.model.data_dirs import web_assets_dir
+from motm_twin.model.assets import collision_hull, robot_urdf, web_assets_dir
 from motm_twin.model.profile import RobotProfile
 
 BASE, HAND = "base_link", "panda_hand"
@@ -18,7 +18,6 @@ _COLOUR = "0.85 0.86 0.88 1"
 
 Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]  # x, y, z, w
-IDENTITY: Quaternion = (0.0, 0.0, 0.0, 1.0)
 
 
 @dataclass(frozen=True)
@@ -44,8 +43,7 @@ class RobotModel:
 
     def __init__(self, profile: RobotProfile, meshes: str = FILES) -> None:
         """``meshes``: "file" (hulls in the shipped files), "primitives" (boxes), or where web_assets is served at."""
-        robot = ET.parse(web_assets_dir() / "frankie.urdf").getroot()  # noqa: S314 - our own file
-        _place_mount(robot, profile)
+        robot = robot_urdf(profile)
         _add_frame(robot, LIDAR, BASE, (profile.lidar.x, profile.lidar.y, profile.lidar.z))
         if profile.has_arm:
             _add_frame(robot, CAMERA, HAND, (0.0, 0.0, 0.0))
@@ -74,32 +72,14 @@ def turned(yaw: float) -> Quaternion:
     return (0.0, 0.0, math.sin(0.5 * yaw), math.cos(0.5 * yaw))
 
 
-def product(a: Quaternion, b: Quaternion) -> Quaternion:
-    """First ``b``, then ``a``."""
-    (ax, ay, az, aw), (bx, by, bz, bw) = a, b
-    return (
-        aw * bx + ax * bw + ay * bz - az * by,
-        aw * by - ax * bz + ay * bw + az * bx,
-        aw * bz + ax * by - ay * bx + az * bw,
-        aw * bw - ax * bx - ay * by - az * bz,
-    )
-
-
-def rotated(q: Quaternion, v: Vector) -> Vector:
-    """A vector turned by a quaternion."""
-    x, y, z, _ = product(product(q, (*v, 0.0)), (-q[0], -q[1], -q[2], q[3]))
-    return (x, y, z)
-
-
 def _moved(joint: _Joint, value: float) -> Transform:
-    origin, (ax, ay, az) = joint.origin, joint.axis
+    origin, way = joint.origin, tuple(value * part for part in joint.axis)
+    turn = Rotation.from_quat(origin.rotation)
     if joint.kind == "prismatic":
-        dx, dy, dz = rotated(origin.rotation, (ax * value, ay * value, az * value))
-        x, y, z = origin.translation
-        return Transform(origin.parent, origin.child, (x + dx, y + dy, z + dz), origin.rotation)
-    s = math.sin(0.5 * value)
-    turn = (ax * s, ay * s, az * s, math.cos(0.5 * value))
-    return Transform(origin.parent, origin.child, origin.translation, product(origin.rotation, turn))
+        x, y, z = (turn.apply(way) + origin.translation).tolist()
+        return replace(origin, translation=(x, y, z))
+    x, y, z, w = (turn * Rotation.from_rotvec(way)).as_quat().tolist()
+    return replace(origin, rotation=(x, y, z, w))
 
 
 def _joint(element: ET.Element) -> _Joint:
@@ -120,18 +100,6 @@ def _joint(element: ET.Element) -> _Joint:
 def _numbers(element: ET.Element, name: str) -> Vector:
     x, y, z = (float(text) for text in element.get(name, "0 0 0").split())
     return (x, y, z)
-
-
-def _place_mount(robot: ET.Element, profile: RobotProfile) -> None:
-    origin = robot.find("joint[@name='arm_mount']/origin")
-    if origin is None:
-        raise ValueError("frankie.urdf has no joint arm_mount with an origin: restore the file")
-    arm = profile.arm
-    origin.set("xyz", f"{arm.mount_x!r} {arm.mount_y!r} {arm.mount_z!r}")
-    body, height = profile.footprint, profile.footprint.height
-    for collision in robot.findall("link[@name='base_link']/collision"):
-        collision.clear()
-        _add_box(collision, (body.offset_x, 0.0, 0.5 * height), (body.length, body.width, height))
 
 
 def _remove_arm(robot: ET.Element) -> None:
@@ -162,8 +130,6 @@ def _set_geometry(robot: ET.Element, meshes: str) -> None:
         for collision in link.findall("collision"):
             mesh = collision.find("geometry/mesh")
             if mesh is not None and meshes == PRIMITIVES:
-                from motm_twin.model.assets import collision_hull  # slow to import, and large
-
                 vertices = collision_hull(link.get("name", ""))[0]
                 low, high = vertices.min(axis=0), vertices.max(axis=0)
                 collision.clear()

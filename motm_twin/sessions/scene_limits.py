@@ -7,8 +7,8 @@ from typing import Annotated, Any, Literal
 import msgspec
 
 from motm_twin.model import bounds, scene_check, scene_format
+from motm_twin.model.names import SceneError
 from motm_twin.model.scene import Box, Cylinder, DriveTo, Prism, Scene, Solid
-from motm_twin.model.scene_error import SceneError
 from motm_twin.model.scene_shapes import is_simple
 from motm_twin.model.scene_yaml import Node
 

@@ -20,8 +20,8 @@ import numpy as np
 
 from motm_twin.methods import UNNAMED_METHOD
 from motm_twin.model.edits import EDITS, Edit, ParameterValue
+from motm_twin.model.names import SceneError
 from motm_twin.model.scene import Scene
-from motm_twin.model.scene_error import SceneError
 
 PACKAGES = (
     "motm-twin", "numpy", "scipy", "numba", "llvmlite", "pin", "coal", "shapely", "daqp", "osqp", "qpsolvers",

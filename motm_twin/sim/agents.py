@@ -15,9 +15,8 @@ from motm_twin.model.geometry import Array
 from motm_twin.model.scene import Agent, Point
 from motm_twin.model.state import LATER
 from motm_twin.sim.agent_kernels import bearing_to, look_about, steer, way_round
-from motm_twin.sim.crowd import NO_ROBOT, Crowd, RobotShadow, orca, preferred_velocity, walk
+from motm_twin.sim.crowd import NO_ROBOT, Crowd, RobotShadow, orca, preferred_velocity, social_force, walk
 from motm_twin.sim.kernels import clearance
-from motm_twin.sim.social_force import social_force
 from motm_twin.sim.solids import Solids
 
 WALKS: dict[str, Callable[[Crowd], Array]] = {"orca": orca, "social_force": social_force}

@@ -1,4 +1,8 @@
-"""Agents that walk: they go in any direction, and choose a velocity from where all others are and how they move."""
+"""Agents that walk: they go in any direction, and choose a velocity from where all others are and how they move.
+
+Two behaviours: `orca` (`model.rvo`), and social forces (Helbing and Molnar, Social force model for pedestrian dynamics,
+Phys. Rev. E 51, 1995).
+"""
 
 import math
 from dataclasses import dataclass
@@ -9,6 +13,7 @@ from numpy.typing import NDArray
 from motm_twin.model.compiler import njit
 from motm_twin.model.geometry import Array
 from motm_twin.model.rvo import Neighbours
+from motm_twin.sim.kernels import Index
 from motm_twin.sim.solids import Solids
 
 AT_EASE = 1.0  # [1/s] of the distance that is left: the speed of one who walks up to where he stays
@@ -100,7 +105,7 @@ def walk(pose: Array, v: float, wanted: Array, acceleration: float, dt: float) -
     return there, speed
 
 
-STEP = 0.05  # [s] after which overlapping bodies are to be apart: a look
+STEP = 0.05  # [s] a look: the time in which overlapping bodies are to be apart, and over which forces act
 
 
 def orca(crowd: Crowd) -> Array:
@@ -125,3 +130,140 @@ def _choices(crowd: Crowd, *, with_robot: bool) -> Array:
     walls = crowd.obstacles
     around.stand((walls.polygon(i) for i in range(len(walls.first) - 1)), walls.discs.tolist())
     return around.chosen(len(crowd.positions))
+
+
+RELAXATION = 0.5  # [s] tau, in which one takes up the speed that one wants
+STRENGTH, RANGE = 2.1, 0.3  # [m^2/s^2] V0 and [m] sigma: of others
+WALL_STRENGTH, WALL_RANGE = 10.0, 0.2  # [m^2/s^2] U0 and [m] R: of walls
+STRIDES = 2.0  # [s] Delta t: the way of the other that one keeps out of
+SIGHT = math.cos(math.radians(100.0))  # cosine of phi: half of the field of view of 200 deg
+BEHIND = 0.5  # c: weight of what one does not see
+FASTEST = 1.3  # times the speed that one wants
+CLOSEST = 0.01  # [m] at least between bodies: where they overlap the force stays finite
+
+
+def social_force(crowd: Crowd) -> Array:
+    """Velocity [m/s] that each agent chooses, shape (n, 2).
+
+    The forces of the paper, but between bodies: ours have radii, theirs are points. The robot is the nearest point of
+    its base and arm, and moves as its base does.
+    """
+    robot, walls = crowd.robot, crowd.obstacles
+    base = robot.corners[:4] if robot.seen else np.zeros((0, 2))
+    first = np.array([0, 4] if robot.seen else [0], dtype=np.int64)
+    return _step(
+        np.hstack([crowd.positions, crowd.velocities, crowd.radii[:, None], crowd.speeds[:, None]]),
+        crowd.preferred,
+        crowd.sees_robot,
+        (base, first, robot.discs),
+        np.array(robot.velocity),
+        walls.plan,
+    )
+
+
+@njit(cache=True)
+def nearest(x: float, y: float, corners: Array, begin: int, end: int) -> tuple[float, float, float]:
+    """Nearest point of the outline of a polygon, and its distance [m]: negative inside."""
+    best, near_x, near_y, inside = np.inf, x, y, True
+    for i in range(begin, end):
+        j = i + 1 if i + 1 < end else begin
+        ex, ey = corners[j, 0] - corners[i, 0], corners[j, 1] - corners[i, 1]
+        px, py = x - corners[i, 0], y - corners[i, 1]
+        if ex * py - ey * px < 0.0:
+            inside = False
+        length = ex * ex + ey * ey
+        t = 0.0 if length == 0.0 else min(1.0, max(0.0, (px * ex + py * ey) / length))
+        at_x, at_y = corners[i, 0] + t * ex, corners[i, 1] + t * ey
+        distance = math.hypot(x - at_x, y - at_y)
+        if distance < best:
+            best, near_x, near_y = distance, at_x, at_y
+    return near_x, near_y, -best if inside else best
+
+
+@njit(cache=True)
+def _repulsion(dx: float, dy: float, gap: float, velocity: Array) -> tuple[float, float]:
+    """Acceleration [m/s^2] by another who walks: falls with the half axis b of an ellipse that its way stretches.
+
+    b = sqrt((|r| + |r - v Dt|)^2 - |v Dt|^2) / 2, V = V0 exp(-b / sigma); the force is -grad V. ``dx``, ``dy``: unit
+    vector from the other; ``gap`` [m].
+    """
+    gap = max(gap, CLOSEST)
+    rx, ry = gap * dx, gap * dy
+    sx, sy = velocity[0] * STRIDES, velocity[1] * STRIDES
+    ahead = math.hypot(rx - sx, ry - sy)
+    way2 = sx * sx + sy * sy
+    b = 0.5 * math.sqrt(max((gap + ahead) * (gap + ahead) - way2, CLOSEST * CLOSEST))
+    push = STRENGTH / RANGE * math.exp(-b / RANGE) * (gap + ahead) / (4.0 * b)
+    from_x, from_y = (rx - sx) / max(ahead, CLOSEST), (ry - sy) / max(ahead, CLOSEST)
+    return push * (dx + from_x), push * (dy + from_y)
+
+
+@njit(cache=True)
+def _seen(fx: float, fy: float, want: Array) -> float:
+    """Weight of a force by where it comes from: w(e, f) = 1 when e f >= |f| cos phi, else c."""
+    size, wants = math.hypot(fx, fy), math.hypot(want[0], want[1])
+    if size == 0.0 or wants == 0.0:
+        return 1.0
+    return 1.0 if -(want[0] * fx + want[1] * fy) >= wants * size * SIGHT else BEHIND
+
+
+@njit(cache=True)
+def _step(
+    agents: Array,
+    preferred: Array,
+    sees: NDArray[np.bool_],
+    robot: tuple[Array, Index, Array],
+    robot_velocity: Array,
+    walls: tuple[Array, Index, Array],
+) -> Array:
+    """Velocities after `STEP`; ``agents``: x, y, their velocity, radius and speed, shape (n, 6)."""
+    n = agents.shape[0]
+    chosen = np.empty((n, 2))
+    for i in range(n):
+        x, y, vx, vy, radius, speed = agents[i]
+        fx, fy = (preferred[i, 0] - vx) / RELAXATION, (preferred[i, 1] - vy) / RELAXATION
+        for j in range(n):
+            if j != i:
+                dx, dy = x - agents[j, 0], y - agents[j, 1]
+                distance = max(math.hypot(dx, dy), CLOSEST)
+                gap = distance - radius - agents[j, 4]
+                px, py = _repulsion(dx / distance, dy / distance, gap, agents[j, 2:4])
+                weight = _seen(px, py, preferred[i])
+                fx, fy = fx + weight * px, fy + weight * py
+        if sees[i]:
+            near_x, near_y, gap = _nearest_of(x, y, robot)
+            if gap < np.inf:
+                dx, dy = x - near_x, y - near_y
+                distance = max(math.hypot(dx, dy), CLOSEST) * (1.0 if gap >= 0.0 else -1.0)
+                px, py = _repulsion(dx / distance, dy / distance, gap - radius, robot_velocity)
+                weight = _seen(px, py, preferred[i])
+                fx, fy = fx + weight * px, fy + weight * py
+        near_x, near_y, gap = _nearest_of(x, y, walls)
+        if gap < np.inf:
+            dx, dy = x - near_x, y - near_y
+            distance = max(math.hypot(dx, dy), CLOSEST) * (1.0 if gap >= 0.0 else -1.0)
+            push = WALL_STRENGTH / WALL_RANGE * math.exp(-max(gap, CLOSEST) / WALL_RANGE)
+            fx, fy = fx + push * dx / distance, fy + push * dy / distance
+        vx, vy = vx + fx * STEP, vy + fy * STEP
+        size = math.hypot(vx, vy)
+        share = 1.0 if size <= FASTEST * speed else FASTEST * speed / size
+        chosen[i, 0], chosen[i, 1] = share * vx, share * vy
+    return chosen
+
+
+@njit(cache=True)
+def _nearest_of(x: float, y: float, bodies: tuple[Array, Index, Array]) -> tuple[float, float, float]:
+    """Nearest point of polygons and discs, and its distance [m]: negative inside, inf when there is none."""
+    corners, first, discs = bodies
+    near_x, near_y, best = x, y, np.inf
+    for i in range(first.shape[0] - 1):
+        at_x, at_y, distance = nearest(x, y, corners, first[i], first[i + 1])
+        if distance < best:
+            near_x, near_y, best = at_x, at_y, distance
+    for i in range(discs.shape[0]):
+        dx, dy = x - discs[i, 0], y - discs[i, 1]
+        away = max(math.hypot(dx, dy), CLOSEST)
+        if away - discs[i, 2] < best:
+            best = away - discs[i, 2]
+            near_x, near_y = discs[i, 0] + discs[i, 2] * dx / away, discs[i, 1] + discs[i, 2] * dy / away
+    return near_x, near_y, best

@@ -1,5 +1,6 @@
 """Cubes: at rest, held by the gripper, or falling. Kinematic: a cube stays where it lands."""
 
+import copy
 import math
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
@@ -7,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from motm_twin.model.edits import MoveObject
 from motm_twin.model.geometry import Array, about_z, from_frame, to_frame
 from motm_twin.model.scene import Bin, Pick, Place, SceneObject, Task
 from motm_twin.sim.kernels import polygon_distance
@@ -171,6 +173,24 @@ def carry(riding: Sequence[ObjectState], before: Array, after: Array) -> None:
     for item in riding:
         item.position = from_frame(after, to_frame(before, item.position))
         item.turn_to(item.yaw + float(after[2] - before[2]))
+
+
+def put_down(objects: Sequence[ObjectState], solids: Solids, edit: MoveObject) -> tuple[ObjectState, str]:
+    """Resting pose of an object placed by the user: upright on the topmost support, same yaw; and its bin."""
+    item = copy.copy(next(item for item in objects if item.name == edit.name))
+    others = [other for other in objects if other.name != edit.name]
+    tops = [*solids.z[:, 1], *solids.disc_z[:, 1], *(other.bottom + other.side for other in others)]
+    item.state, item.velocity = "resting", np.zeros(3)
+    item.position = np.array([edit.x, edit.y, max(tops, default=0.0) + item.side])
+    item.turn_to(item.yaw)
+    below = ObjectWorld.support(item, others, solids, firm=True)
+    for box in solids.bins:
+        if box.name == below.bin:
+            keep_inside(box, item)
+    below = ObjectWorld.support(item, others, solids, firm=True)
+    item.position[2] = below.height + 0.5 * item.side
+    item.state = f"binned:{below.bin}" if below.bin else "resting"
+    return item, below.bin
 
 
 def right_bins(tasks: Sequence[Task]) -> dict[str, tuple[str, ...]]:

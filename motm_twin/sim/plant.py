@@ -1,5 +1,7 @@
 """The simulated robot and its world as a Plant: sensors, edits and the referee about a `Mechanics` that moves things.
 
+`make_plant` makes the one of a scene: kinematic, or by contact dynamics where the scene has numbers for them.
+
 Kinematic unless it is given another: contact stops or pushes nothing except cubes at the fingers and thrown bodies. A
 base that is driven into a box goes on through it, and the referee records the contact.
 """
@@ -7,6 +9,8 @@ base that is driven into a box goes on through it, and the referee records the c
 import math
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
+from importlib import import_module
+from importlib.util import find_spec
 
 import msgspec
 import numpy as np
@@ -14,30 +18,27 @@ import numpy as np
 from motm_twin.model.arm_kernels import HAND, TCP, fk_arm, placed_frames
 from motm_twin.model.edits import WorldEdit
 from motm_twin.model.geometry import Array
-from motm_twin.model.joint_limits import READY
+from motm_twin.model.names import SceneError
 from motm_twin.model.plant import Actuation, Observation, Truth
-from motm_twin.model.profile import ArmSpec
-from motm_twin.model.scene import PlanarPose, Point, Scene, Task
+from motm_twin.model.profile import READY, ArmSpec
+from motm_twin.model.rvo import require_pyrvo
+from motm_twin.model.scene import Faults, Physics, PlanarPose, Point, Scene, Task
 from motm_twin.model.state import Stateful
-from motm_twin.sim.actuators import ArmState, BaseState, ControlErrors, drives
 from motm_twin.sim.agent_kernels import shadow_corners
 from motm_twin.sim.agents import DECISION_STEPS, Agents, AgentState, start_agent
-from motm_twin.sim.bodies import square_outline
+from motm_twin.sim.bodies import RobotObstruction, slide_body, square_outline
 from motm_twin.sim.crowd import NO_ROBOT, RobotShadow
-from motm_twin.sim.edit_effects import Effects, Rehearsal
-from motm_twin.sim.faults import FaultEffects, expire
-from motm_twin.sim.grasp_faults import CubeMover, gripper_with
+from motm_twin.sim.faults import CubeMover, FaultEffects, expire, gripper_with
 from motm_twin.sim.gripper import Gripper
 from motm_twin.sim.kernels import compile_gaps
-from motm_twin.sim.layout import Furnishings, Layout, Scenery, build_scenery
-from motm_twin.sim.mechanics import NO_SLIDES, Kinematics, Mechanics, Moved, Told
+from motm_twin.sim.mechanics import NO_SLIDES, ControlErrors, Kinematics, Mechanics, Moved, Told, drives
 from motm_twin.sim.objects import ObjectWorld, start_objects
-from motm_twin.sim.plant_state import PlantState, truth_of
+from motm_twin.sim.plant_state import ArmState, BaseState, PlantState, truth_of
 from motm_twin.sim.referee import Referee
-from motm_twin.sim.referee_state import NOT_JUDGED, World
 from motm_twin.sim.sensors import Camera, CameraState, Lidar, LidarState, Localisation
-from motm_twin.sim.slides import RobotObstruction, slide_body
-from motm_twin.sim.world_edits import check_edit
+from motm_twin.sim.solids import Furnishings, Layout, Scenery, build_scenery
+from motm_twin.sim.verdict import NOT_JUDGED, World
+from motm_twin.sim.world_edits import Effects, Rehearsal, check_edit
 
 SUBSTEP = 0.01  # [s]
 _RNG = 0x11DA2, 0xCA3E2A, 0x10CA7E  # of lidar, camera, localisation
@@ -336,3 +337,49 @@ class SimulatedPlant(Stateful[PlantState]):
             solid=moved is not None and self._mechanics.solid,
             faults=() if moved is None else moved.faults,
         )
+
+
+MUJOCO = "mujoco"
+PLANTS = ("simulated", MUJOCO)  # by name: kinematic, contact dynamics
+
+
+def make_plant(scene: Scene) -> SimulatedPlant:
+    """The plant of a scene at its start. Raises SceneError when it can not be had."""
+    require_people(scene)
+    if scene.physics is None:
+        return SimulatedPlant(scene)
+    require_physics(scene)
+    return SimulatedPlant(scene, mechanics=import_module("motm_twin.physics.mechanics").Dynamics)
+
+
+def with_plant(scene: Scene, plant: str) -> Scene:
+    """The scene for a plant of this name. Raises SceneError when it can not be had."""
+    if plant != MUJOCO:
+        return scene
+    scene = msgspec.structs.replace(scene, physics=scene.physics or Physics())
+    require_physics(scene)
+    return scene
+
+
+def require_people(scene: Scene) -> None:
+    """Raise SceneError for agents by ORCA without pyrvo."""
+    if any(agent.behaviour == "orca" for agent in scene.agents):
+        require_pyrvo(SceneError)
+
+
+def require_mujoco() -> None:
+    """Raise SceneError without MuJoCo."""
+    if find_spec("mujoco") is None:
+        raise SceneError('contact dynamics need MuJoCo: pip install "motm_twin[physics]"')
+
+
+def require_physics(scene: Scene) -> None:
+    """Raise SceneError without MuJoCo, or for a scene whose faults are those of the kinematic gripper."""
+    require_mujoco()
+    faults, none = scene.faults, Faults()
+    for field in ("grasp_misses", "grasp_slips", "grasp_failure_probability", "grasp_delay", "grasp_delay_spread"):
+        if getattr(faults, field) != getattr(none, field):
+            raise SceneError(
+                f"faults.{field} is a fault of the kinematic gripper: contact dynamics have physics.closing_delay, "
+                "physics.pad_friction and physics.grip_force"
+            )

@@ -10,16 +10,31 @@ from motm_twin.model.geometry import Array, wrap_angle
 from motm_twin.model.plant import Actuation, BodyTruth, Truth
 from motm_twin.model.scene import Point
 from motm_twin.model.state import LATER
-from motm_twin.sim.actuators import ArmState, BaseState
 from motm_twin.sim.agents import AgentState
 from motm_twin.sim.faults import FaultState, phrases
 from motm_twin.sim.gripper import GripperState
-from motm_twin.sim.layout import Furnishings, Layout
 from motm_twin.sim.objects import ObjectState
 from motm_twin.sim.referee import Referee
-from motm_twin.sim.referee_state import RefereeState
 from motm_twin.sim.sensors import CameraState, LidarState, LocalisationState
-from motm_twin.sim.solids import obstacle_disc
+from motm_twin.sim.solids import Furnishings, Layout, obstacle_disc
+from motm_twin.sim.verdict import RefereeState
+
+
+@dataclass
+class BaseState:
+    """True pose of the base, and the speeds of its wheels, which are its own unless they slip."""
+
+    pose: Array  # world, shape (3,)
+    v: float = 0.0  # [m/s]
+    w: float = 0.0  # [rad/s]
+
+
+@dataclass
+class ArmState:
+    """True motion of the arm's joints."""
+
+    q: Array  # [rad], shape (7,)
+    dq: Array  # [rad/s], shape (7,)
 
 
 @dataclass

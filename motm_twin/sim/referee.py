@@ -14,12 +14,10 @@ from numpy.typing import NDArray
 from motm_twin.model.compiler import njit
 from motm_twin.model.exact import dot
 from motm_twin.model.geometry import Array
-from motm_twin.model.joint_limits import DDQ_MAX, DQ_MAX, Q_MAX, Q_MIN
 from motm_twin.model.plant import Contact
-from motm_twin.model.profile import RobotProfile
+from motm_twin.model.profile import DDQ_MAX, DQ_MAX, Q_MAX, Q_MIN, RobotProfile
 from motm_twin.model.scene import PlanarPose, Scene, Task
 from motm_twin.sim.cube_contacts import FINGERS, CubePairs, Shove, array_of, between_pads, poses_of, shoved, stands_on
-from motm_twin.sim.cut_in import LOOKS, StoppingAreas
 from motm_twin.sim.kernels import clearance
 from motm_twin.sim.objects import ObjectState, right_bins
 from motm_twin.sim.referee_geometry import (
@@ -31,21 +29,31 @@ from motm_twin.sim.referee_geometry import (
     update_gaps,
     update_self_gaps,
 )
-from motm_twin.sim.referee_state import Counts, PlantCheckState, RefereeState, World, contact_of, take_ended
 from motm_twin.sim.responsibility import (
+    LOOKS,
     NO_TRAIL,
     TOUCH,
     UNMOVED,
     Gauge,
     Placed,
     Shift,
+    StoppingAreas,
     appeared,
     followed,
     remembered,
     shifted,
     stopping_time,
 )
-from motm_twin.sim.verdict import Encounter, Verdicts
+from motm_twin.sim.verdict import (
+    Counts,
+    Encounter,
+    PlantCheckState,
+    RefereeState,
+    Verdicts,
+    World,
+    contact_of,
+    take_ended,
+)
 
 SLACK = 1e-6  # by which a limit may be exceeded
 OBJECT_JUMP = 0.08  # [m] per axis and substep that only a teleported object moves

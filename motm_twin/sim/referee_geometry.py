@@ -10,8 +10,8 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from motm_twin.model.assets import robot_urdf, web_assets_dir
 from motm_twin.model.compiler import njit
-from motm_twin.model.data_dirs import web_assets_dir
 from motm_twin.model.exact import product
 from motm_twin.model.geometry import Array, about_z
 from motm_twin.model.profile import Footprint, RobotProfile
@@ -27,7 +27,7 @@ class RobotShapes:
 
     def __init__(self, profile: RobotProfile) -> None:
         """Shapes for one profile: its footprint is the base body, its mount carries the arm."""
-        xml = _urdf(profile)
+        xml = ET.tostring(robot_urdf(profile), encoding="unicode")
         self._model = pin.buildModelFromXML(xml, pin.JointModelPlanar())
         geometry = pin.buildGeomFromUrdfString(
             self._model, xml, pin.GeometryType.COLLISION, package_dirs=[str(web_assets_dir().parent)]
@@ -95,20 +95,6 @@ def _row(items: Sequence[Array]) -> Array:
     step = places[1] - places[0]
     assert all(place == places[0] + i * step for i, place in enumerate(places))
     return np.lib.stride_tricks.as_strided(items[0], (len(items), *items[0].shape), (step, *items[0].strides))
-
-
-def _urdf(profile: RobotProfile) -> str:
-    robot = ET.parse(web_assets_dir() / "frankie.urdf").getroot()  # noqa: S314 - our own file, not from outside
-    mount = robot.find("joint[@name='arm_mount']/origin")
-    body = robot.find("link[@name='base_link']/collision/origin")
-    box = robot.find("link[@name='base_link']/collision/geometry/box")
-    if mount is None or body is None or box is None:
-        raise ValueError("frankie.urdf lacks the joint arm_mount or the collision box of base_link: restore the file")
-    arm, foot = profile.arm, profile.footprint
-    mount.set("xyz", f"{arm.mount_x!r} {arm.mount_y!r} {arm.mount_z!r}")
-    body.set("xyz", f"{foot.offset_x!r} 0 {0.5 * foot.height!r}")
-    box.set("size", f"{foot.length!r} {foot.width!r} {foot.height!r}")
-    return ET.tostring(robot, encoding="unicode")
 
 
 def _convex(shape: coal.CollisionGeometry) -> coal.CollisionGeometry:

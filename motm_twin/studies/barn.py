@@ -18,12 +18,11 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from motm_twin.generate.barn import CONTROLLER, LIMIT, NOMINAL
+from motm_twin.generate.challenges import CONTROLLER, LIMIT, NOMINAL
 from motm_twin.methods.registry import FAST, find_method
 from motm_twin.model.profile import DEG, BaseLimits, Lidar
 from motm_twin.model.scene import DriveTo, Scene
-from motm_twin.model.scene_file import load_scene
-from motm_twin.model.scene_load import find_scene, is_made
+from motm_twin.model.scene_file import find_scene, is_made, load_scene
 from motm_twin.perception.footprints import outline
 from motm_twin.perf.report import grid, load_average, spread, write_report
 from motm_twin.planning.global_path import shortest_path

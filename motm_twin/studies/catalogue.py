@@ -2,7 +2,7 @@
 
 `grasp_delay`: tasks of Failure Recovery for On-The-Move Mobile Manipulation (arXiv 2305.08351), with each grasp late or
 failing. All methods know the cube's place beforehand, since a plan must; all other errors are present. Published times
-are in `measures.published`.
+are in `measures.references`.
 
 `robustness`: one error at a time, in a world without any other. Each trial is one pick where the path turns, so
 that success means a successful grasp.
@@ -19,8 +19,7 @@ from motm_twin.generate.scenes import is_generated, name_of, parse_name
 from motm_twin.methods.registry import ABLATIONS, FAST, METHODS, MOTM, find_method
 from motm_twin.model.names import MethodError, hint
 from motm_twin.model.profile import DEG
-from motm_twin.model.scene_file import listing
-from motm_twin.model.scene_load import load_document
+from motm_twin.model.scene_file import listing, load_document
 from motm_twin.studies.spec import Experiment, TrialSpec
 
 REACTIVE, SEQUENTIAL, PLANNED = "motm", "sequential", "open_loop"

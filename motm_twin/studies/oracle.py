@@ -13,7 +13,7 @@ from motm_twin.control.method import BaseChoices, Materials, Method, Policies
 from motm_twin.measures.agents import Body, base_gap, body_of
 from motm_twin.model.compiler import njit
 from motm_twin.model.geometry import Array
-from motm_twin.model.period import PERIOD
+from motm_twin.model.plant import PERIOD
 from motm_twin.model.profile import RobotProfile
 from motm_twin.model.reason import Kind, Reason
 from motm_twin.model.scene import Scene

@@ -21,8 +21,8 @@ import joblib
 from joblib.externals.loky.process_executor import TerminatedWorkerError
 from rich.console import Console
 
-from motm_twin.interrupts import deaf
 from motm_twin.perf.report import Limit, Report, conclude
+from motm_twin.processes import deaf
 from motm_twin.studies.spec import Job, TrialSpec, job_of, run_job
 
 BACKENDS = ("loky", "ray")

@@ -7,10 +7,9 @@ before it holds. One process writes at a time. A broken trial is kept with its r
 import fcntl
 import os
 import signal
-import threading
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping
-from contextlib import ExitStack, contextmanager
+from collections.abc import Iterable, Mapping
+from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Self
@@ -19,6 +18,7 @@ import msgspec
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
+from motm_twin.processes import handled
 from motm_twin.sessions.session import SOURCE, Session, made_with, save_session
 from motm_twin.studies.pool import Lost, make_pool, outcomes
 from motm_twin.studies.spec import Experiment, Job, Outcome, TrialSpec, given_up, jobs_of, run_job
@@ -222,7 +222,7 @@ def run(
     source = made_with()[SOURCE]
     results = Results(out, {name: [{} for _ in these] for name, these in jobs.items()})
     with ExitStack() as stack:
-        stack.enter_context(_sigterm_as_ctrl_c())
+        stack.enter_context(handled(signal.default_int_handler, signal.SIGTERM))  # so that workers end, too
         stores = {name: stack.enter_context(Store(out / name)) for name in jobs}
         tasks = _missing(jobs, stores, results, source, retry_failed=retry_failed)
         if tasks:
@@ -251,19 +251,6 @@ def kept_text(out: Path, names: Iterable[str]) -> str:
     """The sentence that says what is kept after Ctrl-C, and how to go on."""
     kept = sum(len(Store(out / name).read()) for name in names)
     return f"\nstopped; {kept} finished trials are in {out}: the same command resumes there"
-
-
-@contextmanager
-def _sigterm_as_ctrl_c() -> Iterator[None]:
-    """Turn SIGTERM into Ctrl-C, so that worker processes end, too."""
-    if threading.current_thread() is not threading.main_thread():  # signals are not for this one
-        yield
-        return
-    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGTERM, before)
 
 
 def _missing(

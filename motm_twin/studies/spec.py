@@ -24,13 +24,13 @@ from motm_twin.methods.registry import find_method
 from motm_twin.model.edits import ParameterValue
 from motm_twin.model.names import hint
 from motm_twin.model.number import numbers_of, replaced
-from motm_twin.model.period import PERIODS_PER_SECOND
+from motm_twin.model.plant import PERIODS_PER_SECOND
 from motm_twin.model.scene import Scene
 from motm_twin.model.scene_file import load_scene
 from motm_twin.perf.report import machine
-from motm_twin.plants import with_plant
 from motm_twin.sessions.scene_limits import check_scene
 from motm_twin.sessions.session import SOURCE, Session, SessionError, made_with
+from motm_twin.sim.plant import with_plant
 
 
 def changed(scene: Scene, changes: Mapping[str, Any]) -> Scene:
@@ -93,7 +93,7 @@ class TrialSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     parameters: dict[str, ParameterValue] = {}
     changes: dict[str, Any] = {}
     numbers: dict[str, float | bool] = {}
-    plant: str = "simulated"  # of `plants.PLANTS`
+    plant: str = "simulated"  # of `sim.plant.PLANTS`
 
 
 class Experiment(msgspec.Struct, frozen=True):

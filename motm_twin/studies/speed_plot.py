@@ -13,7 +13,7 @@ from motm_twin.measures.measures import part_of
 from motm_twin.model.names import scene_name
 from motm_twin.model.profile import BaseLimits
 from motm_twin.model.scene import Scene
-from motm_twin.studies.paper.part import (
+from motm_twin.studies.paper.drawing import (
     BLACK,
     GREEN,
     GREY,
@@ -30,7 +30,7 @@ from motm_twin.studies.paper.part import (
 HEIGHT = 125.0  # [mm]
 FORMATS = (".png", ".svg", ".pdf")
 LONG = 0.3  # [s] of standing that is worth a mark
-LOOKS = {  # of `time_split.PARTS`: colour, hatch, words
+LOOKS = {  # of `measures.PARTS`: colour, hatch, words
     "at_limit": (GREEN, "", "at the limit, forward"),
     "below_limit": (SKY, "....", "slower, straight"),
     "turning": (YELLOW, "////", "slower, turning"),

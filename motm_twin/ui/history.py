@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from motm_twin.bus import messages as bus
 from motm_twin.bus.client import Grid
-from motm_twin.model.period import PERIOD
+from motm_twin.model.plant import PERIOD
 
 PERIODS = 2400  # 120 s
 MAX_BYTES = 32_000_000  # of compressed ticks; an ordinary two minutes need a quarter of it

@@ -21,7 +21,7 @@ from motm_twin.bus import commands as to
 from motm_twin.bus.client import Grid, TwinClient
 from motm_twin.bus.commands import NAME_MAX, Answer, Command
 from motm_twin.bus.messages import StatusMessage, TickMessage
-from motm_twin.model.period import PERIOD
+from motm_twin.model.plant import PERIOD
 from motm_twin.model.scene import Scene
 from motm_twin.ui import colours
 from motm_twin.ui.history import EventMarks, History, Playback, Span

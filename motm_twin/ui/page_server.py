@@ -37,7 +37,7 @@ from websockets.http11 import Request, Response
 
 from motm_twin.bus.connection import LOOPBACK, free_port, require_free_port
 from motm_twin.bus.private_folder import folder, own_secret
-from motm_twin.model.data_dirs import web_assets_dir
+from motm_twin.model.assets import web_assets_dir
 from motm_twin.program import give_back
 
 PATH = "/docs/"

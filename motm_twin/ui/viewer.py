@@ -20,10 +20,9 @@ import viser
 
 from motm_twin.bus.client import Grid, TwinClient
 from motm_twin.bus.commands import Audience
-from motm_twin.bus.connection import LOOPBACK
-from motm_twin.bus.keys import DEFAULT_PORT, DEFAULT_TWIN
+from motm_twin.bus.connection import DEFAULT_PORT, DEFAULT_TWIN, LOOPBACK
 from motm_twin.bus.messages import NumberedEvent, TickMessage
-from motm_twin.bus.processes import Reporter, leave, stop_event
+from motm_twin.processes import Reporter, leave, stop_event
 from motm_twin.program import BAD_INPUT, freeze_setup, share_arenas
 from motm_twin.ui.history import History
 from motm_twin.ui.hub import Hub, Shown

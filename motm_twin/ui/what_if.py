@@ -21,7 +21,7 @@ from pathlib import Path
 import msgspec
 
 from motm_twin.model.edits import ParameterValue
-from motm_twin.model.period import PERIOD
+from motm_twin.model.plant import PERIOD
 from motm_twin.record.what_if_lines import RUNS, Mover, Outcome, Sample
 
 ERROR_LINES = 12  # of the standard error of the process that are kept

@@ -21,9 +21,9 @@ from motm_twin.bus.commands import Load, Reset, Seed
 from motm_twin.bus.connection import open_client
 from motm_twin.bus.data_folder import RECORDER
 from motm_twin.bus.library import FileLibrary, MethodLibrary
-from motm_twin.measures.reference_tour import reference_tour_s
+from motm_twin.measures.references import reference_tour_s
 from motm_twin.methods.registry import METHODS, MOTM, STAA
-from motm_twin.model.data_dirs import scenes_dir
+from motm_twin.model.assets import scenes_dir
 from motm_twin.model.names import MethodError
 from motm_twin.model.scene_file import load_scene
 from motm_twin.record.replay import rerun

@@ -8,8 +8,8 @@ from motm_twin.bus import live
 from motm_twin.bus.commands import AddObstacle, Announce, FreezeBody, MoveBody, Refused, SendAgent
 from motm_twin.bus.live import SESSION_INTERVAL, LiveTwin, SessionDesk
 from motm_twin.methods.registry import MOTM
-from motm_twin.model.furniture import pieces
 from motm_twin.model.scene_file import load_scene
+from motm_twin.model.scene_shapes import pieces
 from motm_twin.twin import Twin
 
 

@@ -30,7 +30,7 @@ from motm_twin.bus.commands import (
 )
 from motm_twin.bus.live import MAX_ADDED
 from motm_twin.bus.loop import STANDING_INTERVAL
-from motm_twin.completion import SETTLE_PERIODS
+from motm_twin.control.tick import SETTLE_PERIODS
 from motm_twin.perf.fuzz import EXAMPLES
 
 
@@ -107,7 +107,7 @@ def test_a_first_scene_that_fails_is_told_and_another_can_be_loaded():
 
 
 def test_a_held_body_is_let_go_when_its_holder_falls_silent(monkeypatch):
-    monkeypatch.setattr("motm_twin.bus.driver.HELD_FOR", 0.0)
+    monkeypatch.setattr("motm_twin.bus.commands.HELD_FOR", 0.0)
     released = []
 
     class Watching(FakeTwin):
@@ -155,14 +155,14 @@ def test_a_refused_command_and_an_inspection_take_no_wheel(running):
 
 
 def test_a_change_of_driver_is_told_and_lets_go_of_what_was_held(monkeypatch):
-    monkeypatch.setattr("motm_twin.bus.driver.SILENCE", 0.2)
+    monkeypatch.setattr("motm_twin.bus.commands.SILENCE", 0.2)
     with Running() as running:
         before = running.sink.states
         assert running.ask(MoveBody(name="temi1", x=0.0, y=0.0)) == ""
         until(lambda: ReleaseBody(name="temi1") in running.twins[0].queue, "nobody let go")
         until(lambda: running.sink.states >= before + 2, "not told who has the wheel, or not that it is free")
         assert running.loop.status().driver == ""
-        monkeypatch.setattr("motm_twin.bus.driver.SILENCE", 60.0)  # or the wheel may be free again before we look
+        monkeypatch.setattr("motm_twin.bus.commands.SILENCE", 60.0)  # or the wheel may be free again before we look
         assert running.ask(MoveBody(name="temi1", x=1.0, y=0.0), sender="bob", name="Bob") == ""
         assert running.loop.status().driver_name == "Bob"
 

@@ -11,7 +11,7 @@ from waiting import until
 from motm_twin.bus import pacing
 from motm_twin.bus.commands import Load, Pause, Play, Speed
 from motm_twin.bus.pacing import Pacer, RealTime, refusal
-from motm_twin.model.period import PERIOD
+from motm_twin.model.plant import PERIOD
 
 
 def run(pacer, seconds, cost):

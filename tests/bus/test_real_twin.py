@@ -10,7 +10,7 @@ from waiting import until
 
 from motm_twin.bus import commands
 from motm_twin.bus.library import FileLibrary
-from motm_twin.completion import SETTLE_PERIODS
+from motm_twin.control.tick import SETTLE_PERIODS
 from motm_twin.control.tuning import parameter
 from motm_twin.model.scene import DriveTo, Pick, Place
 from motm_twin.planning.types import SearchBudget

@@ -21,7 +21,7 @@ from motm_twin.bus.client import TwinClient
 from motm_twin.bus.commands import AddObstacle, Pause
 from motm_twin.bus.connection import free_port, require_free_port
 from motm_twin.bus.private_folder import all_running, client_file
-from motm_twin.bus.processes import setter
+from motm_twin.processes import setter
 from motm_twin.record.replay import rerun
 from motm_twin.sessions.session import Session
 

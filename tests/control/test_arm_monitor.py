@@ -7,9 +7,9 @@ import pytest
 from motm_twin.control.arm.monitor import ArmMonitor
 from motm_twin.control.targets import odometry_to_world
 from motm_twin.model.edits import InjectFault
-from motm_twin.model.joint_limits import DDQ_MAX, Q_MAX, Q_MIN, WRIST_MIN
 from motm_twin.model.known import known_world
 from motm_twin.model.plant import Actuation
+from motm_twin.model.profile import DDQ_MAX, Q_MAX, Q_MIN, WRIST_MIN
 from motm_twin.model.scene_file import load_scene
 from motm_twin.sim.plant import SimulatedPlant
 from motm_twin.sim.referee_geometry import RobotShapes

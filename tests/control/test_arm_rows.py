@@ -13,14 +13,12 @@ from motm_twin.control.arm.limits import damper_line
 from motm_twin.control.arm.parameters import QpParameters
 from motm_twin.control.arm.program import base_bounds, joint_bounds, lag_factor
 from motm_twin.control.arm.view import hand_state
-from motm_twin.model.arm_kernels import HAND, fk_arm
+from motm_twin.model.arm_kernels import CAPSULE_LINKS, CAPSULE_RADII, HAND, capsule_segments, fk_arm
 from motm_twin.model.assets import finger_boxes
-from motm_twin.model.body_geometry import CAPSULE_LINKS, CAPSULE_RADII, capsule_segments
-from motm_twin.model.joint_limits import DDQ_MAX, DQ_MAX, Q_MAX, Q_MIN, READY
 from motm_twin.model.kinematics import Frankie
 from motm_twin.model.known import known_world
 from motm_twin.model.motion import drive
-from motm_twin.model.profile import RobotProfile
+from motm_twin.model.profile import DDQ_MAX, DQ_MAX, Q_MAX, Q_MIN, READY, RobotProfile
 from motm_twin.model.scene import Box, Cylinder, Prism
 from motm_twin.model.scene_file import load_scene
 

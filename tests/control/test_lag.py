@@ -10,7 +10,8 @@ from motm_twin.control.predictor import dwell_to_plan, followed
 from motm_twin.model.motion import command_pose, drive
 from motm_twin.model.profile import BaseLimits
 from motm_twin.model.scene_file import load_scene
-from motm_twin.sim.actuators import Base, BaseState
+from motm_twin.sim.mechanics import Base
+from motm_twin.sim.plant_state import BaseState
 from motm_twin.twin import Twin
 
 LAG, DT = 0.1, 0.001

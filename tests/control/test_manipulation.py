@@ -9,8 +9,7 @@ import pytest
 from motm_twin.control.arm.controller import Manipulator, _gave_way
 from motm_twin.control.arm.parameters import ArmParameters
 from motm_twin.control.arm.types import ArmGoal, ArmInputs, ArmObstacles
-from motm_twin.model.arm_kernels import fk_arm
-from motm_twin.model.body_geometry import CAPSULE_RADII, capsule_segments
+from motm_twin.model.arm_kernels import CAPSULE_RADII, capsule_segments, fk_arm
 from motm_twin.model.geometry import compose, inverse
 from motm_twin.model.kinematics import Frankie
 from motm_twin.model.known import known_world

@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 
 from motm_twin.control.monitor import Monitor, MonitorParameters, points_in_stop
-from motm_twin.model.joint_limits import DQ_MAX
 from motm_twin.model.motion import lag_share
 from motm_twin.model.passive_safety import BRAKES_BOTH, NO_ARM, braked, met_in_stop, overhang, stop_of
 from motm_twin.model.plant import Actuation, Observation, Scan
-from motm_twin.model.profile import RobotProfile
+from motm_twin.model.profile import DQ_MAX, RobotProfile
 from motm_twin.perception.floor import FRESH, STALE, UNSEEN, Floor
 from motm_twin.perception.world_map import WorldMap
-from motm_twin.sim.actuators import Base, BaseState
+from motm_twin.sim.mechanics import Base
+from motm_twin.sim.plant_state import BaseState
 from motm_twin.sim.responsibility import MOVES
 
 DT = 0.01

@@ -17,7 +17,8 @@ from motm_twin.control.motion_check import (
 )
 from motm_twin.model.plant import Actuation, Observation
 from motm_twin.model.profile import RobotProfile
-from motm_twin.sim.actuators import Base, BaseState
+from motm_twin.sim.mechanics import Base
+from motm_twin.sim.plant_state import BaseState
 
 DT, PROFILE, SETTINGS = 0.01, RobotProfile(), MotionSettings()
 

@@ -9,7 +9,7 @@ from motm_twin.control.arm.bodies import BODIES, HAND_BODY, arm_balls, placed
 from motm_twin.control.arm.limits import seen_distances
 from motm_twin.control.arm.parameters import AvoidanceParameters
 from motm_twin.model.arm_kernels import fk_arm
-from motm_twin.model.joint_limits import READY
+from motm_twin.model.profile import READY
 
 MOUNT = np.array([0.15, 0.0, 0.38])
 BALLS = arm_balls()

@@ -13,11 +13,9 @@ import pytest
 from meeting import STATE, driven
 from waiting import until
 
-from motm_twin.bus.connection import open_member
-from motm_twin.bus.keys import PlantKeys
+from motm_twin.bus.connection import PlantKeys, open_member
 from motm_twin.bus.plant_messages import VERSION, RobotCommand
-from motm_twin.external.messages import MAX_BYTES, RefusedMessage, read
-from motm_twin.external.robot_link import RobotLink
+from motm_twin.external.robot_link import MAX_BYTES, RefusedMessage, RobotLink, read
 
 SCAN = {"version": VERSION, "life": "1", "stamp": 5.0, "pose": [0.0] * 3, "origin": [0.0] * 2, "angle_min": -3.0,
         "angle_step": 0.1, "range_min": 0.1, "range_max": 10.0, "ranges": [None]}  # fmt: skip

@@ -10,15 +10,14 @@ import zenoh
 from meeting import STATE, driven, running_robot
 from waiting import until
 
-from motm_twin.bus.connection import open_member
-from motm_twin.bus.keys import PlantKeys
+from motm_twin.bus.connection import PlantKeys, open_member
 from motm_twin.bus.plant_messages import VERSION, ClockGrant, RobotCommand
 from motm_twin.external.plant import ZenohPlant
 from motm_twin.external.robot import LinkSpec
 from motm_twin.external.robot_link import RobotLink
 from motm_twin.model.edits import AddObstacle, Announce, MoveObject
-from motm_twin.model.furniture import pieces
 from motm_twin.model.scene_file import load_scene
+from motm_twin.model.scene_shapes import pieces
 from motm_twin.twin import Twin
 
 BOX = AddObstacle(name="box", x=0.0, y=-2.0)

@@ -9,13 +9,11 @@ from waiting import until
 
 from motm_twin.bus.client import TwinClient
 from motm_twin.bus.commands import COMMAND_NAMES
-from motm_twin.bus.connection import open_member
-from motm_twin.bus.keys import Keys, PlantKeys
+from motm_twin.bus.connection import Keys, PlantKeys, open_member
 from motm_twin.bus.plant_messages import VERSION, ClockGrant, RobotCommand
-from motm_twin.external.messages import NAMES
 from motm_twin.external.plant import GONE
 from motm_twin.external.robot import MAX_JUMP, SILENCE
-from motm_twin.external.robot_link import RobotLink
+from motm_twin.external.robot_link import NAMES, RobotLink
 from motm_twin.twin import Twin
 
 KEYS = PlantKeys()

@@ -23,7 +23,7 @@ from motm_twin.bus.client import TwinClient
 from motm_twin.bus.commands import AddObstacle, Pause, Play, Reset, SetParameter
 from motm_twin.bus.connection import open_member
 from motm_twin.bus.library import FileLibrary
-from motm_twin.cli import rerun as cli_rerun
+from motm_twin.cli import run as cli_run
 from motm_twin.model.edits import Announce
 from motm_twin.record import channels as ch
 from motm_twin.record import replay
@@ -154,7 +154,7 @@ def test_what_the_robot_reported_decides(recorded, monkeypatch):
 
 def test_the_run_that_is_whole_is_computed_and_of_the_other_it_is_said_why_not(begun, tmp_path, capsys):
     assert [run.from_s > 0.0 for run in info(begun.in_first_run).runs] == [True, False]
-    assert cli_rerun.rerun_file(str(begun.in_first_run), report=str(tmp_path / "report.json")) == cli_rerun.OK
+    assert cli_run.rerun_file(str(begun.in_first_run), report=str(tmp_path / "report.json")) == cli_run.OK
     printed = capsys.readouterr().out
     assert "run 2: exp1 / trial1, seed 0\nequal bit for bit" in printed
     assert "run 1\nnot computed, which is no difference: its robot was in another program" in printed
@@ -170,7 +170,7 @@ def test_a_run_that_differs_is_told_beside_one_that_cannot_be_computed(begun, tm
         return message
 
     path = changed(begun.in_first_run, tmp_path / "moved.mcap", moved)
-    assert cli_rerun.rerun_file(str(path)) == cli_rerun.FAILED
+    assert cli_run.rerun_file(str(path)) == cli_run.FAILED
     printed = capsys.readouterr().out
     assert "different first in period 7" in printed
     assert "not computed" in printed
@@ -183,7 +183,7 @@ def test_a_recording_of_which_no_run_can_be_computed_is_refused_with_every_reaso
     with pytest.raises(
         SessionError, match=r"no run in it can be computed again: run 1: its robot .*; run 2: its robot"
     ):
-        cli_rerun.rerun_file(str(path))
+        cli_run.rerun_file(str(path))
 
 
 def test_a_recording_begun_between_two_runs_has_nothing_of_the_run_before(begun):
@@ -196,7 +196,7 @@ def test_a_recording_begun_between_two_runs_has_nothing_of_the_run_before(begun)
             runs.setdefault(entry.topic, set()).add(message.get("info", message)["run"])
     assert len(runs) == 4
     assert set.union(*runs.values()) == {2}
-    assert cli_rerun.rerun_file(str(begun.between)) == cli_rerun.OK
+    assert cli_run.rerun_file(str(begun.between)) == cli_run.OK
 
 
 def test_a_recording_begun_while_time_stands_at_the_first_period_has_the_whole_run(begun):

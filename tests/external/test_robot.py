@@ -9,9 +9,8 @@ from motm_twin.control.monitor import Monitor
 from motm_twin.control.predictor import Motion, Predictor
 from motm_twin.external.robot import MAX_BYTES, SILENCE, CommandGuard, Link, LinkSpec
 from motm_twin.external.robot_link import ClockOffset, Lead
-from motm_twin.model.joint_limits import DDQ_MAX
 from motm_twin.model.plant import Actuation
-from motm_twin.model.profile import BaseLimits
+from motm_twin.model.profile import DDQ_MAX, BaseLimits
 from motm_twin.model.scene import Noise
 from motm_twin.sim.plant import SimulatedPlant
 

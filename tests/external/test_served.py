@@ -15,12 +15,11 @@ from waiting import until
 
 from motm_twin.bus.client import TwinClient
 from motm_twin.bus.commands import AddObstacle, Branch, Load, Pause, Refused, Reset, Speed, Step
-from motm_twin.bus.connection import LOOPBACK, SHIPPED, VARIABLE, free_port
-from motm_twin.bus.keys import PlantKeys
+from motm_twin.bus.connection import LOOPBACK, SHIPPED, VARIABLE, PlantKeys, free_port
 from motm_twin.bus.plant_messages import ScanData
 from motm_twin.bus.schemas import PLANT_MESSAGES
 from motm_twin.client import connect
-from motm_twin.external.messages import scan_of
+from motm_twin.external.plant import scan_of
 from motm_twin.model.profile import Lidar
 from motm_twin.perception.scan import CheckedScan, RefusedScan, check_scan
 

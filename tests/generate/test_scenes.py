@@ -11,12 +11,22 @@ from hypothesis import strategies as st
 
 from motm_twin.bus.library import FileLibrary
 from motm_twin.cli import scene as cli_scene
-from motm_twin.generate.barn import COLUMNS, ROWS, barn, field, has_way
-from motm_twin.generate.people import CIRCLE, LEVELS, RADIUS, ROBOT_RADIUS, made
+from motm_twin.generate.challenges import (
+    CIRCLE,
+    COLUMNS,
+    LEVELS,
+    PERSON_RADIUS,
+    ROBOT_RADIUS,
+    ROWS,
+    barn,
+    field,
+    has_way,
+    made,
+)
 from motm_twin.generate.pieces import dial
 from motm_twin.generate.scenes import generate, name_of, parse_name
+from motm_twin.model.names import SceneError
 from motm_twin.model.scene import Cylinder, DriveTo, Pick, Scene
-from motm_twin.model.scene_error import SceneError
 from motm_twin.model.scene_file import check_all, load_scene
 from motm_twin.model.scene_shapes import outline
 from motm_twin.trial import run_scene
@@ -203,13 +213,13 @@ def test_five_persons_cross_the_circle_and_keep_apart_at_start_and_goal(seed):
     assert (scene.start[:2], scene.tasks[0].point, scene.time_limit) == ((0.0, -4.0), (0.0, 4.0), 25.0)
     assert scene.robot.base.forward_speed == 1.0
     assert len(scene.agents) == 5
-    places = [(scene.start[:2], RADIUS + ROBOT_RADIUS + 0.2)]
+    places = [(scene.start[:2], PERSON_RADIUS + ROBOT_RADIUS + 0.2)]
     for agent in scene.agents:
         assert (agent.behaviour, agent.radius, agent.speed, agent.sees_robot) == ("orca", 0.3, 1.0, True)
         assert np.allclose(agent.waypoints[0], -np.array(agent.start[:2]), atol=1e-4)
         assert abs(math.hypot(*agent.start[:2]) - CIRCLE) <= math.hypot(0.5, 0.5)
         assert all(math.dist(agent.start[:2], place) >= gap - 1e-3 for place, gap in places)
-        places.append((agent.start[:2], 2.0 * RADIUS + 0.2))
+        places.append((agent.start[:2], 2.0 * PERSON_RADIUS + 0.2))
 
 
 def test_the_invisible_robot_is_a_variant_with_the_same_ways():

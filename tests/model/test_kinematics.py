@@ -6,7 +6,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from motm_twin.model import joint_limits
+from motm_twin.model import profile
 from motm_twin.model.arm_kernels import (
     ARM_FRAMES,
     TCP,
@@ -16,8 +16,8 @@ from motm_twin.model.arm_kernels import (
     manipulability_gradient,
     point_jacobian,
 )
-from motm_twin.model.data_dirs import web_assets_dir
-from motm_twin.model.kinematics import LINKS, Frankie
+from motm_twin.model.assets import LINKS, web_assets_dir
+from motm_twin.model.kinematics import Frankie
 from motm_twin.model.motion import drive
 from motm_twin.model.profile import ArmSpec, RobotProfile
 
@@ -27,7 +27,7 @@ MOUNT = ArmSpec(mount_x=-0.07, mount_y=0.03, mount_z=0.51)
 
 def draws(count: int = 25) -> list[tuple[np.ndarray, np.ndarray]]:
     rng = np.random.default_rng([7, 1])
-    low, high = joint_limits.Q_MIN, joint_limits.Q_MAX
+    low, high = profile.Q_MIN, profile.Q_MAX
     return [(rng.uniform([-3, -3, -4], [3, 3, 4]), rng.uniform(low, high)) for _ in range(count)]
 
 
@@ -50,14 +50,14 @@ def test_every_frame_of_the_compiled_arm_equals_pinocchio(robot: Frankie) -> Non
             np.testing.assert_allclose(T, data.oMf[robot.model.getFrameId(name)].homogeneous, atol=1e-9)
 
 
-def test_tcp_pose_and_hand_pose_equal_the_compiled_arm(robot: Frankie) -> None:
+def test_tcp_pose_and_the_pose_of_the_hand_equal_the_compiled_arm(robot: Frankie) -> None:
     for pose, q in draws():
         arm = robot.mount_transform(pose) @ fk_arm(q)
         p, R = robot.tcp_pose(pose, q)
         np.testing.assert_allclose(p, arm[TCP, :3, 3], atol=1e-12)
         np.testing.assert_allclose(R, arm[TCP, :3, :3], atol=1e-12)
-        p_hand, R_hand = robot.hand_pose(pose, q)
-        np.testing.assert_allclose(p - p_hand, 0.1034 * R_hand[:, 2], atol=1e-12)
+        hand = robot.link_transforms(pose, q)[LINKS.index("panda_hand")]
+        np.testing.assert_allclose(p - hand[:3, 3], 0.1034 * hand[:3, 2], atol=1e-12)
 
 
 def test_fingers_of_the_drawn_robot_are_where_the_urdf_has_them() -> None:
@@ -67,7 +67,7 @@ def test_fingers_of_the_drawn_robot_are_where_the_urdf_has_them() -> None:
     for pose, q in draws(5):
         configuration = np.concatenate([pose[:2], [math.cos(pose[2]), math.sin(pose[2])], q, [0.015, 0.015]])
         pin.framesForwardKinematics(urdf, data, configuration)
-        for name, T in robot.link_poses(pose, q, width=0.03).items():
+        for name, T in zip(LINKS, robot.link_transforms(pose, q, width=0.03), strict=True):
             np.testing.assert_allclose(T, data.oMf[urdf.getFrameId(name)].homogeneous, atol=1e-12, err_msg=name)
 
 
@@ -135,14 +135,14 @@ def test_a_stretched_arm_has_no_manipulability_and_a_zero_gradient() -> None:
 
 def test_limits_of_the_urdf_are_the_published_panda_limits() -> None:
     model = Frankie(RobotProfile()).model
-    np.testing.assert_array_equal(model.lowerPositionLimit[4:], joint_limits.Q_MIN)
-    np.testing.assert_array_equal(model.upperPositionLimit[4:], joint_limits.Q_MAX)
-    np.testing.assert_array_equal(model.velocityLimit[3:], joint_limits.DQ_MAX)
+    np.testing.assert_array_equal(model.lowerPositionLimit[4:], profile.Q_MIN)
+    np.testing.assert_array_equal(model.upperPositionLimit[4:], profile.Q_MAX)
+    np.testing.assert_array_equal(model.velocityLimit[3:], profile.DQ_MAX)
 
 
 def test_ready_pose_is_within_limits_and_points_the_hand_down() -> None:
-    assert np.all((joint_limits.READY > joint_limits.Q_MIN) & (joint_limits.READY < joint_limits.Q_MAX))
-    p, R = Frankie(RobotProfile()).tcp_pose(np.zeros(3), joint_limits.READY)
+    assert np.all((profile.READY > profile.Q_MIN) & (profile.READY < profile.Q_MAX))
+    p, R = Frankie(RobotProfile()).tcp_pose(np.zeros(3), profile.READY)
     assert R[2, 2] < -0.99
     assert abs(p[1]) < 1e-9
     assert 0.4 < p[0] - 0.15 < 0.6

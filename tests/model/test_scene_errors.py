@@ -2,7 +2,8 @@
 
 import pytest
 
-from motm_twin.model.scene_file import SceneError, check_all, load_scene
+from motm_twin.model.names import SceneError
+from motm_twin.model.scene_file import check_all, load_scene
 
 GOOD = """\
 format: motm-scene/1
@@ -82,10 +83,13 @@ BAD = {
     "a number for a list": ("size: [1.0, 1.0]", "size: 1.0", "furniture.table.size", "expected a list, got 1.0"),
     "three for two": ("size: [1.0, 1.0]", "size: [1, 1, 1]", "furniture.table.size", "exactly 2 values, got 3"),
     "yes for true": (TABLE, TABLE[:-1] + ", mapped: yes}", "furniture.table.mapped", "expected true or false"),
-    "an unknown shape": ("shape: cylinder", "shape: cone", "furniture.pillar.shape", "allowed: box, cylinder, polygon"),
+    "an unknown shape": (
+        *("shape: cylinder", "shape: cone", "furniture.pillar.shape"),
+        "there are: box, cylinder, polygon",
+    ),
     "no shape": ("shape: cylinder, ", "", "furniture.pillar", "the key 'shape' is missing"),
     "an unknown behaviour": ("speed_mps: 0.4", "behaviour: yeild", "agents.temi.behaviour", "did you mean yield?"),
-    "an unknown robot": ("robot:\n" + ROBOT, "robot: fetch\n", "robot", "'fetch' is not allowed; allowed: frankie"),
+    "an unknown robot": ("robot:\n" + ROBOT, "robot: fetch\n", "robot", "'fetch' is not allowed; there are: frankie"),
     "half a seed": ("seed: 3", "seed: 3.5", "seed", "expected a whole number, got 3.5"),
     "a negative seed": ("seed: 3", "seed: -3", "seed", "must be >= 0"),
     # numbers

@@ -12,11 +12,12 @@ import yaml
 from shapely.geometry import LineString, Polygon
 
 from motm_twin.cli import scene as cli_scene
-from motm_twin.model.data_dirs import scenes_dir
+from motm_twin.model.assets import scenes_dir
 from motm_twin.model.known import known_world
+from motm_twin.model.names import SceneError
 from motm_twin.model.profile import RobotProfile
 from motm_twin.model.scene import EARLIER_NOISE, USUAL_NOISE, Bump, DriveTo, Mismatch, Pick, Place, Prism, Scene
-from motm_twin.model.scene_file import SceneError, check_all, load_scene
+from motm_twin.model.scene_file import check_all, load_scene
 from motm_twin.model.scene_shapes import outline
 from motm_twin.model.state import state_hash
 

@@ -9,8 +9,9 @@ import yaml
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from motm_twin.model.data_dirs import scenes_dir
-from motm_twin.model.scene_file import SceneError, check_all
+from motm_twin.model.assets import scenes_dir
+from motm_twin.model.names import SceneError
+from motm_twin.model.scene_file import check_all
 
 TEXT = (scenes_dir() / "playground.yaml").read_text(encoding="utf-8")
 TREE = yaml.safe_load(TEXT)

@@ -7,10 +7,9 @@ import numpy as np
 import pytest
 
 from motm_twin.model.geometry import to_frame
-from motm_twin.model.joint_limits import READY
 from motm_twin.model.known import KnownWorld
 from motm_twin.model.plant import Detection, Observation
-from motm_twin.model.profile import RobotProfile
+from motm_twin.model.profile import READY, RobotProfile
 from motm_twin.model.scene import Box, Cylinder, Solid
 from motm_twin.perception.detection_check import (
     DetectionSettings,

@@ -12,9 +12,9 @@ import pytest
 from rich.console import Console
 
 from motm_twin.bus.commands import COMMAND_NAMES, CommandGate, Envelope, Refused
-from motm_twin.bus.keys import PlantKeys
+from motm_twin.bus.connection import PlantKeys
 from motm_twin.cli import bench as command
-from motm_twin.external.messages import NAMES, RefusedMessage, read
+from motm_twin.external.robot_link import NAMES, RefusedMessage, read
 from motm_twin.perf import bus, soak
 from motm_twin.perf.bus import _effects, _paired
 from motm_twin.perf.fuzz import EXAMPLES, Fuzzer, RobotFuzzer, attack_robot

@@ -5,7 +5,7 @@ import json
 import msgspec
 import pytest
 
-from motm_twin.model.period import ARM_STEPS
+from motm_twin.model.plant import ARM_STEPS
 from motm_twin.model.scene_file import load_scene
 from motm_twin.perf import growth, period
 from motm_twin.perf.growth import sweeps

@@ -3,10 +3,9 @@
 import msgspec
 from sim_hands import DOWN, over_a_cube
 
-from motm_twin.model.physics import Physics
+from motm_twin.model.scene import Physics
 from motm_twin.physics.mechanics import Dynamics
-from motm_twin.plants import make_plant
-from motm_twin.sim.plant import SimulatedPlant
+from motm_twin.sim.plant import SimulatedPlant, make_plant
 
 
 def physical(scene, **numbers):

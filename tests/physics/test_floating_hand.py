@@ -2,8 +2,7 @@ import math
 
 import pytest
 
-from motm_twin.physics.floating_hand import Cell, physics_holds, rule_holds
-from motm_twin.physics.grasp_sweep import cells, counts, outcome, random_cells
+from motm_twin.physics.floating_hand import Cell, cells, counts, outcome, physics_holds, random_cells, rule_holds
 from motm_twin.sim.grasp import STRICT, SWEPT
 
 HELD_BY_BOTH = Cell()

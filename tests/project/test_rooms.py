@@ -27,7 +27,6 @@ ROOMS_SEEN_BY = {
     "bus": {"sessions", "sim", "methods", *METHOD_ROOMS},
     "client": {"bus", "methods", *METHOD_ROOMS},
     "external": {"bus", "sim", *METHOD_ROOMS},
-    "security": {"bus"},
     "record": {"client", "bus", "sessions", "methods", *METHOD_ROOMS},
     "perf": {"ui", "record", "sessions", "external", "bus", "methods", *METHOD_ROOMS},
     "studies": {
@@ -40,6 +39,7 @@ ROOMS_SEEN_BY = {
         "methods",
         "measures",
         "generate",
+        "sim",
         *METHOD_ROOMS,
     },
 }

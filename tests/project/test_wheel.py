@@ -63,7 +63,7 @@ def test_the_wheel_carries_no_compiled_leftovers(wheel: Path):
 
 def test_an_installed_package_finds_its_own_scenes_and_assets(installed: Path, tmp_path: Path):
     code = (
-        "import motm_twin; from motm_twin.model.data_dirs import scenes_dir, web_assets_dir; "
+        "import motm_twin; from motm_twin.model.assets import scenes_dir, web_assets_dir; "
         "print(motm_twin.__file__); print(scenes_dir()); print(web_assets_dir())"
     )
     done = run_away_from_home(installed, tmp_path, "-c", code)

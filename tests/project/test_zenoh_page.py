@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from motm_twin.bus.keys import Keys
+from motm_twin.bus.connection import Keys
 from motm_twin.bus.schemas import MESSAGES
 from motm_twin.control.tuning import PARAMETERS
 

@@ -13,7 +13,7 @@ from rich.table import Table
 from motm_twin.bus.commands import Refused
 from motm_twin.bus.data_folder import DataFolder
 from motm_twin.bus.encode import ObservationEncoder, tick_message
-from motm_twin.cli.rerun import rerun_file
+from motm_twin.cli.run import rerun_file
 from motm_twin.program import plain_console, printable, table_console
 from motm_twin.record import channels as ch
 from motm_twin.record.mcap_file import FREE_MESSAGES, MAX_NAMES, McapFile, read, recover

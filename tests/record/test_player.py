@@ -14,7 +14,7 @@ from motm_twin.bus.client import NoSession, TwinClient
 from motm_twin.bus.commands import AddObstacle, Branch, Load, Pause, Play, Reset, Speed, Step
 from motm_twin.bus.connection import open_client
 from motm_twin.bus.messages import EventsMessage
-from motm_twin.model.period import PERIOD
+from motm_twin.model.plant import PERIOD
 from motm_twin.record import channels as ch
 from motm_twin.record.mcap_file import McapFile, read
 from motm_twin.record.player import Frames, Playback, Player

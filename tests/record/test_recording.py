@@ -17,7 +17,7 @@ from motm_twin.bus.encode import RobotEncoder, tick_message
 from motm_twin.bus.library import TwinSetup
 from motm_twin.bus.server import TwinServer
 from motm_twin.cli.record import recover as recover_command
-from motm_twin.cli.rerun import rerun_file
+from motm_twin.cli.run import rerun_file
 from motm_twin.model.profile import RobotProfile
 from motm_twin.model.reason import Kind, Reason
 from motm_twin.model.scene_file import load_scene

@@ -13,7 +13,7 @@ import pytest
 from rich.console import Console
 from waiting import until
 
-from motm_twin.cli.rerun import BothRuns
+from motm_twin.cli.run import BothRuns
 from motm_twin.model.edits import AddObstacle, InsertTask, MoveBody, SetParameter
 from motm_twin.model.scene import DriveTo
 from motm_twin.model.scene_file import load_scene

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from motm_twin.cli.rerun import explain
+from motm_twin.cli.run import explain
 from motm_twin.record.replay import rerun
 from motm_twin.sessions.session import load_session
 

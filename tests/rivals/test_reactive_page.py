@@ -39,7 +39,12 @@ def test_constants_of_a_file_are_shown_where_a_comment_says_what_they_are(tool):
 
 def test_every_number_of_a_rival_is_in_the_page(tool):
     page = tool.PARAMETERS.read_text(encoding="utf-8")
-    for part in ("parking.py:StationaryParameters", "reachability.py", "stationary_placement.py", "open_loop.py"):
+    for part in (
+        "stationary_placement.py:StationaryParameters",
+        "reachability.py",
+        "stationary_placement.py",
+        "open_loop.py",
+    ):
         assert f"<!-- numbers of motm_twin/rivals/{part} -->" in page, part
 
 

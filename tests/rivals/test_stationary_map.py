@@ -8,7 +8,7 @@ import pytest
 from motm_twin.control.arm.geometry import stretch, tilt_of
 from motm_twin.control.arm.parameters import ArmParameters
 from motm_twin.model.arm_kernels import TCP, fk_arm, manipulability
-from motm_twin.model.joint_limits import Q_MAX, Q_MIN
+from motm_twin.model.profile import Q_MAX, Q_MIN
 from motm_twin.rivals.reachability import (
     AZIMUTHS,
     POSTURES,

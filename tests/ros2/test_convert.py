@@ -14,10 +14,10 @@ from scipy.spatial.transform import Rotation
 
 from motm_twin.bus.encode import tick_message
 from motm_twin.model.edits import MoveBody, RemoveBody
-from motm_twin.model.furniture import pieces, stands_on
 from motm_twin.model.profile import ArmSpec, Lidar, RobotProfile
 from motm_twin.model.scene import Prism
 from motm_twin.model.scene_file import load_scene
+from motm_twin.model.scene_shapes import pieces, stands_on
 from motm_twin.ros2.cdr import encode
 from motm_twin.ros2.convert import DELETE, TRIANGLE_LIST, Markers
 from motm_twin.ros2.forms import MARKERS

@@ -5,6 +5,7 @@ import math
 import numpy as np
 from sim_scenes import box, scene
 
+from motm_twin.model.assets import LINKS
 from motm_twin.model.kinematics import Frankie
 from motm_twin.model.plant import Actuation
 from motm_twin.model.profile import RobotProfile
@@ -18,6 +19,12 @@ START = np.zeros(3)
 
 def tcp(pose=START, q=DOWN):
     return ROBOT.tcp_pose(pose, q)
+
+
+def hand_pose(pose, q):
+    """Position and rotation of ``panda_hand``, where the palm camera is."""
+    T = ROBOT.link_transforms(np.array(pose, dtype=float), q)[LINKS.index("panda_hand")]
+    return T[:3, 3], T[:3, :3]
 
 
 def act(twist=(0.0, 0.0), dq=None, gripper="open", opening=None):

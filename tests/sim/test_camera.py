@@ -3,14 +3,15 @@ import math
 import msgspec
 import numpy as np
 import pytest
-from sim_hands import DOWN, ROBOT, START, act, over_a_cube, tcp
+from sim_hands import DOWN, START, act, hand_pose, over_a_cube, tcp
 from sim_scenes import QUIET, box, scene
 
 from motm_twin.model.geometry import to_frame
+from motm_twin.model.profile import RobotProfile
 from motm_twin.model.scene import Agent, Mismatch, Noise, SceneObject
 from motm_twin.sim.plant import SimulatedPlant
 
-EYE, LOOK = ROBOT.hand_pose(START, DOWN)
+EYE, LOOK = hand_pose(START, DOWN)
 
 
 def seen(point, **changes):
@@ -26,7 +27,7 @@ def below(depth, sideways=0.0):
 
 def test_without_noise_position_and_yaw_are_exact_in_the_base_frame():
     start = (1.0, -0.5, 0.8)
-    hand, _ = ROBOT.hand_pose(np.array(start), DOWN)
+    hand, _ = hand_pose(start, DOWN)
     (item,) = seen(hand - [0.0, 0.0, 0.5], start=start)
     np.testing.assert_allclose(item.p_base, to_frame(np.array(start), hand - [0.0, 0.0, 0.5]), atol=1e-12)
     assert item.yaw_base == pytest.approx(0.3 - 0.8)
@@ -46,7 +47,7 @@ def test_the_view_has_a_range(distance, visible):
 def test_what_is_beyond_the_range_is_not_seen():
     q = DOWN.copy()
     q[5] += 1.2  # looks ahead
-    hand, rotation = ROBOT.hand_pose(START, q)
+    hand, rotation = hand_pose(START, q)
     for distance, visible in ((1.15, True), (1.25, False)):
         point = hand + distance * rotation[:, 2]
         cube = SceneObject(name="cube", position=tuple(float(v) for v in point))
@@ -68,7 +69,7 @@ def test_an_agent_between_hides_it():
 
 def test_the_arm_itself_can_hide_it():
     folded = np.array([0.0, -1.2, 0.0, -2.9, 0.0, 1.0, 0.7])
-    eye, rotation = ROBOT.hand_pose(START, folded)
+    eye, rotation = hand_pose(START, folded)
     plant = SimulatedPlant(scene(), arm_start=folded)
     frames = plant._frames(START, folded)
     elbow = frames[4, :3, 3]
@@ -139,8 +140,8 @@ def test_what_is_falsely_detected_has_no_name_is_in_view_and_does_not_come_with_
     assert 30 < len(false) < 70
     for one in false:
         ray = one.p_base - to_frame(START, EYE)
-        assert 0.1 <= np.linalg.norm(ray) <= ROBOT.profile.camera.range
-        assert -ray[2] >= math.cos(ROBOT.profile.camera.half_cone) * np.linalg.norm(ray) - 1e-9
+        assert 0.1 <= np.linalg.norm(ray) <= RobotProfile().camera.range
+        assert -ray[2] >= math.cos(RobotProfile().camera.half_cone) * np.linalg.norm(ray) - 1e-9
     assert all(len(picture) == 1 for picture in frames(looking_down(noise), 100))
 
 
@@ -159,7 +160,7 @@ def test_pictures_come_late_with_their_own_stamps_and_all_of_them():
 def test_a_camera_that_sits_elsewhere_on_the_hand_is_wrong_by_as_much_in_the_hands_frame():
     offs = []
     for start in ((0.0, 0.0, 0.0), (0.0, 0.0, 1.0)):
-        cube = SceneObject(name="cube", position=tuple(float(v) for v in ROBOT.hand_pose(np.array(start), DOWN)[0]))
+        cube = SceneObject(name="cube", position=tuple(float(v) for v in hand_pose(start, DOWN)[0]))
         cube = msgspec.structs.replace(cube, position=(*cube.position[:2], cube.position[2] - 0.5))
         plant = SimulatedPlant(scene(objects=(cube,), start=start, mismatch=Mismatch(hand_eye=0.01)), arm_start=DOWN)
         offs.append(plant.observe().detections[0].p_base - to_frame(np.array(start), np.array(cube.position)))

@@ -7,9 +7,9 @@ from sim_hands import DOWN, act, cube_of, grasp, over_a_cube
 from sim_scenes import box, scene
 
 from motm_twin.model.edits import AddObstacle, MoveBody, MoveObject, RemoveBody
-from motm_twin.model.furniture import pieces, rigid
 from motm_twin.model.geometry import from_frame
 from motm_twin.model.scene import Agent, Bin, Pick, Place
+from motm_twin.model.scene_shapes import pieces, rigid
 from motm_twin.sim.plant import SimulatedPlant
 
 

@@ -23,8 +23,8 @@ from motm_twin.model.edits import (
 )
 from motm_twin.model.faults import NAMES as FAULTS
 from motm_twin.model.state import state_hash
-from motm_twin.sim.edit_effects import Effects
 from motm_twin.sim.plant import SimulatedPlant
+from motm_twin.sim.world_edits import Effects
 
 NAMES = ("table", "stand", "cabinet", "crate", "temi", "new1", "new2", "cube1", "cube2", "slab", "bin", "nobody", "")
 name = st.sampled_from(NAMES)

@@ -8,8 +8,8 @@ from sim_scenes import box, scene
 
 from motm_twin.model.edits import AddObstacle, MoveBody, MoveObject, ReleaseBody
 from motm_twin.model.scene import Agent
+from motm_twin.sim.bodies import FASTEST, FRICTION
 from motm_twin.sim.plant import SimulatedPlant
-from motm_twin.sim.slides import FASTEST, FRICTION
 
 
 def thrown(velocity, start=(0.0, -3.0), shape="box", solids=(), **changes):

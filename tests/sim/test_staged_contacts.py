@@ -14,7 +14,7 @@ from sim_scenes import box, scene
 from motm_twin.model.arm_kernels import HAND
 from motm_twin.model.edits import AddObstacle
 from motm_twin.model.geometry import rectangle
-from motm_twin.model.joint_limits import READY
+from motm_twin.model.profile import READY
 from motm_twin.model.scene import Agent, Cylinder, SceneObject, Solid
 from motm_twin.model.state import state_hash
 from motm_twin.sim.plant import SimulatedPlant

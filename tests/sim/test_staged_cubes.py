@@ -12,7 +12,7 @@ from motm_twin.model.edits import AddObstacle, MoveObject, ReleaseBody
 from motm_twin.model.scene import Bin, Pick, Place, SceneObject
 from motm_twin.sim.objects import ObjectState
 from motm_twin.sim.plant import SimulatedPlant
-from motm_twin.sim.referee_state import Counts
+from motm_twin.sim.verdict import Counts
 
 
 def shelf_of(*offsets, gripper_start=DOWN, side=0.04):

@@ -3,9 +3,9 @@
 from pathlib import Path
 
 from motm_twin.sessions.session import SOURCE, made_with
+from motm_twin.studies.paper.data import TEN
+from motm_twin.studies.paper.drawing import Drawn
 from motm_twin.studies.paper.episode import Episode, Moment
-from motm_twin.studies.paper.part import Drawn
-from motm_twin.studies.paper.plan import TEN
 from motm_twin.studies.spec import TrialSpec
 
 SCENE = str(Path(__file__).parent / "half_a_metre.yaml")

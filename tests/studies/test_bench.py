@@ -8,10 +8,11 @@ import pytest
 
 from motm_twin.cli import bench as command
 from motm_twin.cli.bench import main
-from motm_twin.generate.barn import barn
+from motm_twin.generate.challenges import barn
 from motm_twin.measures.measures import PARTS
-from motm_twin.model.scene_file import SceneError, load_scene
-from motm_twin.studies import groups, task
+from motm_twin.model.names import SceneError
+from motm_twin.model.scene_file import load_scene
+from motm_twin.studies import groups
 from motm_twin.studies.barn import bench_barn, limits_of, metric, optimal_time, worlds
 from motm_twin.studies.groups import GROUPS, Trial, failed, run_group
 from motm_twin.studies.pool import counts, trials_per_hour
@@ -141,25 +142,25 @@ def _results(**changed):
 
 
 def test_both_methods_run_the_same_trials_and_a_share_means_fewer_seeds():
-    few = task.experiments(0.04)
+    few = groups.experiments(0.04)
     assert set(few) == set(_results().trials)
     for each in few.values():
-        fast, motm = (sum(spec.method == method for spec in each.specs) for method in task.METHODS)
+        fast, motm = (sum(spec.method == method for spec in each.specs) for method in groups.METHODS)
         assert fast == motm > 0
     assert len(few["exp1_random"].specs) == 2 * 2
-    assert len(task.experiments(1.0)["generated"].specs) == 2 * task.GENERATED
+    assert len(groups.experiments(1.0)["generated"].specs) == 2 * groups.GENERATED
     assert all(spec.changes["robot.base.forward_speed"] == 1.0 for spec in few["quick_robot"].specs)
 
 
 def test_every_number_is_read_from_the_trials():
-    found = task.values(_results(), "fast")
-    assert set(found) == {row.key for row in task.WANTED}
+    found = groups.values(_results(), "fast")
+    assert set(found) == {row.key for row in groups.WANTED}
     assert found == pytest.approx({
         "exp1": 80.0, "exp1a": 90.0, "random": 84.0, "four": 20.0, "one": 2.5, "closing": 0.35, "quick": 1.6,
         "generated": 100.0, "further": 100.0, "paper": 100.0, "contacts": 0.0,
     })  # fmt: skip
     slow = _result("exp1", 0, 500.0, method="motm", success=False)  # those of the other method do not count
-    assert task.values(_results(exp1=[_result("exp1", 0, 80.0), slow]), "fast")["exp1"] == 80.0
+    assert groups.values(_results(exp1=[_result("exp1", 0, 80.0), slow]), "fast")["exp1"] == 80.0
 
 
 def test_where_the_time_goes_is_a_mean_of_the_completed_trials():
@@ -172,18 +173,18 @@ def test_where_the_time_goes_is_a_mean_of_the_completed_trials():
         return _result("exp1", 0, 80.0, success=success) | {"measures": measures, "path_length_m": 30.0}
 
     trials = [measured(40.0, 0.5), measured(50.0, 0.7), measured(1.0, 9.0, success=False)]
-    found = task.parts(Results(Path(), {"exp1": trials, "exp1a": [_result("exp1a", 0, 90.0)]}), "fast")
+    found = groups.parts(Results(Path(), {"exp1": trials, "exp1a": [_result("exp1a", 0, 90.0)]}), "fast")
     (row,) = found.values()  # of the other there are no measures
     assert (row["at_limit"], row["turning"], row["evading"]) == (45.0, 2.0, 0.0)
     assert (row["path_m"], row["reference_m"], row["turns_per_m"]) == (30.0, 20.0, 1.5)
     assert row["felt_p99"] == pytest.approx(0.6)
     assert row["felt_max"] == pytest.approx(1.4)
-    assert task.parts_table({"fast": found}).row_count == 1
+    assert groups.parts_table({"fast": found}).row_count == 1
 
 
 def test_a_trial_without_success_is_no_time_and_is_counted():
     lost = _result("exp1a", 0, 20.0, success=False, contacts=[{"caused_by_robot": True, "closing_speed": 0.3}])
-    found = task.values(_results(exp1a=[lost], generated=[_result("generated:1@0.5", 1, 7.0, success=False)]), "fast")
+    found = groups.values(_results(exp1a=[lost], generated=[_result("generated:1@0.5", 1, 7.0, success=False)]), "fast")
     assert math.isnan(found["exp1a"])
     assert found["generated"] == 0.0
     assert found["paper"] < 100.0

@@ -6,17 +6,26 @@ import msgspec
 import pytest
 
 from motm_twin.cli.bench import changes_of
-from motm_twin.measures.published import FAILURE_RECOVERY, published
+from motm_twin.measures.references import FAILURE_RECOVERY, published
 from motm_twin.methods.registry import METHODS, find_method
 from motm_twin.model.scene import EARLIER_NOISE
 from motm_twin.model.scene_file import load_scene
-from motm_twin.studies import catalogue, grasping, screening
+from motm_twin.studies import catalogue, sensitivity
 from motm_twin.studies.catalogue import EXPERIMENTS, MISMATCHES, difficulty_of, experiment, methods_of, reasons
-from motm_twin.studies.grasping import MISMATCH, ROBUSTNESS, STUDIES, experiment_of, good, row_of, rows_of
 from motm_twin.studies.run import Results
-from motm_twin.studies.screening import Change, ours
+from motm_twin.studies.sensitivity import (
+    MISMATCH,
+    ROBUSTNESS,
+    STUDIES,
+    Change,
+    experiment_of,
+    good,
+    ours,
+    row_of,
+    rows_of,
+)
 from motm_twin.studies.spec import Job, TrialSpec, job_of, jobs_of, method_of, with_numbers
-from motm_twin.studies.summary import reasons_table
+from motm_twin.studies.statistics import reasons_table
 
 HERE = Path(__file__).parent
 
@@ -198,7 +207,7 @@ def test_ten_trials_of_two_methods_are_120_picks_of_each_error():
 
 
 def test_a_row_counts_grasps_and_misses_its_share_when_two_of_120_are_lost():
-    one = grasping.Setting("slow", {}, least=0.99)
+    one = sensitivity.Setting("slow", {}, least=0.99)
     felt = {
         "grasps": [{"shift": 0.001}, {"shift": 0.004}], "phantoms": [3, 1], "torque_peaks": [7.0, 21.0],
         "wrist_peaks": [12.0, 1.0],
@@ -209,8 +218,8 @@ def test_a_row_counts_grasps_and_misses_its_share_when_two_of_120_are_lost():
     assert not good(lost)
     assert good(row_of(one, ("fast",), [grasped()] * 19 + [grasped(placed=5)]))
     assert not good(row_of(one, ("fast",), [grasped(caused=1)]))
-    assert len(grasping.cells(lost)) == len(grasping.HEAD)
-    assert {"2.5, 4.0", "3, 1", "21.0"} < set(grasping.cells(lost))
+    assert len(sensitivity.cells(lost)) == len(sensitivity.HEAD)
+    assert {"2.5, 4.0", "3, 1", "21.0"} < set(sensitivity.cells(lost))
 
 
 def test_of_a_mismatch_one_object_in_sixty_may_be_left_and_shaken_joints_are_not_judged():
@@ -243,15 +252,15 @@ def test_numbers_of_the_paper_and_of_the_robot_are_left_alone_and_some_can_be_as
 def test_a_number_is_halved_and_doubled_and_a_switch_flipped_as_far_as_it_is_possible():
     names = ("placement.hysteresis", "placement.headings", "staa.drive_on")
     chosen = [ours([f"planning.{name}"]) for name in names]
-    others = [[change.value for change in screening.changes_of(found)] for (found,) in chosen]
+    others = [[change.value for change in sensitivity.changes_of(found)] for (found,) in chosen]
     assert others == [[0.15, 0.6], [8, 32], [False]]
     for found in ours():
-        for change in screening.changes_of(found):
+        for change in sensitivity.changes_of(found):
             assert with_numbers(find_method("fast"), {change.name: change.value})
 
 
 def test_all_changes_run_on_the_same_scenes_and_seeds():
-    found = list(screening.specs([Change("arm.k_transit", 4.0)], 2))
+    found = list(sensitivity.screening_specs([Change("arm.k_transit", 4.0)], 2))
     assert len(found) == 8
     assert [(each.scene, each.seed) for each in found[:4]] == [(each.scene, each.seed) for each in found[4:]]
     assert {tuple(each.numbers.items()) for each in found} == {(), (("arm.k_transit", 4.0),)}
@@ -276,7 +285,7 @@ def test_a_row_tells_the_change_of_time_and_how_many_runs_stayed_the_same(tmp_pa
     other = {"arm.k_transit": 4.0}
     results = [screened(0, 70.0, "a", {}), screened(1, 80.0, "b", {})]
     results += [screened(0, 70.0, "a", other), screened(1, 82.0, "c", other)]
-    shipped, row = screening.rows_of(Results(tmp_path, {"screening": results}), [Change("arm.k_transit", 4.0)])
+    shipped, row = sensitivity.number_rows(Results(tmp_path, {"screening": results}), [Change("arm.k_transit", 4.0)])
     assert shipped["same"] == 2
     assert (row["same"], row["slower_s"], row["placed"], row["contacts"]) == (1, 1.0, 12, 0)
-    assert screening.cells(row)[:4] == ("`arm.k_transit`", "4", "2", "1")
+    assert sensitivity.number_cells(row)[:4] == ("`arm.k_transit`", "4", "2", "1")

@@ -8,13 +8,12 @@ from rich.console import Console
 
 from motm_twin.perception.movers import MoverParameters
 from motm_twin.sessions.session import SOURCE, made_with
-from motm_twin.studies import summary
-from motm_twin.studies.paper import data, report, snapshots, sweep_figures, tables, time_figures
-from motm_twin.studies.paper.data import Store, origin
-from motm_twin.studies.paper.episode import draw_cutting_in, watch_trial
-from motm_twin.studies.paper.part import Drawn, Missing
+from motm_twin.studies import statistics
+from motm_twin.studies.paper import data, report, sweep_figures, tables, time_figures
+from motm_twin.studies.paper.data import TEN, Store, origin
+from motm_twin.studies.paper.drawing import Drawn, Missing
+from motm_twin.studies.paper.episode import draw_cutting_in, draw_snapshots, watch_trial
 from motm_twin.studies.paper.parts import NAMES, PARTS, Context, make_part
-from motm_twin.studies.paper.plan import TEN
 from motm_twin.studies.paper.report import write
 from motm_twin.studies.paper.tables import LINE, goal_rows, missed
 from motm_twin.studies.spec import TrialSpec, job_of
@@ -114,14 +113,14 @@ def test_success_is_counted_over_trials_not_over_their_objects():
 def test_completed_is_the_same_in_bench_and_in_the_report_and_all_captions_say_what_it_is():
     """A trial that was given up has no time, whatever it says of success; one with a contact has, and no success."""
     touched = result(time_s=77.0, hits=3)
-    (row,) = summary.rows([touched, result(places_done=5, time_s=9.0)])
+    (row,) = statistics.rows([touched, result(places_done=5, time_s=9.0)])
     assert row.time.value == data.mean_time([touched]).value == 77.0
     assert (row.time.n, row.success.value, row.contacts) == (1, 0.5, 0)
     store = Store({"exp1": [touched, result("irm")]})
     draws = (tables.draw_results, time_figures.draw_reductions, time_figures.draw_box_plots)
-    for caption in (summary.CAPTION, *(drawn(draw(store)).caption for draw in draws)):
-        assert summary.COMPLETED in caption
-        assert summary.TOUCHED in caption
+    for caption in (statistics.CAPTION, *(drawn(draw(store)).caption for draw in draws)):
+        assert statistics.COMPLETED in caption
+        assert statistics.TOUCHED in caption
 
 
 def judged(exp1, exp2=()):
@@ -212,7 +211,7 @@ def near_a_temi(cut_ins):
 
 
 def report_among_temis(out, monkeypatch, cut_ins, names=NAMES):
-    monkeypatch.setattr(snapshots, "_photographs", lambda _, chosen: [[[[0, 0, 0]]]] * len(chosen))
+    monkeypatch.setattr("motm_twin.studies.paper.episode._photographs", lambda _, chosen: [[[[0, 0, 0]]]] * len(chosen))
     context = Context(Store({"exp1": OURS}), out, Console(quiet=True), plan="quick")
     context.episode = near_a_temi(cut_ins)
     other = msgspec.structs.replace(context.episode, spec=TrialSpec("exp2", "random", 3, "foresight"))
@@ -265,7 +264,7 @@ def test_an_episode_of_the_source_of_the_trials_is_taken_from_the_folder(tmp_pat
     name = f"{job_of(kept.spec).key(kept.source)}.json"
     (tmp_path / name).write_bytes(msgspec.json.encode(kept))
     assert watch_trial(kept.spec, tmp_path, "0123456789ab") == kept
-    part = snapshots.draw(kept)
+    part = draw_snapshots(kept)
     assert isinstance(part, Missing)
     assert "another source (0123456789ab)" in part.reason
 

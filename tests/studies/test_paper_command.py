@@ -9,16 +9,27 @@ from unittest.mock import Mock
 
 import pytest
 
-from motm_twin.cli import paper as cli_paper
-from motm_twin.cli.paper import paper
+from motm_twin.cli import bench
+from motm_twin.cli.bench import write_paper
+from motm_twin.cli.settings import PaperSettings
 from motm_twin.methods.registry import METHODS
 from motm_twin.sessions.session import SOURCE, made_with
 from motm_twin.studies import catalogue
-from motm_twin.studies.paper import plan
-from motm_twin.studies.paper.data import keys, missing, stored
+from motm_twin.studies.paper import data
+from motm_twin.studies.paper.data import (
+    ABLATIONS,
+    ALL,
+    LITERAL,
+    OVERLAP,
+    SWEEPS,
+    default,
+    full,
+    keys,
+    missing,
+    quick,
+    stored,
+)
 from motm_twin.studies.paper.parts import NAMES, PARTS, needed
-from motm_twin.studies.paper.plan import ABLATIONS, ALL, LITERAL, OVERLAP, SWEEPS, default, full, quick
-from motm_twin.studies.settings import PaperSettings
 from motm_twin.studies.spec import Experiment, TrialSpec
 
 SHORT = {"time_limit": 0.5}  # [s] the trial ends long before its task: enough for the way through
@@ -30,8 +41,8 @@ def shorten(patch):
     specs = tuple(TrialSpec("exp1", "trial1", method=method, changes=SHORT) for method in ("motm", "staa"))
     half = (Experiment("ablations", "Half a second", specs),)
     for name in ("quick", "full"):
-        tiny = plan.Plan(name=name, experiments=half, notes=(f"A {name} one.",))
-        patch.setitem(plan.PLANS, name, lambda tiny=tiny: tiny)
+        tiny = data.Plan(name=name, experiments=half, notes=(f"A {name} one.",))
+        patch.setitem(data.PLANS, name, lambda tiny=tiny: tiny)
 
 
 @pytest.fixture
@@ -57,12 +68,12 @@ def ran(once, short, tmp_path):
 def run(out, **options):
     """The exit code of a run of the short plan without photographs."""
     given = {"quick": True, "workers": 1, "no_page": True, "only": ("ablations", "bezier"), **options}
-    return paper(PaperSettings(out=out, **given))
+    return write_paper(PaperSettings(out=out, **given))
 
 
 def draw(out, **options):
     """What is written down when the folder is drawn."""
-    assert paper(PaperSettings(out=out, draw=True, no_page=True, only=("bezier",), **options)) == 0
+    assert write_paper(PaperSettings(out=out, draw=True, no_page=True, only=("bezier",), **options)) == 0
     return json.loads((out / "part_of_results.json").read_text())
 
 
@@ -145,11 +156,11 @@ def test_only_what_is_missing_is_announced(short, tmp_path, capsys):
     assert "2 of 2 trials to run, expected to take" in capsys.readouterr().out
     assert run(tmp_path) == 0
     assert "0 of 2 trials to run, expected to take 0 min" in capsys.readouterr().out
-    assert len(missing(tmp_path, keys(plan.PLANS["quick"]().experiments), retry_failed=True)[0]) == 2
+    assert len(missing(tmp_path, keys(data.PLANS["quick"]().experiments), retry_failed=True)[0]) == 2
 
 
 def test_hours_are_confirmed_once_for_a_plan_and_a_source(short, tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(cli_paper, "WARN_HOURS", 0.0)
+    monkeypatch.setattr(bench, "WARN_HOURS", 0.0)
     full = {"quick": False, "full": True}
     assert run(tmp_path, **full) == 2
     assert "--yes" in capsys.readouterr().err
@@ -174,7 +185,7 @@ def test_hours_are_confirmed_once_for_a_plan_and_a_source(short, tmp_path, monke
     ],
 )
 def test_what_cannot_be_done_is_refused_with_a_sentence(options, why, tmp_path, capsys):
-    assert paper(PaperSettings(out=tmp_path, **options)) == 2
+    assert write_paper(PaperSettings(out=tmp_path, **options)) == 2
     assert why in capsys.readouterr().err
     assert not list(tmp_path.iterdir())
 
@@ -189,25 +200,25 @@ def test_what_cannot_be_done_is_refused_with_a_sentence(options, why, tmp_path, 
 )
 def test_a_folder_that_cannot_be_or_has_no_trials_is_refused_and_not_made(out, options, why, tmp_path, capsys):
     (tmp_path / "file").touch()
-    assert paper(PaperSettings(out=tmp_path / out, **options)) == 2
+    assert write_paper(PaperSettings(out=tmp_path / out, **options)) == 2
     assert why in capsys.readouterr().err
     assert [path.name for path in tmp_path.iterdir()] == ["file"]
 
 
 def test_the_default_plan_is_announced_to_take_less_than_an_hour_on_two_cores(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr("motm_twin.studies.run.run", Mock(side_effect=KeyboardInterrupt))
-    assert paper(PaperSettings(out=tmp_path, workers=2)) == 130
+    monkeypatch.setattr("motm_twin.cli.bench.run", Mock(side_effect=KeyboardInterrupt))
+    assert write_paper(PaperSettings(out=tmp_path, workers=2)) == 130
     announced = re.search(r"expected to take (\d+) min with 2 processes", capsys.readouterr().out)
     assert announced is not None
     assert int(announced[1]) < 55  # the figures and photographs come after
 
 
 def test_a_full_plan_takes_hours_and_a_quick_one_minutes():
-    assert list(plan.PLANS) == ["quick", "default", "full"]
-    least = [len({repr(spec) for spec in made().specs()}) for made in plan.PLANS.values()]
+    assert list(data.PLANS) == ["quick", "default", "full"]
+    least = [len({repr(spec) for spec in made().specs()}) for made in data.PLANS.values()]
     assert least == sorted(least)
-    assert plan.hours(quick().specs(), 2) * 60.0 < 4.0
-    assert plan.hours(full().specs(), 2) > cli_paper.WARN_HOURS
+    assert data.hours(quick().specs(), 2) * 60.0 < 4.0
+    assert data.hours(full().specs(), 2) > bench.WARN_HOURS
 
 
 def counts(names, of=None):
@@ -229,7 +240,7 @@ def test_only_the_trials_that_are_needed_are_run():
 
 
 def test_every_part_that_needs_trials_finds_them_in_every_plan():
-    for make in plan.PLANS.values():
+    for make in data.PLANS.values():
         for source in PARTS:
             assert {need.experiment for need in source.needs} == set(counts((source.name,), make()))
 

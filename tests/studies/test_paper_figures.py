@@ -16,12 +16,13 @@ from motm_twin.bus.commands import STEPS
 from motm_twin.measures.agents import NEAR
 from motm_twin.methods.registry import METHODS
 from motm_twin.model.bounds import Between
-from motm_twin.studies import catalogue, summary
-from motm_twin.studies.paper import data, planning_figures, snapshots, sweep_figures, tables, time_figures
+from motm_twin.studies import catalogue, statistics
+from motm_twin.studies.paper import data, planning_figures, sweep_figures, tables, time_figures
+from motm_twin.studies.paper import episode as episodes
 from motm_twin.studies.paper.data import Store
+from motm_twin.studies.paper.drawing import ORANGE, styled
 from motm_twin.studies.paper.episode import draw_cutting_in, draw_distance
-from motm_twin.studies.paper.ground import first_period
-from motm_twin.studies.paper.part import ORANGE, styled
+from motm_twin.studies.paper.planning_figures import first_period
 
 from .made_results import drawn, episode, result, seeds, trials
 
@@ -96,7 +97,7 @@ def test_a_reduction_against_a_rival_with_contacts_is_open_and_said_to_compare_w
              if len(line.get_xdata()) == 1 and line.get_marker() in "ov*s<^X"]  # fmt: skip
     faces = {round(float(line.get_xdata()[0]), 3): line.get_markerfacecolor() for line in marks}
     assert faces[60.0] == "white" != faces[20.0]
-    assert summary.TOUCHED in part.notes[0]
+    assert statistics.TOUCHED in part.notes[0]
     assert touching in part.notes[0]
     assert clean not in part.notes[0]
 
@@ -106,7 +107,7 @@ def test_contacts_of_our_own_and_only_those_in_the_trials_compared_make_a_mark_o
     assert (row["own_contacts"], row["comparable"]) == (1, False)
     part = reductions(trials(), trials("irm")[:9], [result("irm", "trial10", hits=4, places_done=0)])
     assert [part.rows[0][key] for key in ("pairs", "contacts", "comparable")] == [9, 0, True]
-    assert summary.TOUCHED not in part.notes[0]
+    assert statistics.TOUCHED not in part.notes[0]
 
 
 def test_a_modification_without_a_shown_effect_is_said_to_have_none():
@@ -244,10 +245,10 @@ def test_the_layout_has_the_twelve_slots_with_names_on_no_edge_and_on_no_other_n
 
 
 def test_a_twin_is_stepped_beyond_what_one_command_allows(monkeypatch) -> None:
-    assert snapshots.STEPS is STEPS
-    monkeypatch.setattr(snapshots, "STEPS", Between(1, 15))  # fewer, to be quick
+    assert episodes.STEPS is STEPS
+    monkeypatch.setattr(episodes, "STEPS", Between(1, 15))  # fewer, to be quick
     with fake_server() as server, TwinClient(server.endpoint) as client:
         until(lambda: client.tick() and client.status(), "nothing was received")
-        snapshots._rewind(client)
-        snapshots._step_to(client, 40)
+        episodes._rewind(client)
+        episodes._step_to(client, 40)
         assert (client.tick().index, client.status().state) == (40, "paused")

@@ -12,8 +12,21 @@ from motm_twin.measures.agents import base_gap
 from motm_twin.model.plant import Scan
 from motm_twin.model.scene_file import load_scene
 from motm_twin.studies.oracle import require_known_future, search
-from motm_twin.studies.people import ORACLE, SITUATIONS, Situation, alone, bench_people, cases, imposed, meet, summaries
-from motm_twin.studies.tracker import Score, beams_on, bench_tracker, matched
+from motm_twin.studies.people import (
+    ORACLE,
+    SITUATIONS,
+    Score,
+    Situation,
+    alone,
+    beams_on,
+    bench_people,
+    bench_tracker,
+    cases,
+    imposed,
+    matched,
+    meet,
+    summaries,
+)
 from motm_twin.twin import Twin
 
 BODY = (0.0, 0.7, 0.5)
@@ -162,6 +175,6 @@ def test_a_run_is_scored_and_makes_a_table(tmp_path, short, console):
 
 
 def test_without_motmetrics_it_says_what_to_install(monkeypatch, tmp_path, capsys):
-    monkeypatch.setattr("motm_twin.studies.tracker.find_spec", lambda name: None)
+    monkeypatch.setattr("motm_twin.studies.people.find_spec", lambda name: None)
     assert main(["tracker", "--out", str(tmp_path)]) == 2
     assert 'pip install "motm_twin[people]"' in capsys.readouterr().out.replace("\n", "")

@@ -12,8 +12,7 @@ from rich.console import Console
 
 from motm_twin.cli.bench import main
 from motm_twin.studies import statistics
-from motm_twin.studies.statistics import Estimate
-from motm_twin.studies.summary import published_beside, rows, summary_table
+from motm_twin.studies.statistics import Estimate, published_beside, rows, summary_table
 
 from .made_results import SCENE, result, seeds
 

@@ -10,8 +10,8 @@ from motm_twin.bus.client import Grid
 from motm_twin.bus.commands import AddObstacle, FreezeBody, MoveBody, MoveObject, RemoveBody, check_command
 from motm_twin.bus.encode import tick_message
 from motm_twin.bus.messages import GRID_VERSION, BodyMessage, GridInfo
-from motm_twin.model.furniture import pieces
 from motm_twin.model.scene_file import load_scene
+from motm_twin.model.scene_shapes import pieces
 from motm_twin.twin import Twin
 from motm_twin.ui.panel import disturb
 from motm_twin.ui.panel.disturb import NEAREST, free_place, is_free

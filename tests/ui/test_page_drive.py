@@ -18,7 +18,7 @@ from motm_twin.model.edits import MoveBody, ReleaseBody
 from motm_twin.perf.page_reader import PageReader
 from motm_twin.perf.processes import act
 from motm_twin.sessions.session import Session
-from motm_twin.sim.slides import FRICTION
+from motm_twin.sim.bodies import FRICTION
 from motm_twin.ui.panel.panel import ASK
 from motm_twin.ui.scene.scene_view import drive_points
 

@@ -8,7 +8,7 @@ import pytest
 from page import AT_REST, SHOWN, Hand, Visitor, leave, until, visiting
 
 from motm_twin.bus.commands import AddObstacle
-from motm_twin.model.data_dirs import web_assets_dir
+from motm_twin.model.assets import web_assets_dir
 from motm_twin.perf.processes import act
 
 pytestmark = [pytest.mark.browser, pytest.mark.timeout(600)]

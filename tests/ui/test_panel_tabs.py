@@ -14,8 +14,8 @@ from motm_twin.bus.encode import tick_message
 from motm_twin.bus.library import MethodLibrary
 from motm_twin.methods import DEFAULT_METHOD
 from motm_twin.methods.registry import FAST
-from motm_twin.model.furniture import pieces
 from motm_twin.model.scene_file import load_scene
+from motm_twin.model.scene_shapes import pieces
 from motm_twin.twin import Twin
 from motm_twin.ui.hub import BLIND, LAYERS, STAA, Shown
 from motm_twin.ui.panel.panel import ASK, MARK

@@ -13,12 +13,12 @@ from motm_twin.bus.client import TwinClient
 from motm_twin.bus.connection import free_port
 from motm_twin.bus.encode import tick_message
 from motm_twin.bus.messages import BodyMessage, TrackMessage
-from motm_twin.model.furniture import pieces
 from motm_twin.model.kinematics import Frankie
 from motm_twin.model.profile import RobotProfile
 from motm_twin.model.reason import Kind, Reason
 from motm_twin.model.scene import Box, Bump, Cylinder, Prism, Solid
 from motm_twin.model.scene_file import list_scenes, load_scene
+from motm_twin.model.scene_shapes import pieces
 from motm_twin.planning.prediction import ellipses
 from motm_twin.twin import Twin
 from motm_twin.ui import colours

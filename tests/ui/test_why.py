@@ -13,20 +13,18 @@ from motm_twin.bus.encode import tick_message
 from motm_twin.control.arm.bodies import BODIES
 from motm_twin.control.arm.controller import _BOUND_NAMES
 from motm_twin.control.task_list import kind_of, name_of
-from motm_twin.measures.published import published
+from motm_twin.measures.references import published
 from motm_twin.model.arm_kernels import manipulability
-from motm_twin.model.furniture import pieces
-from motm_twin.model.joint_limits import DQ_MAX, READY
-from motm_twin.model.profile import BaseLimits
+from motm_twin.model.profile import DQ_MAX, READY, BaseLimits
 from motm_twin.model.reason import Kind, Reason
 from motm_twin.model.scene_file import load_scene
+from motm_twin.model.scene_shapes import pieces
 from motm_twin.ui.history import Part, Sample, sample
 from motm_twin.ui.panel import explain, why_tab
 from motm_twin.ui.panel.drive_tab import in_hand as in_hand_of
 from motm_twin.ui.panel.explain import avoided, gripper, limited_by, unmapped
+from motm_twin.ui.panel.numbers import number, plots, progress, score_card, thinned, timing_card
 from motm_twin.ui.panel.panel import status_card
-from motm_twin.ui.panel.plots import number, plots, thinned
-from motm_twin.ui.panel.score import progress, score_card, timing_card
 from motm_twin.ui.panel.why_tab import arm_card, candidate_card, events_card, forces_card, headline, now_card, task_card
 
 EVIL = "<img src=x onerror=alert(1)>"

@@ -7,8 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from motm_twin.model.arm_kernels import HAND, TCP
-from motm_twin.model.body_geometry import CAPSULE_FRAMES, CAPSULE_LINKS, CAPSULE_P0, CAPSULE_P1, CAPSULE_RADII
+from motm_twin.model.arm_kernels import CAPSULE_FRAMES, CAPSULE_LINKS, CAPSULE_P0, CAPSULE_P1, CAPSULE_RADII, HAND, TCP
 from motm_twin.model.compiler import njit
 from motm_twin.model.exact import norm
 from motm_twin.model.geometry import Array

@@ -23,8 +23,7 @@ from motm_twin.control.arm.view import ManipulatorState, View, look
 from motm_twin.model.edits import TaskEdit
 from motm_twin.model.geometry import Array, frozen
 from motm_twin.model.known import KnownWorld
-from motm_twin.model.period import PERIOD
-from motm_twin.model.plant import Actuation
+from motm_twin.model.plant import PERIOD, Actuation
 from motm_twin.model.reason import Kind, Reason
 from motm_twin.model.state import Stateful
 

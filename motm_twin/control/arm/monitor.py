@@ -33,11 +33,10 @@ from motm_twin.control.arm.parameters import Numbers, numbers
 from motm_twin.model.arm_kernels import fk_arm
 from motm_twin.model.compiler import njit
 from motm_twin.model.geometry import Array, frozen, to_frame
-from motm_twin.model.joint_limits import DDQ_MAX, DQ_MAX, Q_MAX, Q_MIN, WRIST_MIN
 from motm_twin.model.known import KnownWorld
 from motm_twin.model.number import OWN, Number
-from motm_twin.model.period import ARM_STEP
-from motm_twin.model.plant import Actuation, Observation
+from motm_twin.model.plant import ARM_STEP, Actuation, Observation
+from motm_twin.model.profile import DDQ_MAX, DQ_MAX, Q_MAX, Q_MIN, WRIST_MIN
 from motm_twin.model.reason import Kind, Reason
 
 _REACTION = 2.0 * ARM_STEP  # [s] before a motion that nobody told is seen, and braked

@@ -17,8 +17,7 @@ from motm_twin.control.arm.view import Arm
 from motm_twin.model.compiler import njit
 from motm_twin.model.exact import norm, times
 from motm_twin.model.geometry import Array
-from motm_twin.model.joint_limits import DDQ_MAX
-from motm_twin.model.profile import RobotProfile
+from motm_twin.model.profile import DDQ_MAX, RobotProfile
 
 _BESIDE = 0.11  # [m] between the middles of cells that belong together
 _STOWED = 0.02  # [rad] joints this near to the stow pose are there

@@ -17,7 +17,7 @@ from motm_twin.control.arm.view import ManipulatorState, View
 from motm_twin.model.compiler import njit
 from motm_twin.model.exact import norm
 from motm_twin.model.geometry import Array, to_frame
-from motm_twin.model.period import PERIOD
+from motm_twin.model.plant import PERIOD
 from motm_twin.model.profile import RobotProfile
 from motm_twin.model.reason import Kind, Reason
 

@@ -37,10 +37,9 @@ from motm_twin.control.arm.view import Arm, ManipulatorState, View
 from motm_twin.model.arm_kernels import factored_gradient
 from motm_twin.model.compiler import njit
 from motm_twin.model.geometry import Array
-from motm_twin.model.joint_limits import DDQ_MAX, DQ_MAX, Q_MAX, Q_MIN, WRIST_MIN
 from motm_twin.model.known import KnownWorld
 from motm_twin.model.motion import lag_share
-from motm_twin.model.profile import RobotProfile
+from motm_twin.model.profile import DDQ_MAX, DQ_MAX, Q_MAX, Q_MIN, WRIST_MIN, RobotProfile
 
 SIZE = 17
 BASE = slice(0, 2)

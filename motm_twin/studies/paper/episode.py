@@ -1,5 +1,9 @@
-"""One trial of Experiment 2 in detail: gripper distance (Sec. V) and cutting in (Sec. VIII-1), with figures."""
+"""One trial of Experiment 2 in detail: gripper distance (Sec. V), cutting in (Sec. VIII-1), photographs of the page.
 
+For the photographs a served twin is stepped to four moments of the trial.
+"""
+
+import io
 import math
 from pathlib import Path
 from typing import Any
@@ -10,34 +14,28 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
 from matplotlib.patheffects import Normal, Stroke
+from PIL import Image
 
+from motm_twin.bus.client import TwinClient
+from motm_twin.bus.commands import STEPS, Pause, Reset, Step
 from motm_twin.control.arm.parameters import AvoidanceParameters
 from motm_twin.control.targets import odometry_to_world
 from motm_twin.control.tick import TaskState, Tick
 from motm_twin.measures import Measures
-from motm_twin.measures.agents import CUT_DISTANCE, CUT_TIME
-from motm_twin.model.geometry import Array, from_frame, to_frame
+from motm_twin.measures.agents import CUT_DISTANCE, CUT_TIME, base_gap, body_of
+from motm_twin.model.geometry import Array, from_frame
 from motm_twin.model.kinematics import Frankie
-from motm_twin.model.period import PERIOD
-from motm_twin.model.plant import Truth
+from motm_twin.model.plant import PERIOD, Truth
 from motm_twin.model.scene import Scene
 from motm_twin.model.scene_file import load_scene
+from motm_twin.perf.page_reader import browser
+from motm_twin.perf.processes import act, now, served, wait_for
 from motm_twin.sessions.session import SOURCE, made_with
-from motm_twin.studies.paper import ground
+from motm_twin.studies.paper import drawing
 from motm_twin.studies.paper.data import command_of
-from motm_twin.studies.paper.part import (
-    BLACK,
-    BLUE,
-    ORANGE,
-    TWO_COLUMNS,
-    Drawn,
-    Missing,
-    Part,
-    figure,
-    styled,
-    write_json,
-)
+from motm_twin.studies.paper.drawing import Drawn, Missing, Part
 from motm_twin.studies.spec import TrialSpec, job_of, method_of
+from motm_twin.ui.scene.cameras import FIELD_OF_VIEW, overview
 
 DIGITS = 4
 
@@ -134,7 +132,7 @@ def watch_trial(spec: TrialSpec, folder: Path, source: str) -> Episode:
         spec=spec, source=current, moments=tuple(watcher.moments), result=result, measures=measures.report()
     )
     partial = file.with_suffix(".partial")
-    write_json(partial, msgspec.to_builtins(episode))
+    drawing.write_json(partial, msgspec.to_builtins(episode))
     partial.replace(file)  # a file is whole or not there
     return episode
 
@@ -184,23 +182,19 @@ def _distance_figure(episode: Episode, distance: Array, p: AvoidanceParameters) 
     time = np.array([each.time for each in episode.moments])
     jumps = np.flatnonzero(np.abs(np.diff(distance)) > JUMP) + 1
     below, influence = f"below $d_s$ = {p.d_s} m", f"region of influence, below $d_i$ = {p.d_i} m"
-    with styled():
-        fig = figure(TWO_COLUMNS, 56.0)
+    with drawing.styled():
+        fig = drawing.figure(drawing.TWO_COLUMNS, 56.0)
         axes = fig.add_subplot()
         axes.axhspan(0.0, p.d_s, facecolor=DEEP_RED, alpha=0.8, hatch="////", edgecolor="white", lw=0.0, label=below)
-        axes.axhspan(p.d_s, p.d_i, facecolor=ORANGE, alpha=0.35, lw=0.0, label=influence)
-        axes.plot(
-            np.insert(time, jumps, time[jumps]),
-            np.insert(distance, jumps, math.nan),
-            "-",
-            color=BLUE,
-            lw=1.1,
-            label="distance",
-            path_effects=[Stroke(linewidth=2.6, foreground="white"), Normal()],  # seen on the red, also in grey
-        )
+        axes.axhspan(p.d_s, p.d_i, facecolor=drawing.ORANGE, alpha=0.35, lw=0.0, label=influence)
+        shown, effects = np.insert(distance, jumps, math.nan), [Stroke(linewidth=2.6, foreground="white"), Normal()]
+        axes.plot(  # its edge is seen on the red, also in grey
+            np.insert(time, jumps, time[jumps]), shown, "-", color=drawing.BLUE, lw=1.1, label="distance",
+            path_effects=effects,
+        )  # fmt: skip
         for stretch in episode.measures["below_d_s"]:
             at = stretch["time"] + 0.5 * stretch["duration_s"]
-            axes.plot(at, 0.03, "^", mfc=BLACK, mec="white", mew=0.6, ms=5, clip_on=False, zorder=3)
+            axes.plot(at, 0.03, "^", mfc=drawing.BLACK, mec="white", mew=0.6, ms=5, clip_on=False, zorder=3)
         axes.set_xlim(0.0, float(time[-1]))
         axes.set_ylim(0.0, SHOWN)
         axes.set_xlabel("time [s]")
@@ -297,14 +291,12 @@ def _earlier(index: int) -> int:
 def _meeting(episode: Episode, agent: str, task: str) -> tuple[int, float]:
     """Period of a task in which the base is nearest to an agent, and the gap [m] between their outlines then."""
     scene = load_scene(episode.spec.scene, episode.spec.variant, episode.spec.seed)
-    body = scene.robot.footprint
-    half, middle = 0.5 * np.array([body.length, body.width]), np.array([body.offset_x, 0.0])
+    body = body_of(scene.robot.footprint)
     gaps = np.full(len(episode.moments), math.inf)
     for index, moment in enumerate(episode.moments):
         if moment.task == task:
-            (place,) = (each[1:3] for each in moment.agents if each[0] == agent)
-            beside = np.abs(to_frame(np.array(moment.pose), np.array([place]))[0] - middle) - half
-            gaps[index] = np.hypot(*np.maximum(beside, 0.0)) - RADIUS
+            ((x, y),) = (each[1:3] for each in moment.agents if each[0] == agent)
+            gaps[index] = base_gap(body, moment.pose, x, y, RADIUS)
     return int(np.argmin(gaps)), float(gaps.min())
 
 
@@ -312,19 +304,21 @@ def _cutting_in_figure(before: Episode, after: Episode, cut: dict[str, Any], cro
     """Robot, its plan and the Temi a second before the cut-in, and before the same meeting with prediction."""
     pairs = [(each, _earlier(index), index) for each, index in ((before, crossing), (after, meeting))]
     x, y = _window([each.moments[index] for each, *periods in pairs for index in periods], cut["agent"])
-    with styled():
-        fig = figure(TWO_COLUMNS, 100.0)
+    with drawing.styled():
+        fig = drawing.figure(drawing.TWO_COLUMNS, 100.0)
         panels = fig.subplots(1, 2, sharey=True)
         for axes, (each, index, then) in zip(panels, pairs, strict=True):
             _meet(axes, each, cut["agent"], index, then)
-            ground.metres(axes, x, y)
+            drawing.metres(axes, x, y)
             axes.set_title(f"{each.spec.method}, {each.moments[index].time:.2f} s", loc="left")
         panels[0].add_patch(_swept(before, crossing, cut))
         panels[1].set_ylabel("")
-        panels[0].plot([], [], "o", mfc=ORANGE, mec="black", label="Temi (transparent: its last 3 s)")
-        panels[0].plot([], [], "s", mfc=BLUE, mec="black", label="Frankie (transparent: its plan)")
+        panels[0].plot([], [], "o", mfc=drawing.ORANGE, mec="black", label="Temi (transparent: its last 3 s)")
+        panels[0].plot([], [], "s", mfc=drawing.BLUE, mec="black", label="Frankie (transparent: its plan)")
         panels[0].plot([], [], "x", color="black", mew=1.8, ls="", label="Frankie 1 s later: the cut-in, the meeting")
-        panels[0].plot([], [], "-", color=ORANGE, lw=1.0, label="what the Temi then sweeps before it would touch it")
+        panels[0].plot(
+            [], [], "-", color=drawing.ORANGE, lw=1.0, label="what the Temi then sweeps before it touches it"
+        )
         fig.legend(loc="outside lower center", ncols=2)
     return fig
 
@@ -333,20 +327,20 @@ def _meet(axes: Axes, episode: Episode, agent: str, index: int, then: int) -> No
     """One episode in period ``index``: plan, robot, the agent's way; and the robot's outline in period ``then``."""
     here, there = episode.moments[index], episode.moments[then]
     scene = load_scene(episode.spec.scene, episode.spec.variant, episode.spec.seed)
-    ground.setting(axes, scene)
+    drawing.setting(axes, scene)
     if here.target is not None:
-        ground.cubes(axes, [here.target], "#C00000", 14.0)
-    ground.path(axes, np.array(here.path), "#E3000F", width=1.2)
+        drawing.cubes(axes, [here.target], "#C00000", 14.0)
+    drawing.path(axes, np.array(here.path), "#E3000F", width=1.2)
     for pose in here.plan[PLAN_STEP::PLAN_STEP]:
-        ground.robot(axes, np.array(pose), scene.robot.footprint, alpha=0.25)
-    ground.robot(axes, np.array(here.pose), scene.robot.footprint)
+        drawing.robot(axes, np.array(pose), scene.robot.footprint, alpha=0.25)
+    drawing.robot(axes, np.array(here.pose), scene.robot.footprint)
     for k, each in enumerate(here.agents):
         chosen = each[0] == agent
         for step in range(round(HISTORY_S / HISTORY_STEP_S), 0, -1) if chosen else ():
             past = episode.moments[max(0, index - round(step * HISTORY_STEP_S / PERIOD))].agents[k]
-            ground.temi(axes, past[1], past[2], RADIUS, colour=ORANGE, alpha=0.5 - 0.09 * step)
-        ground.temi(axes, each[1], each[2], RADIUS, colour=ORANGE if chosen else "#DDDDDD")
-    ground.robot(axes, np.array(there.pose), scene.robot.footprint, fill=False)
+            drawing.temi(axes, past[1], past[2], RADIUS, colour=drawing.ORANGE, alpha=0.5 - 0.09 * step)
+        drawing.temi(axes, each[1], each[2], RADIUS, colour=drawing.ORANGE if chosen else "#DDDDDD")
+    drawing.robot(axes, np.array(there.pose), scene.robot.footprint, fill=False)
     axes.plot(there.pose[0], there.pose[1], "x", color="black", ms=7, mew=1.8, zorder=9)
 
 
@@ -359,7 +353,7 @@ def _swept(episode: Episode, crossing: int, cut: dict[str, Any]) -> Polygon:
     along = (then - at) / np.hypot(*(then - at))
     side, end = RADIUS * np.array([-along[1], along[0]]), (RADIUS + cut["gap_m"]) * along
     corners = [at + side, at + end + side, at + end - side, at - side]
-    return Polygon(corners, facecolor="none", edgecolor=ORANGE, lw=1.0, ls="-", zorder=8)
+    return Polygon(corners, facecolor="none", edgecolor=drawing.ORANGE, lw=1.0, ls="-", zorder=8)
 
 
 def _window(moments: list[Moment], agent: str) -> tuple[tuple[float, float], tuple[float, float]]:
@@ -370,3 +364,125 @@ def _window(moments: list[Moment], agent: str) -> tuple[tuple[float, float], tup
     half = max(1.5, 0.5 * float((high - low).max()) + 0.8)
     x, y = 0.5 * (low + high)
     return (x - half, x + half), (y - half, y + half)
+
+
+SHOTS_BEFORE_S = (3.0, 1.0, 0.0, -2.0)  # [s] the moments, before the one at which the arm is nearest
+PAGE_SIZE = (1920, 1200)  # [px] of the page
+PICTURE_SIZE = (800, 600)  # [px] of each picture, round where the robot is
+ONLY_SCENE = "* { visibility: hidden !important } canvas { visibility: visible !important }"  # no panel, no notes
+MIDDLE = 0.6  # [m] above the floor: half of the robot
+SETTLED_MS = 4000  # [ms] of a paused twin until the picture is complete
+ANSWER = 600.0  # [s] for some minutes of the run on a busy machine
+
+
+def photographed(episode: Episode) -> list[int]:
+    """Periods to photograph: round the one in which the gripper is nearest to something that moves, and carries."""
+    near = [_nearness(each) for each in episode.moments]
+    middle = int(np.argmin(near))
+    last = len(episode.moments) - 1
+    return sorted({min(last, max(1, middle - round(before / PERIOD))) for before in SHOTS_BEFORE_S})
+
+
+def _nearness(moment: Moment) -> float:
+    if moment.distance is None or moment.static or not moment.task.startswith("place"):
+        return np.inf
+    return moment.distance
+
+
+def draw_snapshots(episode: Episode) -> Part:
+    """Four photographs beside each other; the reason where there can be none."""
+    if not np.isfinite(min(_nearness(each) for each in episode.moments)):
+        reason = f"in the example trial (seed {episode.spec.seed}) no Temi came near the gripper with an object in it"
+        return Missing(reason=reason, larger=True)
+    if episode.source != made_with()[SOURCE]:
+        return Missing(reason=f"the trial is of another source ({episode.source}), which this page cannot serve")
+    chosen = photographed(episode)
+    try:
+        pictures = _photographs(episode, chosen)
+    except (RuntimeError, TimeoutError, OSError) as error:
+        return Missing(reason=f"the page could not be photographed: {error}")
+    with drawing.styled():
+        fig = drawing.figure(drawing.TWO_COLUMNS, 5.0 + drawing.TWO_COLUMNS * PICTURE_SIZE[1] / PICTURE_SIZE[0])
+        axes = fig.subplots(2, 2).flat
+        for panel, picture, index, letter in zip(axes, pictures, chosen, "abcd", strict=False):
+            panel.imshow(picture)
+            panel.set_axis_off()
+            panel.set_title(f"({letter}) {episode.moments[index].time:.2f} s", loc="left", pad=2.0)
+    return Drawn(
+        caption=(
+            f"Experiment 2, seed {episode.spec.seed}, on the served page in Chromium: grid, candidates, paths and "
+            "the local plan as fading robots; panel and notes are hidden. The twin was stepped to these moments; "
+            "nothing is posed."
+        ),
+        command=command_of(episode.spec, "serve") + " --expansions-only",
+        n="one trial",
+        rows=[
+            {"time_s": each.time, "distance_m": each.distance, "task": each.task}
+            for each in (episode.moments[k] for k in chosen)
+        ],
+        figure=fig,
+    )
+
+
+def _photographs(episode: Episode, chosen: list[int]) -> list[Any]:
+    """Pictures of the scene at these periods."""
+    spec = episode.spec
+    options = ("--variant", str(spec.variant), "--seed", str(spec.seed), "--method", spec.method)
+    with browser() as page, served(spec.scene, *options, "--expansions-only") as twin:
+        _rewind(twin.client)
+        _step_to(twin.client, min(chosen))  # before the page is there, which takes its share of the processors
+        page.page.set_viewport_size({"width": PAGE_SIZE[0], "height": PAGE_SIZE[1]})
+        page.load(twin.url)
+        page.page.add_style_tag(content=ONLY_SCENE)
+        box = page.page.locator("canvas").first.bounding_box()
+        left, top = _corner(twin.client, box, [episode.moments[index] for index in chosen])
+        pictures = []
+        for index in chosen:
+            _step_to(twin.client, index)
+            page.page.mouse.move(2, 2)
+            page.page.wait_for_timeout(SETTLED_MS)
+            shot = page.page.screenshot(timeout=60_000)
+            whole = Image.open(io.BytesIO(shot)).convert("RGB")
+            pictures.append(np.asarray(whole.crop((left, top, left + PICTURE_SIZE[0], top + PICTURE_SIZE[1]))))
+        return pictures
+
+
+def _corner(client: TwinClient, box: Any, shown: list[Moment]) -> tuple[int, int]:
+    """Left and top of the part of the page in the middle of which the robot is on its way, in the page's overview.
+
+    ``box`` [px]: where the scene is on the page.
+    """
+    wide, high = box["width"], box["height"]
+    scene = client.scene()
+    assert scene is not None  # the page has drawn it
+    eye, look_at = overview(scene, wide / high, below=0.0)
+    forward = (look_at - eye) / np.linalg.norm(look_at - eye)
+    right = np.cross(forward, [0.0, 0.0, 1.0])
+    right /= np.linalg.norm(right)
+    x, y = np.mean([each.pose[:2] for each in shown], axis=0)
+    ray = np.array([x, y, MIDDLE]) - eye
+    focal = 0.5 * high / np.tan(FIELD_OF_VIEW / 2)
+    across = 0.5 * wide + focal * (ray @ right) / (ray @ forward)
+    down = 0.5 * high - focal * (ray @ np.cross(right, forward)) / (ray @ forward)
+    left, top = (
+        np.clip(middle - 0.5 * cut, 0, size - cut)
+        for middle, cut, size in zip((across, down), PICTURE_SIZE, (wide, high), strict=True)
+    )
+    return round(box["x"] + float(left)), round(box["y"] + float(top))
+
+
+def _rewind(client: TwinClient) -> None:
+    """Stop the run, and take it back to its start."""
+    wait_for(lambda: client.command(Pause()).ok, ANSWER, "wheel")
+    act(client, Reset())
+    wait_for(lambda: now(client).index == 0, ANSWER, "start")
+
+
+def _step_to(client: TwinClient, index: int) -> None:
+    """Compute the periods until this one, paused there."""
+    here = now(client).index
+    while here < index:
+        steps = min(index - here, int(STEPS.high))
+        here += steps
+        act(client, Step(count=steps))
+        wait_for(lambda here=here: now(client).index == here, ANSWER, f"period {here}")

@@ -13,12 +13,10 @@ from rich.console import Console
 
 from motm_twin.methods.registry import FORESIGHT
 from motm_twin.sessions.session import SOURCE, made_with
-from motm_twin.studies.paper import data, planning_figures, snapshots, sweep_figures, tables, time_figures
-from motm_twin.studies.paper.data import Store
-from motm_twin.studies.paper.episode import Episode, draw_cutting_in, draw_distance, watch_trial
-from motm_twin.studies.paper.part import Missing, Part
-from motm_twin.studies.paper.plan import LITERAL, PLANS, SWEEPS, TEN
-from motm_twin.studies.settings import OPTIONS_OF_PLANS
+from motm_twin.studies.paper import data, planning_figures, sweep_figures, tables, time_figures
+from motm_twin.studies.paper.data import LITERAL, OPTIONS_OF_PLANS, PLANS, SWEEPS, TEN, Store
+from motm_twin.studies.paper.drawing import Missing, Part
+from motm_twin.studies.paper.episode import Episode, draw_cutting_in, draw_distance, draw_snapshots, watch_trial
 from motm_twin.studies.spec import Experiment, TrialSpec
 
 EPISODES = "episodes"
@@ -160,7 +158,7 @@ def _cutting_in(context: Context, episode: Episode) -> Part:
 def _pages(context: Context) -> Part:
     if not context.pages:
         return Missing(reason="photographs of the page were not asked for")
-    return _watched(lambda _, episode: snapshots.draw(episode))(context)
+    return _watched(lambda _, episode: draw_snapshots(episode))(context)
 
 
 COMPARED = (Need("exp1"), Need("exp1a"), Need("exp2"))

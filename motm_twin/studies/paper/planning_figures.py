@@ -1,27 +1,58 @@
 """Figures of planning: experiment layouts, base placement (Sec. IV), Bezier path (III-E), rotation cost (III-B)."""
 
+import functools
 import math
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 
+from motm_twin.methods.registry import MOTM
 from motm_twin.model.geometry import Array
+from motm_twin.model.known import KnownWorld, known_world
 from motm_twin.model.profile import DEG, Footprint
-from motm_twin.model.scene_file import load_scene
-from motm_twin.model.scene_load import load_document
+from motm_twin.model.scene import Scene
+from motm_twin.model.scene_file import load_document, load_scene
+from motm_twin.perception.world_map import WorldMap
 from motm_twin.planning.bezier import bezier_curve, curve_length, curve_time
 from motm_twin.planning.global_path import GraphCache, goal_table, path_to_goal, rates_of, shortest_path
 from motm_twin.planning.parameters import PlanningParameters, StaaParameters, growth
 from motm_twin.planning.placement import NextTargetPlacement
 from motm_twin.planning.rtr import path_rtr, turn
 from motm_twin.planning.types import BaseProblem, Placement, Target
-from motm_twin.studies.paper import ground
-from motm_twin.studies.paper.ground import FirstPeriod, first_period
-from motm_twin.studies.paper.part import BLACK, BLUE, COST, GREY, ONE_COLUMN, RED, TWO_COLUMNS, Drawn, figure, styled
+from motm_twin.studies.paper import drawing
+from motm_twin.studies.paper.drawing import (
+    BLACK,
+    BLUE,
+    COST,
+    GREY,
+    ONE_COLUMN,
+    RED,
+    TWO_COLUMNS,
+    Drawn,
+    figure,
+    styled,
+)
+from motm_twin.twin import Twin
 
 ABOVE = (0.0, 0.08, "center", "bottom")  # of a slot: where its name is [m], and how it is aligned
 RIGHT, LEFT = (0.1, 0.02, "left", "center_baseline"), (-0.1, 0.02, "right", "center_baseline")
 BESIDE = {"L": RIGHT, "F1": RIGHT, "R": LEFT, "F5": LEFT}  # others are above; all but those at the back on the table
+
+
+class FirstPeriod(NamedTuple):
+    """A scene, what the robot knows of it, and its map in the first period."""
+
+    scene: Scene
+    known: KnownWorld
+    world: WorldMap
+
+
+@functools.cache
+def first_period(scene: str, variant: str) -> FirstPeriod:
+    """The first period of a scene."""
+    loaded = load_scene(scene, variant)
+    return FirstPeriod(loaded, known_world(loaded), Twin(loaded, method=MOTM).advance().map)
 
 
 def slots() -> dict[str, tuple[float, float]]:
@@ -39,20 +70,20 @@ def draw_layout() -> Drawn:
     with styled():
         fig = figure(ONE_COLUMN, 69.0)
         axes = fig.add_subplot()
-        ground.setting(axes, scene)
-        ground.cubes(axes, list(places.values()), "#C00000", 10.0)
+        drawing.setting(axes, scene)
+        drawing.cubes(axes, list(places.values()), "#C00000", 10.0)
         for name, (x, y) in places.items():
             dx, dy, ha, va = BESIDE.get(name, ABOVE)
             axes.text(x + dx, y + dy, name, fontsize=7, ha=ha, va=va, zorder=9)
         for item in scene.bins:
             axes.text(*item.centre, item.name[-1], ha="center", va="center", fontsize=8, weight="bold", zorder=9)
         start = scene.start
-        ground.robot(axes, start, scene.robot.footprint)  # type: ignore[arg-type]
+        drawing.robot(axes, start, scene.robot.footprint)  # type: ignore[arg-type]
         boxed = (("1a", *box.shape.centre) for box in boxes)  # type: ignore[union-attr]
         for text, x, y in (("start", 0.0, -0.45), ("cabinet", 0.335, -1.55), *boxed):
             axes.text(x, y, text, ha="center", va="center", fontsize=7, zorder=9)
         _measures(axes)
-        ground.metres(axes, (-1.0, 6.4), (-2.1, 3.1))
+        drawing.metres(axes, (-1.0, 6.4), (-2.1, 3.1))
     shown = [
         *(("slot", name, at) for name, at in places.items()),
         *(("drop", each.name, each.centre) for each in scene.bins),
@@ -120,9 +151,9 @@ def draw_placement() -> Drawn:
         fig = figure(TWO_COLUMNS, 62.0)
         for k, (drop, (placement, paths)) in enumerate(found.items()):
             axes = fig.add_subplot(1, 2, k + 1)
-            ground.setting(axes, here.scene)
-            ground.path(axes, paths[0], MAP_RED)
-            ground.path(axes, paths[1], CYAN, style=(0, (5, 1.5)), casing="#004A52")
+            drawing.setting(axes, here.scene)
+            drawing.path(axes, paths[0], MAP_RED)
+            drawing.path(axes, paths[1], CYAN, style=(0, (5, 1.5)), casing="#004A52")
             viable = np.isfinite(placement.cost)
             # both headings of a position are drawn, a little apart on the circle
             at = placement.poses[:, :2] + 0.045 * np.column_stack(
@@ -133,13 +164,13 @@ def draw_placement() -> Drawn:
                 *at[viable].T, s=20, c=placement.cost[viable], cmap=COST, edgecolors="black",
                 linewidths=0.3, zorder=8,
             )  # fmt: skip
-            ground.robot(axes, ROBOT, here.scene.robot.footprint)
-            ground.robot(axes, placement.goal, here.scene.robot.footprint, fill=False, alpha=0.8)
-            ground.cubes(axes, [slots()[OBJECT]], "#C00000", 14.0)
+            drawing.robot(axes, ROBOT, here.scene.robot.footprint)
+            drawing.robot(axes, placement.goal, here.scene.robot.footprint, fill=False, alpha=0.8)
+            drawing.cubes(axes, [slots()[OBJECT]], "#C00000", 14.0)
             target = next(item.centre for item in here.scene.bins if item.name == drop)
             axes.plot(*target, "k*", ms=7, zorder=9)
             axes.set_title(f"next target: drop location {drop[-1]}")
-            ground.metres(axes, (-0.7, 6.5), (-2.0, 3.6))
+            drawing.metres(axes, (-0.7, 6.5), (-2.0, 3.6))
             fig.colorbar(spheres, ax=axes, label=r"cost $C_i$ [s]", shrink=0.8, pad=0.01)
             rows += _rows(drop, placement)
     return Drawn(
@@ -208,12 +239,12 @@ def draw_bezier() -> Drawn:
         for pose, point in ((BEZIER_START, first), (BEZIER_GOAL, second)):
             axes.plot(*zip(pose[:2], point, strict=True), ":", color=GREY, lw=1.0)
             axes.plot(*point, "D", color="white", mec=GREY, ms=4.5, zorder=6)
-            ground.robot(axes, pose, Footprint(), colour="#BBD7EA")
+            drawing.robot(axes, pose, Footprint(), colour="#BBD7EA")
         rtr = f"PathRTR: 30°, {found['distance_m']:.0f} m, 90°: {found['path_rtr_s']:.1f} s"
         bezier = f"Bézier: {found['bezier_length_m']:.2f} m, {found['bezier_time_s']:.1f} s"
         axes.text(2.0, 0.1, rtr, color=RED, ha="center", fontsize=7.5)
         axes.text(2.1, -0.86, bezier, color=BLUE, ha="center", va="top", fontsize=7.5)
-        ground.metres(axes, (-0.55, 4.55), (-1.25, 0.55))
+        drawing.metres(axes, (-0.55, 4.55), (-1.25, 0.55))
     rows = [{"quantity": name, "here": round(found[name], 4), "published": value} for name, value in PUBLISHED.items()]
     return Drawn(
         caption=(
@@ -267,14 +298,14 @@ def draw_global_path() -> Drawn:
     with styled():
         fig = figure(ONE_COLUMN, 66.0)
         axes = fig.add_subplot()
-        grid = ground.occupancy(axes, here.world)
+        grid = drawing.occupancy(axes, here.world)
         for name, (colour, line, width, casing) in looks.items():
-            ground.path(axes, found[name], colour, style=line, width=width, casing=casing, label=name)
-        ground.robot(axes, PATH_START, here.scene.robot.footprint, colour="white")
-        ground.robot(axes, PATH_GOAL, here.scene.robot.footprint, colour="white", alpha=0.75)
+            drawing.path(axes, found[name], colour, style=line, width=width, casing=casing, label=name)
+        drawing.robot(axes, PATH_START, here.scene.robot.footprint, colour="white")
+        drawing.robot(axes, PATH_GOAL, here.scene.robot.footprint, colour="white", alpha=0.75)
         axes.text(4.6, 0.3, "start", fontsize=7, zorder=9)
         axes.text(4.05, 3.15, "goal", fontsize=7, zorder=9)
-        ground.metres(axes, (2.0, 6.4), (0.0, 3.55))
+        drawing.metres(axes, (2.0, 6.4), (0.0, 3.55))
         bar = fig.colorbar(grid, ax=axes, shrink=0.75, ticks=[0.0, 0.5, 1.0])
         bar.ax.set_yticklabels(["free", "0.5", "occupied"])
         fig.legend(loc="outside upper center", ncols=2)

@@ -9,16 +9,16 @@ from typing import Any
 
 from motm_twin.control.arm.parameters import AvoidanceParameters
 from motm_twin.control.tuning import PARAMETERS
-from motm_twin.measures.gripper import STATIC_AFTER
+from motm_twin.measures.measures import STATIC_AFTER
 from motm_twin.methods.registry import METHODS
 from motm_twin.perception.movers import MoverParameters
 from motm_twin.sessions.session import SOURCE
-from motm_twin.studies.groups import touches
 from motm_twin.studies.paper import data
 from motm_twin.studies.paper.data import COMMAND, MACHINE, NOT_RECORDED, PLAN, Origin, Result, Store, current_origin
-from motm_twin.studies.paper.part import Drawn, Missing, Part, save, write_json
+from motm_twin.studies.paper.drawing import Drawn, Missing, Part, save, write_json
 from motm_twin.studies.paper.parts import PARTS, SECTIONS, Context, make_part
 from motm_twin.studies.paper.tables import GOAL_HEADER, goal_rows, group_of, missed
+from motm_twin.studies.statistics import touches
 
 VERSION = "motm-twin"  # of this package, in what a trial was made with
 FAILED = ("scene", "variant", "seed", "method", "parameters", "changes", "reason")  # of a trial without success

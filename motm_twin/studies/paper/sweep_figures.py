@@ -5,14 +5,13 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 from motm_twin.control.tuning import parameter
-from motm_twin.measures.published import FAILURE_RECOVERY, RECOVERY_PLANNED
+from motm_twin.measures.references import FAILURE_RECOVERY, RECOVERY_PLANNED
 from motm_twin.methods.registry import METHODS
 from motm_twin.studies import statistics
 from motm_twin.studies.catalogue import DELAY
-from motm_twin.studies.groups import touches
 from motm_twin.studies.paper import data
-from motm_twin.studies.paper.data import Result, Store
-from motm_twin.studies.paper.part import (
+from motm_twin.studies.paper.data import LITERAL, SWEEPS, Result, Store, swept_scenes
+from motm_twin.studies.paper.drawing import (
     BLACK,
     BLUE,
     ONE_COLUMN,
@@ -28,9 +27,8 @@ from motm_twin.studies.paper.part import (
     rows_down,
     styled,
 )
-from motm_twin.studies.paper.plan import LITERAL, SWEEPS, swept_scenes
 from motm_twin.studies.paper.tables import Line, group_of, successes
-from motm_twin.studies.statistics import Estimate
+from motm_twin.studies.statistics import Estimate, touches
 
 OURS = "motm"
 

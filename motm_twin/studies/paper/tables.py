@@ -6,15 +6,12 @@ from functools import partial
 from typing import Any, NamedTuple
 
 from motm_twin.measures import agents
-from motm_twin.measures.published import TABLE_I, TableRow
+from motm_twin.measures.references import TABLE_I, TableRow
 from motm_twin.studies import statistics
-from motm_twin.studies.groups import drove_into, touches
 from motm_twin.studies.paper import data
-from motm_twin.studies.paper.data import Result, Store
-from motm_twin.studies.paper.part import Drawn, Missing, Part
-from motm_twin.studies.paper.plan import OURS
-from motm_twin.studies.statistics import Estimate
-from motm_twin.studies.summary import COMPLETED, TOUCHED, setting
+from motm_twin.studies.paper.data import OURS, Result, Store
+from motm_twin.studies.paper.drawing import Drawn, Missing, Part
+from motm_twin.studies.statistics import COMPLETED, TOUCHED, Estimate, drove_into, setting, touches
 
 LINE = 0.02  # [m/s] that the gripper may be faster towards what moves than the damper line
 HEADER = (

@@ -6,12 +6,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from motm_twin.measures.published import REDUCTIONS, TABLE_I
+from motm_twin.measures.references import REDUCTIONS, TABLE_I
 from motm_twin.studies import statistics
-from motm_twin.studies.groups import touches
 from motm_twin.studies.paper import data
 from motm_twin.studies.paper.data import Result, Store
-from motm_twin.studies.paper.part import (
+from motm_twin.studies.paper.drawing import (
     BLACK,
     BLUE,
     GREEN,
@@ -30,8 +29,7 @@ from motm_twin.studies.paper.part import (
     styled,
 )
 from motm_twin.studies.paper.tables import GROUPS
-from motm_twin.studies.statistics import Estimate
-from motm_twin.studies.summary import COMPLETED, TOUCHED
+from motm_twin.studies.statistics import COMPLETED, TOUCHED, Estimate, touches
 
 PANELS: tuple[tuple[str, str, Callable[[list[Result]], list[Result]]], ...] = (
     ("exp1", "Experiment 1, published arrangements", data.ten),

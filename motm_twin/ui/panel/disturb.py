@@ -20,8 +20,8 @@ from motm_twin.bus.commands import Announce, Command, InjectFault, RemoveBody, S
 from motm_twin.bus.messages import TickMessage, Vector
 from motm_twin.model.edits import AddObstacle, FreezeBody, MoveBody, MoveObject, PushRobot
 from motm_twin.model.faults import KINDS
-from motm_twin.model.furniture import pieces
 from motm_twin.model.scene import Scene
+from motm_twin.model.scene_shapes import pieces
 from motm_twin.ui.hub import Hub, Shown, Visitor
 from motm_twin.ui.panel.widgets import AMBER, BLUE, Block, card, follow, heading, note, text, wash
 from motm_twin.ui.scene.cameras import Visibility

@@ -12,7 +12,7 @@ from motm_twin.bus.messages import MethodChoice, SceneChoice, StatusMessage, Tas
 from motm_twin.methods import DEFAULT_METHOD
 from motm_twin.ui.hub import Hub, Shown, Visitor
 from motm_twin.ui.panel.explain import method_title
-from motm_twin.ui.panel.score import progress
+from motm_twin.ui.panel.numbers import progress
 from motm_twin.ui.panel.why_tab import now_card
 from motm_twin.ui.panel.widgets import BLUE, GREEN, RED, Block, note, text
 from motm_twin.ui.scene.cameras import PRESETS

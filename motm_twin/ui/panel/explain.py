@@ -14,13 +14,11 @@ import shapely
 import shapely.ops
 
 from motm_twin.bus.messages import ArmMessage, StatusMessage, TaskMessage, TickMessage
-from motm_twin.model.furniture import Piece, moved_scene, pieces
-from motm_twin.model.joint_limits import DQ_MAX, Q_MAX, Q_MIN
 from motm_twin.model.kinematics import Frankie
-from motm_twin.model.profile import RobotProfile
+from motm_twin.model.profile import DQ_MAX, Q_MAX, Q_MIN, RobotProfile
 from motm_twin.model.reason import Kind
 from motm_twin.model.scene import Scene
-from motm_twin.model.scene_shapes import outline, rectangle
+from motm_twin.model.scene_shapes import Piece, moved_scene, outline, pieces, rectangle
 from motm_twin.ui.scene.body_view import met
 from motm_twin.ui.scene.picking import body_outline, furniture_poses
 

@@ -23,7 +23,7 @@ from motm_twin.ui.hub import LAYERS, Hub, Shown, Visitor, clean_name, names_of
 from motm_twin.ui.page_server import link
 from motm_twin.ui.panel.disturb import DisturbTab, is_free
 from motm_twin.ui.panel.drive_tab import SPEEDS, DriveTab
-from motm_twin.ui.panel.plots import PLOTS, PLOTS_KEY
+from motm_twin.ui.panel.numbers import PLOTS, PLOTS_KEY
 from motm_twin.ui.panel.replay_tab import ReplayTab
 from motm_twin.ui.panel.tune_tab import TuneTab
 from motm_twin.ui.panel.why_tab import NEXT_WEIGHT, WhyTab, headline, held_up, says

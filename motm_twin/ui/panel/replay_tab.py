@@ -10,7 +10,7 @@ from PIL import Image
 
 from motm_twin.bus.commands import Branch, UndoBranch
 from motm_twin.bus.messages import StatusMessage, TickMessage
-from motm_twin.model.period import PERIOD
+from motm_twin.model.plant import PERIOD
 from motm_twin.ui.export import export_html
 from motm_twin.ui.history import Span
 from motm_twin.ui.hub import Hub, Shown, Visitor

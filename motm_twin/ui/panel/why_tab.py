@@ -9,14 +9,12 @@ import viser
 from motm_twin.bus import messages as bus
 from motm_twin.control.arm.types import ProgramStatus
 from motm_twin.model.edits import ParameterValue
-from motm_twin.model.physics import REFLEXES
-from motm_twin.model.scene import Scene
+from motm_twin.model.scene import REFLEXES, Scene
 from motm_twin.ui import colours
 from motm_twin.ui.hub import Hub, Shown, Visitor
 from motm_twin.ui.panel import explain
 from motm_twin.ui.panel.explain import avoided, limited_by, strange
-from motm_twin.ui.panel.plots import PlotsPanel, bands
-from motm_twin.ui.panel.score import WINDOW, score_card, timing_card
+from motm_twin.ui.panel.numbers import TIMING_WINDOW, PlotsPanel, bands, score_card, timing_card
 from motm_twin.ui.panel.widgets import (
     AMBER,
     BLUE,
@@ -105,7 +103,7 @@ class WhyTab(Block):
             return
         index = None if shown.live else tick.index
         if self._count % SLOW == 0:
-            self._timing.content = timing_card(history.samples(index, WINDOW))
+            self._timing.content = timing_card(history.samples(index, TIMING_WINDOW))
             self._score.content = score_card(tick, shown.status, shown.scene)
         elif self._count % SLOW == SLOW // 2:
             self._events.content = events_card(tick, history.events(index, EVENTS))

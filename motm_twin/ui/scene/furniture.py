@@ -20,9 +20,8 @@ from trimesh.visual.texture import TextureVisuals
 from viser.transforms import SO3
 
 from motm_twin.bus.messages import TickMessage
-from motm_twin.model.furniture import Piece, pieces
 from motm_twin.model.scene import Bin, Box, Bump, PlanarPose, Scene, Solid
-from motm_twin.model.scene_shapes import outline
+from motm_twin.model.scene_shapes import Piece, outline, pieces
 from motm_twin.ui.scene.drag import SIGN, Drag
 from motm_twin.ui.scene.light import NO_SHADOW, SHADOW_HEIGHT, Block, floor_glb, ground_glb, shadow_glb, sky_glb
 from motm_twin.ui.scene.picking import furniture_poses

@@ -19,10 +19,9 @@ from motm_twin.bus.commands import Command
 from motm_twin.bus.messages import BodyMessage, PlacementMessage, TaskMessage, TickMessage
 from motm_twin.control.task_list import name_of
 from motm_twin.model.edits import InsertTask, MoveBody, RemoveTask, SendAgent
-from motm_twin.model.furniture import moved_scene, pieces
 from motm_twin.model.geometry import Array
 from motm_twin.model.scene import DriveTo, Pick, Place, PlanarPose, Scene
-from motm_twin.model.scene_shapes import outline, rectangle
+from motm_twin.model.scene_shapes import moved_scene, outline, pieces, rectangle
 from motm_twin.ui.hub import PLACES, Hub, Visitor
 
 SELECTABLE = ("object", "bin", "body", "piece")

@@ -19,10 +19,10 @@ import viser
 from viser.transforms import SO3
 
 from motm_twin.bus.messages import TickMessage
-from motm_twin.model.assets import ghost_mesh, glb_bytes
+from motm_twin.model.assets import LINKS, ghost_mesh, glb_bytes
 from motm_twin.model.geometry import Array
-from motm_twin.model.joint_limits import Q_MAX, Q_MIN, READY
-from motm_twin.model.kinematics import LINKS, Frankie
+from motm_twin.model.kinematics import Frankie
+from motm_twin.model.profile import Q_MAX, Q_MIN, READY
 from motm_twin.ui import colours
 from motm_twin.ui.scene.drag import Spot
 from motm_twin.ui.scene.light import LYING, NO_SHADOW, box_shadow_glb, round_shadow_glb

@@ -1,1 +1,0 @@
-"""Access from other machines: certificates, passwords and rights."""
