@@ -215,8 +215,20 @@ def _arrive(state: ManipulatorState, view: View, inputs: ArmInputs, rules: Phase
         state.anchor = view.target.copy()
         enter(state, Phase.RELEASE, view.time)
     elif view.p[2] < view.target[2] + p.hover_height + p.reach_slack:
+        unseen = _unseen_beside(state, view, p)
+        if unseen:
+            return "", Reason(kind=Kind.WAITS_FOR_SIGHT, subject=unseen)
         enter(state, Phase.FINAL, view.time)
     return NOTHING
+
+
+def _unseen_beside(state: ManipulatorState, view: View, p: ArmParameters) -> str:
+    """An object near the goal that the camera may see in a moment: the hand comes down on what is elsewhere, else."""
+    since = view.time if state.in_range_since is None else state.in_range_since
+    goal = view.goal
+    if view.time - since > p.search_after or (goal.neighbours[:, 5] > 0.0).all():
+        return ""
+    return goal.neighbour_names[int(goal.neighbours[:, 5].argmin())]
 
 
 def _crowded(state: ManipulatorState, view: View, p: ArmParameters) -> Outcome:
