@@ -42,9 +42,8 @@ class MapSettings(msgspec.Struct, frozen=True, kw_only=True):
         float, Number("m", OWN, "hits and free space further away are left for later, but not what the base stops for")
     ] = 8.0
     explained_margin: Annotated[
-        float,
-        Number("m", OWN, "a hit this close to furniture in sight is that furniture: 4 sd of position, a half cell"),
-    ] = 0.11
+        float, Number("m", OWN, "a hit this close to furniture in sight is that furniture: 3 sd of position and range")
+    ] = 0.08
     explained_per_range: Annotated[
         float, Number("m/m", OWN, "more for every metre of range: 3 sd (1.5 deg) of heading noise")
     ] = 0.025

@@ -66,19 +66,12 @@ def test_the_mapped_table_is_never_cleared_though_beams_pass_under_it(mapper):
     np.testing.assert_array_equal(world.distance, mapper.base.distance)
 
 
-@pytest.mark.parametrize(
-    ("y", "most"),
-    [
-        (0.0, (0.02, -0.02, degrees(1.0))),
-        (-1.2, (0.02, -0.072, degrees(1.0))),  # 4 sd, beside it: an arm that reached over it stood still
-    ],
-)
-def test_mapped_furniture_is_not_seen_a_second_time_despite_noise_and_localisation_error(mapper, y, most):
+def test_mapped_furniture_is_not_seen_a_second_time_despite_noise_and_localisation_error(mapper):
     rng = np.random.default_rng(2)
     cabinet = shapely.box(-1.0, -2.2, 1.0, -1.8)
     for turn in range(60):
-        error = np.array(most) * np.sin(turn)
-        pose = np.array([0.5, y, -1.0])
+        error = np.array([0.02, -0.02, degrees(1.0)]) * np.sin(turn)
+        pose = np.array([0.5, 0.0, -1.0])
         ranges = cast(pose, [shapely.Point(2.5, 1.5).buffer(0.05), shapely.Point(3.5, 1.5).buffer(0.05), cabinet], rng)
         world = mapper.update(observe(turn * PERIOD, scan_of(ranges, pose + error, turn * PERIOD)))
         assert len(world.seen_points) == 0
