@@ -30,7 +30,7 @@ class Place:
         self.folder = Folder(path)
         self.folder.create(People(hosts=["127.0.0.1"], port=self.port, passwords=passwords, names=NAMES))
         self.commands: list[str] = []
-        self.arrived: list[str] = []
+        self.arrived: list[tuple[str, bytes]] = []  # key and payload
 
     @contextmanager
     def serving(self, monkeypatch):
@@ -41,7 +41,9 @@ class Place:
             session.declare_queryable("motm/mine/cmd/**", self._command),
             session.declare_queryable("motm/mine/status", lambda query: query.reply(query.key_expr, b"status")),
             session.declare_queryable("private/**", lambda query: query.reply(query.key_expr, b"private")),
-            session.declare_subscriber("**", lambda sample: self.arrived.append(str(sample.key_expr))),
+            session.declare_subscriber(
+                "**", lambda sample: self.arrived.append((str(sample.key_expr), sample.payload.to_bytes()))
+            ),
         ]
         self.publishers = {key: session.declare_publisher(key) for key in (TICK, ORDERS, PRIVATE)}
         try:
@@ -102,15 +104,19 @@ def answers(session, key):
 
 def arrives(place, session, *keys):
     """Of these keys, those on which the server receives what is put."""
+    put = b"from outside"
     place.arrived.clear()
+
+    def arrived():
+        return {key for key in keys if (key, put) in place.arrived}
 
     def all_arrive():
         for key in keys:
-            session.put(key, b"from outside")
-        return set(keys) <= set(place.arrived)
+            session.put(key, put)
+        return arrived() == set(keys)
 
     comes(all_arrive, 0.5)
-    return set(keys) & set(place.arrived)
+    return arrived()
 
 
 def test_a_late_viewer_is_told_the_last_of_everything_by_a_real_twin(place, monkeypatch):
