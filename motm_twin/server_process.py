@@ -34,7 +34,7 @@ WATCH = 0.1  # [s] between looks at the state for the report
 
 def make_twin(scene: Scene, *, budget: SearchBudget, plant: str, method: "Method") -> "Twin":
     """A twin whose searches are bounded by the clock as well; ``plant``: kinematic, or by contact dynamics."""
-    from motm_twin.sim.plant import with_plant
+    from motm_twin.plants import with_plant
     from motm_twin.twin import Twin  # slow to import: only once the server listens
     from motm_twin.warm_up import compile_kernels, parts_of, program_clock
 

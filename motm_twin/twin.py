@@ -41,8 +41,8 @@ from motm_twin.planning.global_path import GraphCache
 from motm_twin.planning.parameters import PlanningParameters
 from motm_twin.planning.planner import BasePlanner
 from motm_twin.planning.types import SearchBudget
+from motm_twin.plants import make_plant
 from motm_twin.sessions.session import Cut, LoggedEdit, Session, made_with, plain
-from motm_twin.sim.plant import make_plant
 
 POINTED_AT = 0.15  # [m] error of a belief beyond which an object added to the task list is shown to the robot
 

@@ -46,7 +46,7 @@ class Preview:
     """Applies edits to a copy of the state. Edits of the robot's knowledge have no visible effect."""
 
     def __init__(self, scene: Scene) -> None:
-        from motm_twin.sim.plant import make_plant  # slow to import: only once the server listens
+        from motm_twin.plants import make_plant  # slow to import: only once the server listens
 
         self._plant = make_plant(scene)
         self._of: TickMessage | None = None

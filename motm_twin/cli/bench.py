@@ -18,9 +18,9 @@ from motm_twin.generate.challenges import PREFIX
 from motm_twin.model.names import hint
 from motm_twin.perf import bus, growth, page, period, soak
 from motm_twin.perf.report import machine
+from motm_twin.plants import MUJOCO, require_mujoco
 from motm_twin.program import BAD_INPUT, FAILED, INTERRUPTED, OK, folder_problem, plain_console, table_console
 from motm_twin.sessions.session import SOURCE, made_with
-from motm_twin.sim.plant import MUJOCO, require_mujoco
 from motm_twin.studies import barn, disturbances, groups, people, pool, sensitivity
 from motm_twin.studies.catalogue import EXPERIMENTS, experiment
 from motm_twin.studies.groups import GROUPS, bench_group

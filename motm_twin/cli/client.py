@@ -384,8 +384,8 @@ def _server(settings: RobotSettings, endpoint: str, on_met: Callable[[], None]) 
     from motm_twin.external.robot import LinkSpec
     from motm_twin.external.robot_server import RobotServer
     from motm_twin.model.scene_file import load_scene
+    from motm_twin.plants import with_plant
     from motm_twin.processes import stop_event
-    from motm_twin.sim.plant import with_plant
 
     link = asdict(settings.link)
     return RobotServer(

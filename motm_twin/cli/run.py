@@ -27,6 +27,7 @@ from motm_twin.model.names import scene_name
 from motm_twin.model.plant import PERIOD, PERIODS_PER_SECOND
 from motm_twin.model.scene import Scene
 from motm_twin.model.scene_file import load_scene
+from motm_twin.plants import with_plant
 from motm_twin.program import FAILED, OK, plain_console, refuse_existing, refuse_unwritable, table_console, write_json
 from motm_twin.record.recording import load_recording
 from motm_twin.record.replay import Rerun, RunReport, Tracker, rerun, rerun_run, updated
@@ -43,7 +44,6 @@ from motm_twin.record.what_if import (
     stream,
 )
 from motm_twin.sessions.session import Session, SessionError, load_session, made_with, save_session
-from motm_twin.sim.plant import with_plant
 from motm_twin.trial import run_scene
 
 if TYPE_CHECKING:

@@ -19,9 +19,9 @@ from motm_twin.bus.private_folder import Running, announce, client_file, forget,
 from motm_twin.bus.security import Folder
 from motm_twin.cli.settings import PageSettings, ReplaySettings, ServeSettings
 from motm_twin.model.scene_file import load_scene
+from motm_twin.plants import with_plant
 from motm_twin.processes import Child, end_all, handled, setter
 from motm_twin.program import BAD_INPUT, FAILED, OK, THREADS, folder_problem, plain_console
-from motm_twin.sim.plant import with_plant
 from motm_twin.ui.page_server import VARIABLE as VARIABLE_OF_TOKEN
 from motm_twin.ui.page_server import check_token, chosen_token
 

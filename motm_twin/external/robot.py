@@ -38,7 +38,8 @@ from motm_twin.external.robot_link import WIDEST
 from motm_twin.model.plant import Actuation
 from motm_twin.model.profile import DQ_MAX, BaseLimits
 from motm_twin.model.scene import Scene
-from motm_twin.sim.plant import SUBSTEP, make_plant
+from motm_twin.plants import make_plant
+from motm_twin.sim.plant import SUBSTEP
 
 T = TypeVar("T")
 EARLY = 1e-9  # [s] rounding of times

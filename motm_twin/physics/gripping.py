@@ -11,7 +11,7 @@ from motm_twin.model.plant import GraspTruth
 from motm_twin.model.profile import Gripper as GripperSpec
 from motm_twin.model.scene import Physics
 from motm_twin.physics.forces import Contacts, Grasp
-from motm_twin.sim.gripper import GripperState
+from motm_twin.sim.gripper import GripperState, open_width
 from motm_twin.sim.plant_state import PlantState
 
 USUAL_SIDE = 0.04  # [m] of an object, where a scene has none
@@ -48,7 +48,9 @@ class Fingers:
             state.phase, state.outcome, grasp.waits = "closing", "nothing", self._wait
             grasp.began, grasp.speed = now, 0.0
             grasp.places = {item.name: item.position.copy() for item in s.objects}
-        elif command == "open" and (state.phase in ("closing", "closed") or state.width != self._wide(state)):
+        elif command == "open" and (
+            state.phase in ("closing", "closed") or state.width != open_width(state, self.spec)
+        ):
             state.phase, grasp.waits = "opening", 0
         state.began, state.start_width, grasp.still = now, state.width, 0
 
@@ -64,12 +66,8 @@ class Fingers:
             speed = self.closing_speed * (1.0 if grasp.still < 2 else PRESSING)  # fingers that stand press harder
             grasp.width = max(grasp.width - speed * self._dt, ahead)
         else:
-            step, wide = self.opening_speed * self._dt, self._wide(state)
+            step, wide = self.opening_speed * self._dt, open_width(state, self.spec)
             grasp.width = max(grasp.width - step, min(max(grasp.width, state.width) + step, wide))
-
-    def _wide(self, state: GripperState) -> float:
-        """Width [m] to which they open; what they hold, they let go."""
-        return self.spec.max_width if state.opening is None or state.held else min(state.opening, self.spec.max_width)
 
     def read(self, s: PlantState, hand: Array, width: float, contacts: Contacts, now: float, tcp_speed: float) -> None:
         """Read the fingers: their phase, and the object that they hold.
@@ -86,7 +84,7 @@ class Fingers:
             self._close(s, now)
         elif state.phase == "opening":
             state.held = "" if not grasp.pressed else state.held
-            wide = self._wide(state)
+            wide = open_width(state, self.spec)
             if width > wide - OPEN and (wide == self.spec.max_width or width < wide + OPEN):
                 state.phase, state.held = "open", ""
         if state.held:

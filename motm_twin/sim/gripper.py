@@ -42,6 +42,11 @@ class GripperState:
     rotation_in_hand: Array = field(default_factory=lambda: np.eye(3))
 
 
+def open_width(state: GripperState, spec: GripperSpec) -> float:
+    """Width [m] to which the fingers open; what they hold, they let go."""
+    return spec.max_width if state.opening is None or state.held else min(state.opening, spec.max_width)
+
+
 class Hand(NamedTuple):
     """The hand at the end of a substep, world frame."""
 
@@ -99,7 +104,9 @@ class Gripper:
                 along = abs(dot(rotation[:, 0], item.position - tcp))
                 if along < between:
                     between, state.candidate = along, item.name
-        elif command == "open" and (state.phase in ("closing", "closed") or state.width != self._wide(state)):
+        elif command == "open" and (
+            state.phase in ("closing", "closed") or state.width != open_width(state, self.spec)
+        ):
             state.candidate = ""
             self._begin(state, "opening", now)
 
@@ -184,10 +191,6 @@ class Gripper:
         """Time [s] from the command to a firm hold."""
         return self.spec.closing_time
 
-    def _wide(self, state: GripperState) -> float:
-        """Width [m] to which it opens; what it holds, it lets go."""
-        return self.spec.max_width if state.opening is None or state.held else min(state.opening, self.spec.max_width)
-
     def _begin(self, state: GripperState, phase: str, now: float) -> None:
         state.phase, state.began, state.start_width = phase, now, state.width
 
@@ -255,7 +258,7 @@ class Gripper:
         item.state = "held"
 
     def _open(self, state: GripperState, now: float, hand: Hand, cubes: dict[str, ObjectState]) -> None:
-        wide = self._wide(state)
+        wide = open_width(state, self.spec)
         share = min(1.0, (now - state.began) / max(self.spec.opening_time, self.dt))
         state.width = state.start_width + (wide - state.start_width) * share
         if share >= 1.0 - EPSILON:

@@ -28,7 +28,7 @@ from motm_twin.perf.report import (
     wanted_table,
     write_report,
 )
-from motm_twin.sim.plant import PLANTS
+from motm_twin.plants import PLANTS
 from motm_twin.studies.catalogue import experiment
 from motm_twin.studies.pool import Lost, local_pool, outcomes
 from motm_twin.studies.run import Result, Results, run_or_stop

@@ -36,7 +36,7 @@ from motm_twin.perception.mapper import MapSettings
 from motm_twin.perception.tracks import IDENTITY, VX, VY
 from motm_twin.perf.period import timed
 from motm_twin.perf.report import Sheet, load_average, machine, number, spread, write_report
-from motm_twin.sim.plant import make_plant, require_people
+from motm_twin.plants import make_plant, require_people
 from motm_twin.studies.oracle import NAME as ORACLE
 from motm_twin.studies.oracle import oracle, require_known_future
 from motm_twin.studies.pool import told_outcomes

@@ -20,7 +20,7 @@ from motm_twin.control.tuning import tuned
 from motm_twin.methods.registry import FAST, MOTM
 from motm_twin.model.number import Found, numbers_of, replaced
 from motm_twin.perf.report import Sheet, machine, number, plain, write_report
-from motm_twin.sim.plant import MUJOCO, PLANTS
+from motm_twin.plants import MUJOCO, PLANTS
 from motm_twin.studies import statistics
 from motm_twin.studies.catalogue import MISMATCHES, SHAKEN
 from motm_twin.studies.run import Result, Results, run_or_stop

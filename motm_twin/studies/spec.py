@@ -28,9 +28,9 @@ from motm_twin.model.plant import PERIODS_PER_SECOND
 from motm_twin.model.scene import Scene
 from motm_twin.model.scene_file import load_scene
 from motm_twin.perf.report import machine
+from motm_twin.plants import with_plant
 from motm_twin.sessions.scene_limits import check_scene
 from motm_twin.sessions.session import SOURCE, Session, SessionError, made_with
-from motm_twin.sim.plant import with_plant
 
 
 def changed(scene: Scene, changes: Mapping[str, Any]) -> Scene:

@@ -5,7 +5,8 @@ from sim_hands import DOWN, over_a_cube
 
 from motm_twin.model.scene import Physics
 from motm_twin.physics.mechanics import Dynamics
-from motm_twin.sim.plant import SimulatedPlant, make_plant
+from motm_twin.plants import make_plant
+from motm_twin.sim.plant import SimulatedPlant
 
 
 def physical(scene, **numbers):

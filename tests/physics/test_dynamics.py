@@ -12,7 +12,8 @@ from motm_twin.model.names import SceneError
 from motm_twin.model.profile import RobotProfile
 from motm_twin.model.scene import Agent, Bump, Faults
 from motm_twin.model.state import state_hash
-from motm_twin.sim.plant import SimulatedPlant, make_plant, with_plant
+from motm_twin.plants import make_plant, with_plant
+from motm_twin.sim.plant import SimulatedPlant
 
 
 def drive(plant, v, w, seconds):
@@ -177,7 +178,7 @@ def test_an_agent_gives_way_to_a_base_that_pushes_it():
 def test_faults_of_the_kinematic_gripper_are_refused(monkeypatch):
     with pytest.raises(SceneError, match="closing_delay"):
         with_plant(msgspec.structs.replace(scene(), faults=Faults(grasp_misses=1)), "mujoco")
-    monkeypatch.setattr("motm_twin.sim.plant.find_spec", lambda name: None)
+    monkeypatch.setattr("motm_twin.plants.find_spec", lambda name: None)
     with pytest.raises(SceneError, match=r"pip install .motm_twin\[physics\]"):
         with_plant(scene(), "mujoco")
     assert make_plant(scene()) is not None

@@ -8,8 +8,8 @@ from motm_twin.external.robot import ReferenceRobot
 from motm_twin.model.edits import AddObstacle, RemoveBody
 from motm_twin.model.scene import Faults, Physics
 from motm_twin.model.scene_file import load_scene
+from motm_twin.plants import with_plant
 from motm_twin.sessions.session import MUJOCO
-from motm_twin.sim.plant import with_plant
 from motm_twin.twin import Twin
 
 PICKED = 170  # periods until the first cube is in the air

@@ -39,7 +39,6 @@ ROOMS_SEEN_BY = {
         "methods",
         "measures",
         "generate",
-        "sim",
         *METHOD_ROOMS,
     },
 }

@@ -261,7 +261,7 @@ SETTLE = 20  # periods until the last cube has fallen
 
 
 def moves(tick: Tick) -> bool:
-    """Whether the base is seen to move."""
+    """True when the base is seen to move."""
     v, w = tick.observation.twist
     return abs(v) > 0.02 or abs(w) > 0.04
 

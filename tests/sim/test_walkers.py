@@ -10,8 +10,9 @@ from sim_scenes import box, least_gap, scene, track_of
 from motm_twin.model.names import SceneError
 from motm_twin.model.scene import Agent
 from motm_twin.model.state import state_hash
+from motm_twin.plants import make_plant
 from motm_twin.sim.crowd import walk
-from motm_twin.sim.plant import SimulatedPlant, make_plant
+from motm_twin.sim.plant import SimulatedPlant
 
 WALKS = ("orca", "social_force")
 FAR = (0.0, -9.0, 0.0)

@@ -1,0 +1,56 @@
+"""The plant of a scene: kinematic, or by contact dynamics where the scene has numbers for them."""
+
+from importlib import import_module
+from importlib.util import find_spec
+
+import msgspec
+
+from motm_twin.model.names import SceneError
+from motm_twin.model.rvo import require_pyrvo
+from motm_twin.model.scene import Faults, Physics, Scene
+from motm_twin.sim.plant import SimulatedPlant
+
+MUJOCO = "mujoco"
+PLANTS = ("simulated", MUJOCO)  # by name: kinematic, contact dynamics
+
+
+def make_plant(scene: Scene) -> SimulatedPlant:
+    """The plant of a scene at its start. Raises SceneError when it can not be had."""
+    require_people(scene)
+    if scene.physics is None:
+        return SimulatedPlant(scene)
+    require_physics(scene)
+    return SimulatedPlant(scene, mechanics=import_module("motm_twin.physics.mechanics").Dynamics)
+
+
+def with_plant(scene: Scene, plant: str) -> Scene:
+    """The scene for a plant of this name. Raises SceneError when it can not be had."""
+    if plant != MUJOCO:
+        return scene
+    scene = msgspec.structs.replace(scene, physics=scene.physics or Physics())
+    require_physics(scene)
+    return scene
+
+
+def require_people(scene: Scene) -> None:
+    """Raise SceneError for agents by ORCA without pyrvo."""
+    if any(agent.behaviour == "orca" for agent in scene.agents):
+        require_pyrvo(SceneError)
+
+
+def require_mujoco() -> None:
+    """Raise SceneError without MuJoCo."""
+    if find_spec("mujoco") is None:
+        raise SceneError('contact dynamics need MuJoCo: pip install "motm_twin[physics]"')
+
+
+def require_physics(scene: Scene) -> None:
+    """Raise SceneError without MuJoCo, or for a scene whose faults are those of the kinematic gripper."""
+    require_mujoco()
+    faults, none = scene.faults, Faults()
+    for field in ("grasp_misses", "grasp_slips", "grasp_failure_probability", "grasp_delay", "grasp_delay_spread"):
+        if getattr(faults, field) != getattr(none, field):
+            raise SceneError(
+                f"faults.{field} is a fault of the kinematic gripper: contact dynamics have physics.closing_delay, "
+                "physics.pad_friction and physics.grip_force"
+            )
