@@ -224,7 +224,7 @@ class ControlLoop(Stateful[LoopState]):
         """Keep the progress clock; what comes of a task on which the base has got nowhere for long."""
         counts = base_has_to_move(self.sequence, plan, busy=busy, by_hand=plan.status == PlanStatus.BY_HAND)
         time, index = observation.time, self.sequence.index
-        stalled = self._progress.watch(time, index, placement, plan, counts=counts)
+        stalled = self._progress.watch(time, index, observation.pose, placement, plan, counts=counts)
         events = self.sequence.hold_up(time, stalled, plan.why or placement.why, observation.pose)
         if events:
             self._state.progress.restart(self.sequence.index, time)

@@ -1,8 +1,8 @@
 """The progress clock of a task: how long the way left has not become shorter, and what is tried then.
 
 Nothing waits or circles for ever. Without progress the robot first waits, then backs off, turns to look where its lidar
-does not see, plans with less room down to the true footprint, goes for another place, and in the end
-the sequence does something else first, or gives the task up.
+does not see, plans with less room down to the true footprint, goes for another place (and backs off once more where it
+stands although there is a way), and in the end the sequence does something else first, or gives the task up.
 """
 
 import math
@@ -16,6 +16,10 @@ from motm_twin.control.sequence import TaskSequence
 from motm_twin.model.geometry import Array
 from motm_twin.model.number import OWN, Number
 from motm_twin.planning.types import BasePlan, Placement, Recovery
+
+STANDS = 0.02  # [m] within which a base stands
+STOOD = 2.0  # [s] after which it does
+TRIES = 0.5  # [s] of each way to back off, until the base moves
 
 
 class ProgressParameters(msgspec.Struct, frozen=True, kw_only=True):
@@ -50,6 +54,10 @@ class ProgressState:
     hardest: float = 0.0  # [s] without progress of the last hold-up that less room, or another place, ended
     eased: float = -math.inf  # [s] when that was
     avoid: tuple[Array, ...] = ()  # places that could not be got to
+    rest: Array | None = None  # where the base has stood ...
+    rests: float = 0.0  # ... since then [s]
+    attempt: int = 0  # number of the way to back off that is tried; 0: it did not stand when it was to begin
+    tried: float = 0.0  # [s] since when
 
     def restart(self, task: int, time: float) -> None:
         """Another task begins."""
@@ -70,16 +78,22 @@ class Progress:
         stalled = time - state.since
         if time - state.eased < p.tightest:
             stalled = max(stalled, state.hardest)
+        again = 0.0 <= time - state.since - p.elsewhere < p.look - p.back_off and state.attempt > 0
         return Recovery(
-            back_off=p.back_off <= time - state.since < p.look,
+            back_off=again or p.back_off <= time - state.since < p.look,
+            attempt=state.attempt,
             look=p.look <= time - state.since < p.tight,
             tightness=0.0 if stalled < p.tight else 0.5 if stalled < p.tightest else 1.0,
             avoid=np.array(state.avoid).reshape(-1, 3),
         )
 
-    def watch(self, time: float, task: int, placement: Placement, plan: BasePlan, *, counts: bool) -> float:
+    def watch(
+        self, time: float, task: int, pose: Array, placement: Placement, plan: BasePlan, *, counts: bool
+    ) -> float:
         """Take a period into account; time [s] without progress. ``counts``: the base has to get somewhere."""
         state, p = self.state, self._parameters
+        if state.rest is None or math.dist(state.rest[:2], pose[:2]) > STANDS:
+            state.rest, state.rests = pose, time
         if task != state.task or not counts:
             if task != state.task:
                 state.restart(task, time)
@@ -100,6 +114,10 @@ class Progress:
                 state.since = time
             state.best = left
         stalled = time - state.since
+        if any(stalled >= begins > stalled - self._period for begins in (p.back_off, p.elsewhere)):
+            state.attempt, state.tried = int(time - state.rests >= STOOD), time
+        if state.attempt and time - max(state.rests, state.tried) >= TRIES:
+            state.attempt, state.tried = state.attempt + 1, time
         if stalled >= p.elsewhere > stalled - self._period and placement.chosen >= 0:
             state.avoid += (np.array(placement.goal),)
         return stalled

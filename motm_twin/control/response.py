@@ -179,7 +179,7 @@ class Response(Stateful[ResponseState]):
         apart = 0.0 if best is None else float(np.abs(model[best] - model[believed]).max())
         state.lagging = 0.0 if best is None else state.lagging + dt * (apart > self._settings.tells)
         if best is not None and state.lagging > settings.settles:
-            state.lag, state.lagging = LAGS[best], 0.0
+            state.lag, state.lagging, state.of_lag = LAGS[best], 0.0, np.zeros_like(state.of_lag)
 
     def _better(self, misfits: Array, believed: int, least: float) -> int | None:
         """Index of a model that explains what is measured, and much better than the one believed; None: there is none.

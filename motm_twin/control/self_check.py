@@ -20,7 +20,7 @@ from motm_twin.model.known import KnownWorld
 from motm_twin.model.plant import Actuation, Detection, Observation, Scan
 from motm_twin.model.reason import Kind, Reason
 from motm_twin.model.state import Stateful
-from motm_twin.perception import detection_check, localisation_check
+from motm_twin.perception import detection_check, localisation_check, scan_match
 from motm_twin.perception.association import disproved
 from motm_twin.perception.blind_sector import Outline, SectorSettings, SectorState, check_sector
 from motm_twin.perception.detection_check import Beliefs, DetectionSettings, DetectionState, Screens
@@ -28,6 +28,7 @@ from motm_twin.perception.finding import Finding
 from motm_twin.perception.localisation_check import LocalisationSettings, LocalisationState
 from motm_twin.perception.objects import ObjectTracker
 from motm_twin.perception.scan import RefusedScan, check_scan
+from motm_twin.perception.scan_match import MatchSettings, MatchState
 from motm_twin.perception.sweeps import SweepSettings, SweepState, check_sweep, map_segments
 
 
@@ -49,6 +50,7 @@ class SelfCheckSettings(msgspec.Struct, frozen=True, kw_only=True):
     sweeps: SweepSettings = SweepSettings()
     sector: SectorSettings = SectorSettings()
     localisation: LocalisationSettings = LocalisationSettings()
+    match: MatchSettings = MatchSettings()
     detections: DetectionSettings = DetectionSettings()
     motion: MotionSettings = MotionSettings()
 
@@ -60,6 +62,7 @@ class SelfCheckState:
     sector: SectorState
     sweep: SweepState = field(default_factory=SweepState)
     localisation: LocalisationState = field(default_factory=LocalisationState)
+    match: MatchState = field(default_factory=MatchState)
     detection: DetectionState = field(default_factory=DetectionState)
     motion: MotionState = field(default_factory=MotionState)
     time: float | None = None
@@ -109,6 +112,8 @@ class SelfCheck(Stateful[SelfCheckState]):
             motion_check.check_joints(state.motion, now, dt, settings.motion)
             motion_check.check_fingers(state.motion, now, robot, settings.motion)
         scan = self._usable_scan(now, believed)
+        if len(self._segments):
+            believed, scan = self._matched(believed, scan)
         seen = _shifted(now, believed)  # what the camera says, in the odometry that is believed
         beliefs = Beliefs(self._tracker, seen, robot, settings.detections, self._known.bins, self._screens)
         detections = detection_check.checked(state.detection, seen, beliefs, held, robot, settings.detections)
@@ -117,6 +122,15 @@ class SelfCheck(Stateful[SelfCheckState]):
         if scan is seen.scan and detections is seen.detections:
             return seen
         return msgspec.structs.replace(seen, scan=scan, detections=detections)
+
+    def _matched(self, believed: Observation, scan: Scan | None) -> tuple[Observation, Scan | None]:
+        """The observation, and the sweep, at the pose that the map agrees with."""
+        state, settings = self._state.match, self._settings.match
+        scan_match.follow(state, believed, settings)
+        if scan is not None:
+            scan_match.match(state, scan, self._segments, settings)
+            scan = msgspec.structs.replace(scan, pose=scan_match.corrected(state, scan.pose))
+        return msgspec.structs.replace(believed, pose=scan_match.corrected(state, believed.pose)), scan
 
     def _forget(self, now: Observation) -> None:
         """Where an object was seen, and no longer is for a while, tells nothing of where it is."""

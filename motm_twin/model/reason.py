@@ -143,6 +143,7 @@ class Kind(StrEnum):
         "the base overlaps a mapped or seen obstacle by {value:.2f} m, and no motion reduces that: standing still",
     )
     OVERLAP_LEAVES = "overlap_leaves", "the base overlaps a mapped or seen obstacle by {value:.2f} m: backing out"
+    HELD_BACK = "held_back", "something beside the base holds it back on its way to {subject}"
     BACKS_OFF = "backs_off", "{cause}; backing off to where there is more room"
     TURNS_TO_SEE = "turns_to_see", "{cause}; turning to see more"
     BY_HAND = "by_hand", "driven by hand"

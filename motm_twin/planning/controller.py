@@ -19,7 +19,7 @@ from motm_twin.planning.collision import Field, body_of, clearances
 from motm_twin.planning.commitment import Anew, Commitment, time_left
 from motm_twin.planning.cost_to_go import Table
 from motm_twin.planning.encounters import GOES_ON, WORTH, costs_along, others_of
-from motm_twin.planning.escape import Escape, depth_of, find_escape, find_room, find_turn, overlapping_cells
+from motm_twin.planning.escape import Escape, depth_of, find_escape, ways_to_room, find_turn, overlapping_cells
 from motm_twin.planning.evasion import Evasion, StandsItsGround
 from motm_twin.planning.global_path import GraphCache, leaves_disc, path_to_goal, rates_of, shortest_path
 from motm_twin.planning.lattice import NO_LATTICE
@@ -114,6 +114,9 @@ class StaaController:
             return self._brake(problem, field, placement.why, goal, 0), False
         if placement.mode == Mode.CLOSEST and self.at_goal(problem.pose, placement):
             return self._idle(problem, field, _arrived(placement.why)), False
+        backs_off = self._held_up(problem, target, field)
+        if backs_off is not None:
+            return backs_off, False
         next_table = self._next_table(graph, placement)
         asked = Question(problem, placement, target, field, room, graph, goal, next_table)
         return self._search(asked, budget, bound)
@@ -463,11 +466,24 @@ class StaaController:
         kind = Kind.BACKS_OFF if found.twist[0] != 0.0 else Kind.TURNS_TO_SEE
         return self._along(problem, found, plan, Reason(kind=kind, subject=why.subject, cause=why))
 
+    def _held_up(self, problem: BaseProblem, target: Target, field: Field) -> BasePlan | None:
+        """The plan of a base that stands although there is a way: back to where there is more room."""
+        recovery, pose = problem.recovery, np.array(problem.pose, dtype=np.float64)
+        if not (recovery.back_off and recovery.attempt):
+            return None
+        ways = ways_to_room(pose, field, self.body, self.limits, self.parameters.margin_floor)
+        if not ways:
+            return None
+        found = ways[(recovery.attempt - 1) % len(ways)]
+        why = Reason(kind=Kind.BACKS_OFF, subject=target.name, cause=Reason(kind=Kind.HELD_BACK, subject=target.name))
+        return self._along(problem, found, self._stop(problem, field, PlanStatus.ESCAPING, why, None, 0), why)
+
     def _recovered(self, problem: BaseProblem, field: Field) -> Escape | None:
         """A motion of a robot that has made no progress for some time, and stands."""
         recovery, pose = problem.recovery, np.array(problem.pose, dtype=np.float64)
         if recovery.back_off:
-            return find_room(pose, field, self.body, self.limits, self.parameters.margin_floor)
+            ways = ways_to_room(pose, field, self.body, self.limits, self.parameters.margin_floor)
+            return ways[0] if ways else None
         if recovery.look and 0.5 * self.profile.lidar.field_of_view < staa.ALL_ROUND:
             return find_turn(pose, field, self.body, self.limits, self.parameters.margin_floor)
         return None

@@ -80,22 +80,22 @@ def find_escape(world: WorldMap, pose: Array, body: Body, limits: BaseLimits) ->
     return found
 
 
-def find_room(pose: Array, field: Field, body: Body, limits: BaseLimits, floor: float) -> Escape | None:
-    """The arc, not longer than the outer radius, at whose end there is most room; None: not clearly more than here.
+def ways_to_room(pose: Array, field: Field, body: Body, limits: BaseLimits, floor: float) -> list[Escape]:
+    """Arcs, not longer than the outer radius, at whose ends there is clearly more room than here, the most first.
 
-    It keeps ``floor`` [m] of clearance, or what there is here.
+    They keep ``floor`` [m] of clearance, or what there is here.
     """
     here = float(clearances(pose[None], 1.0, field, body)[0])
-    most, found = here + MORE_ROOM, None
+    found: list[tuple[float, Escape]] = []
     for twist in _twists(body, limits):
         if twist[0] == 0.0:
             continue
         times = np.linspace(0.0, body.outer / abs(twist[0]), STEPS // 2)
         poses = _driven(pose, twist, times)
         room = clearances(poses, 1.0, field, body)
-        if room.min() >= min(floor, here - 1e-3) and room[-1] > most:
-            most, found = float(room[-1]), Escape(twist, poses, times, True)
-    return found
+        if room.min() >= min(floor, here - 1e-3) and room[-1] > here + MORE_ROOM:
+            found.append((float(room[-1]), Escape(twist, poses, times, True)))
+    return [way for _, way in sorted(found, key=lambda one: -one[0])]
 
 
 def find_turn(pose: Array, field: Field, body: Body, limits: BaseLimits, floor: float) -> Escape | None:

@@ -16,6 +16,7 @@ from motm_twin.planning.types import BasePlan, Placement
 from motm_twin.twin import Twin
 
 PERIOD = 0.05
+HERE = np.zeros(3)
 TRIES, LIMITS = ProgressParameters(), SequenceParameters()
 
 
@@ -40,11 +41,11 @@ def clock():
     return Progress(ProgressState(), PERIOD)
 
 
-def run(clock, start, seconds, way_at, goal_at=lambda time: (2.0, 0.0, 0.0)):
+def run(clock, start, seconds, way_at, goal_at=lambda time: (2.0, 0.0, 0.0), at=HERE):
     """Periods from a time on; time [s] without progress at their end."""
     for k in range(round(seconds / PERIOD)):
         time = start + k * PERIOD
-        stalled = clock.watch(time, 0, *standing(way_at(time), goal_at(time)), counts=True)
+        stalled = clock.watch(time, 0, at, *standing(way_at(time), goal_at(time)), counts=True)
     return stalled
 
 
@@ -63,6 +64,27 @@ def test_without_progress_it_backs_off_then_needs_less_room_then_goes_elsewhere(
     assert clock.recovery(TRIES.tightest + 0.2).tightness == 1.0
     run(clock, TRIES.tight + 0.2, TRIES.elsewhere - TRIES.tight + 1.0, lambda time: 5.0)
     assert clock.recovery(TRIES.elsewhere + 1.0).avoid.tolist() == [[2.0, 0.0, 0.0]]
+
+
+def test_a_base_that_stands_although_there_is_a_way_backs_off_one_way_after_the_other_and_once_more(clock):
+    run(clock, 0.0, TRIES.back_off + 0.1, lambda time: 5.0)
+    assert clock.recovery(TRIES.back_off + 0.1).attempt == 1
+    run(clock, TRIES.back_off + 0.1, 1.0, lambda time: 5.0)
+    assert clock.recovery(TRIES.back_off + 1.1).attempt == 3
+    run(clock, TRIES.back_off + 1.1, 0.8, lambda time: 5.0, at=np.array([-0.1, 0.0, 0.0]))
+    assert clock.recovery(TRIES.back_off + 1.9).attempt == 4  # it moves, but has been there for half a second now
+    run(clock, TRIES.look, TRIES.elsewhere - TRIES.look + 0.1, lambda time: 5.0)
+    recovery = clock.recovery(TRIES.elsewhere + 0.1)
+    assert recovery.back_off
+    assert recovery.attempt == 1
+
+
+def test_a_base_that_drives_about_tries_no_way_back(clock):
+    for k in range(round(4.0 / PERIOD)):
+        at = np.array([0.1 * k, 0.0, 0.0])
+        clock.watch(k * PERIOD, 0, at, *standing(5.0, (2.0, 0.0, 0.0)), counts=True)
+    assert clock.recovery(3.9).back_off
+    assert clock.recovery(3.9).attempt == 0
 
 
 def test_a_way_that_needs_little_room_is_kept_until_it_is_behind_the_base(clock):
@@ -88,7 +110,7 @@ def test_a_base_that_circles_makes_no_progress(clock):
 def test_time_in_which_the_arm_works_does_not_count(clock):
     run(clock, 0.0, 10.0, lambda time: 5.0)
     placement, plan = standing(5.0)
-    assert clock.watch(10.0, 0, placement, plan, counts=False) == 0.0
+    assert clock.watch(10.0, 0, HERE, placement, plan, counts=False) == 0.0
     assert run(clock, 10.05, 2.0, lambda time: 5.0) < 2.1
 
 
