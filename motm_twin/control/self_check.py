@@ -112,8 +112,7 @@ class SelfCheck(Stateful[SelfCheckState]):
             motion_check.check_joints(state.motion, now, dt, settings.motion)
             motion_check.check_fingers(state.motion, now, robot, settings.motion)
         scan = self._usable_scan(now, believed)
-        if len(self._segments):
-            believed, scan = self._matched(believed, scan)
+        believed, scan = self._matched(believed, scan)
         seen = _shifted(now, believed)  # what the camera says, in the odometry that is believed
         beliefs = Beliefs(self._tracker, seen, robot, settings.detections, self._known.bins, self._screens)
         detections = detection_check.checked(state.detection, seen, beliefs, held, robot, settings.detections)
@@ -130,7 +129,8 @@ class SelfCheck(Stateful[SelfCheckState]):
         if scan is not None:
             scan_match.match(state, scan, self._segments, settings)
             scan = msgspec.structs.replace(scan, pose=scan_match.corrected(state, scan.pose))
-        return msgspec.structs.replace(believed, pose=scan_match.corrected(state, believed.pose)), scan
+        pose = scan_match.corrected(state, believed.pose)
+        return msgspec.structs.replace(believed, pose=pose, pose_sd=scan_match.sd(state)), scan
 
     def _forget(self, now: Observation) -> None:
         """Where an object was seen, and no longer is for a while, tells nothing of where it is."""

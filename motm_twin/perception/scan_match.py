@@ -76,6 +76,11 @@ def corrected(state: MatchState, pose: Array) -> Array:
     return pose
 
 
+def sd(state: MatchState) -> float:
+    """How well the place on the map is known, 1 sd [m] along the axis on which it is known worse."""
+    return 0.0 if state.covariance is None else math.sqrt(max(state.covariance[0, 0], state.covariance[1, 1]))
+
+
 def _prior(settings: MatchSettings) -> Array:
     return np.array([settings.position_sd, settings.position_sd, HEADING * settings.position_sd])
 

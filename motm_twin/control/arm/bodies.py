@@ -30,10 +30,14 @@ _BODY_OF_LINK = {
     "panda_rightfinger": 6,
 }
 _SPACING = 0.04  # [m] between balls along a capsule
-_TIP = (  # balls of a finger's tip: x across, y from the pad outwards, z beyond the hand, radius [m]
+_FINGER = (  # balls: x across, y from the pad outwards, z beyond the hand, radius [m]
+    (0.0, 0.0146, 0.0660, 0.0118),
+    (0.0, 0.0146, 0.0774, 0.0118),
     (0.0, 0.006, 0.1024, 0.010),
     *((x, y, 0.1094, 0.003) for x in (-0.0075, 0.0075) for y in (0.003, 0.0138)),  # the lowest of a tilted one
 )
+_PALM = (0.0766, 0.0397, 0.0274)  # half length of its row of balls, z beyond the hand, radius [m]
+_PALM_BALLS = 10
 _COLUMN_RADIUS, _COLUMN_TOP = 0.10, 0.42  # [m] the arm's own column, top above the mount
 _FLOOR = 3.0  # [m] side of the floor round the robot
 COLUMN = 1  # of the robot's own solids the arm's column: elbow, forearm and wrist belong to it
@@ -91,22 +95,28 @@ def own_body(known: KnownWorld, *, floor: bool = False) -> NamedSolids:
 
 
 def arm_balls() -> Balls:
-    """Balls of elbow, forearm, wrist, hand and fingers; finger tips and the held object are placed at run time."""
+    """Balls of elbow, forearm, wrist, hand and fingers; fingers and the held object are placed at run time."""
     frames, centres, radii, bodies = [], [], [], []
     for link, frame, p0, p1, radius in zip(
         CAPSULE_LINKS, CAPSULE_FRAMES, CAPSULE_P0, CAPSULE_P1, CAPSULE_RADII, strict=True
     ):
         body = _BODY_OF_LINK.get(link)
-        if body is None or (FINGERS <= body < HELD and p0[2] > 0.09):  # the tips follow the gripper's width
-            continue
+        if body is None or FINGERS <= body < HELD or (body == HAND_BODY and p0[2] > 0.04):
+            continue  # the fingers follow the gripper's width, and the palm is flat
         count = 1 + math.ceil(norm(p1 - p0) / _SPACING)
         for part in np.linspace(0.0, 1.0, count):
             frames.append(frame)
             centres.append(p0 + part * (p1 - p0))
             radii.append(radius)
             bodies.append(body + (body == HAND_BODY and centres[-1][1] > 0.0))
+    half, z, radius = _PALM
+    for y in np.linspace(-half, half, _PALM_BALLS):
+        frames.append(HAND)
+        centres.append(np.array([0.0, y, z]))
+        radii.append(radius)
+        bodies.append(HAND_BODY + (y > 0.0))
     for side in (1.0, -1.0):
-        for x, y, z, radius in _TIP:
+        for x, y, z, radius in _FINGER:
             frames.append(HAND)
             centres.append(np.array([x, side * y, z]))
             radii.append(radius)
@@ -120,9 +130,9 @@ def arm_balls() -> Balls:
 
 @njit(cache=True)
 def placed(balls: Balls, width: float, held_side: float) -> Balls:
-    """The balls with the finger tips at the gripper's width and the held cube; radius 0: not there."""
+    """The balls with the fingers at the gripper's width and the held cube; radius 0: not there."""
     centre, radius = balls.centre.copy(), balls.radius.copy()
-    tips = len(_TIP)
+    tips = len(_FINGER)
     for k in range(tips):
         centre[-1 - 2 * tips + k, 1] += 0.5 * width
         centre[-1 - tips + k, 1] -= 0.5 * width

@@ -23,6 +23,7 @@ from motm_twin.control.arm.bodies import (
     solid_distance,
 )
 from motm_twin.control.arm.geometry import QUARTER, cube_yaw, tool_rotation
+from motm_twin.control.arm.limits import YIELDS
 from motm_twin.control.arm.parameters import AvoidanceParameters
 from motm_twin.control.arm.types import ArmGoal
 from motm_twin.model.arm_kernels import HAND, HAND_LENGTH
@@ -46,6 +47,7 @@ _PARTS = (  # of the hand: middle beyond the pad and half width along the closin
 )
 _PALM = (0.104, 0.0320, 0.0374)  # half width, half depth, bottom over the tool [m]
 _BESIDE = 0.003  # [m] that fingers keep from objects as they come down: the camera, and a hand that is turning still
+_SURE = 0.01  # [m] 1 sd: a robot that knows its place no better may find room in some seconds
 _UNDER_PALM = 0.003  # [m] between a tilted palm and the object's top: camera
 _MOST_OVER_MIDDLE = 0.008  # [m]: the pads still hold it, whatever the camera is off by
 
@@ -70,29 +72,31 @@ class GraspRoom:
     def __init__(self, known: KnownWorld, parameters: AvoidanceParameters) -> None:
         """Furniture and bins of the pre-made map."""
         self._mapped, self._parameters = mapped_solids(known), parameters
-        self._keep = np.array([parameters.furniture_d_s, parameters.fingers_d_s])
         self._balls = arm_balls()
 
-    def yaw(self, goal: ArmGoal, near: float, natural: float, width: float, T_odom_world: Array) -> tuple[float, Room]:
+    def yaw(
+        self, goal: ArmGoal, near: float, natural: float, width: float, T_odom_world: Array, sd: float
+    ) -> tuple[float, Room]:
         """The hand's yaw [rad], odometry frame, and its room: of the two pairs of faces the one that costs least.
 
         A pair that surely has no room comes last: there may be some beside the other when localisation is another.
         ``near``: yaw that costs no turning; the other faces are taken from the side of the ``natural`` one, where
-        joint 7 is in its middle. ``width`` [m] of the open gripper.
+        joint 7 is in its middle. ``width`` [m] of the open gripper, ``sd`` [m] of the robot's place on the map.
         """
         first = cube_yaw(goal.yaw, near)
         other = first + math.copysign(QUARTER, math.remainder(natural - first, 2.0 * math.pi))
-        rooms = [self.room(goal, yaw, width, T_odom_world) for yaw in (first, other)]
+        rooms = [self.room(goal, yaw, width, T_odom_world, sd) for yaw in (first, other)]
         pairs = list(zip((first, other), rooms, strict=True))
         return min(pairs, key=lambda pair: (pair[1].closed, abs(pair[0] - near) + pair[1].cost))
 
-    def room(self, goal: ArmGoal, yaw: float, width: float, T_odom_world: Array) -> Room:
+    def room(self, goal: ArmGoal, yaw: float, width: float, T_odom_world: Array, sd: float) -> Room:
         """Room for the hand over the object with this yaw [rad], odometry frame."""
         balls = placed(self._balls, width, 0.0)
         place = np.array([*to_frame(T_odom_world, goal.position), yaw - float(T_odom_world[2])])
-        solid, k = _furniture_room(place, goal.side, balls, self._keep, self._mapped.solids)
-        item, j = _object_room(goal.position, yaw, width, goal.neighbours)
         p = self._parameters
+        keep = np.array([p.furniture_d_s, p.fingers_d_s]) + sd
+        solid, k = _furniture_room(place, goal.side, balls, keep, self._mapped.solids)
+        item, j = _object_room(goal.position, yaw, width, goal.neighbours)
         item -= p.objects_kept
         rooms = ((solid, p.easy_furniture), (item, p.easy_objects))
         cost = sum(p.tight_turn * min(1.0, max(0.0, 1.0 - room / easy)) for room, easy in rooms)
@@ -101,8 +105,8 @@ class GraspRoom:
         cost -= p.tight_slope * min(solid, item)
         if item < 0.0:
             return Room(cost + BLOCKED, goal.neighbour_names[j], bool(goal.neighbours[j, 5] > 0.0), False)
-        blocked = solid < -p.furniture_yields
-        return Room(cost + BLOCKED * blocked, self._mapped.names[k], blocked, True)
+        blocked = solid < -YIELDS * p.furniture_d_s - sd
+        return Room(cost + BLOCKED * blocked, self._mapped.names[k], blocked, sd > _SURE)
 
     def top_between(self, position: Array, target: Array, T_odom_world: Array) -> float:
         """Top [m] of the furniture that the hand meets on a straight way from a position to a target (3,); -inf: none.

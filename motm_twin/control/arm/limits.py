@@ -46,6 +46,8 @@ from motm_twin.model.known import KnownWorld
 _LINK = 0.16  # [m] cells nearer than this belong to one obstacle
 _REACH = 1.2  # [m] from mount, gripper or target, beyond which nothing matters
 _HALF_CELL = 0.025  # [m] a seen point is the centre of a map cell
+YIELDS = 0.75  # of the distance from furniture that may be missing at a grasp, or nothing on a full table is reached
+_SEEN_D_S = 0.02  # [m] of links from what is static and seen: of what is mapped more is known
 _DEEP = -0.10  # [m/s] no row of furniture asks for a faster retreat than this
 _MOST, _MOST_OWN = 32, 12  # rows of furniture, and of the own base, the nearest first
 _SHORT = 32  # finite distances that are sorted one by one
@@ -290,7 +292,7 @@ def _rows_of_seen(
 ) -> Rows:
     """Rows of the static points, if ``standing``, or of the moving ones."""
     a = avoidance[0]
-    d_s, d_i = (a.furniture_d_s, a.furniture_d_i) if standing else (a.link_d_s, a.link_d_i)
+    d_s, d_i = (_SEEN_D_S, a.furniture_d_i) if standing else (a.link_d_s, a.link_d_i)
     near = np.empty(points.shape)
     count = 0
     for k in range(points.shape[0]):
@@ -339,14 +341,16 @@ def seen_distances(
 
 
 @njit(cache=True)
-def furniture_distances(avoidance: Numbers, touching: bool, swinging: bool, blind: float) -> tuple[Array, Array]:
-    """d_s and d_i of each body [m], shape (8,): on the way larger, at the supporting surface during a grasp smaller.
+def furniture_distances(avoidance: Numbers, touching: bool, blind: float, sd: float) -> tuple[Array, Array]:
+    """d_s and d_i of each body [m], shape (8,): at the supporting surface during a grasp smaller.
 
-    An arm that goes on for ``blind`` [s] when it is left alone is slower: it shall come to d_s at most.
+    An arm that goes on for ``blind`` [s] when it is left alone is slower: it shall come to d_s at most. ``sd`` [m] of
+    the robot's place on the map.
     """
     a = avoidance[0]
-    d_s, d_i = np.full(len(BODIES), a.swing_d_s if swinging else a.furniture_d_s), np.full(len(BODIES), a.furniture_d_i)
+    d_s, d_i = np.full(len(BODIES), a.furniture_d_s + sd), np.full(len(BODIES), a.furniture_d_i)
     if touching:
+        d_s[:] = (1.0 - YIELDS) * a.furniture_d_s + sd
         d_s[FINGERS:HELD], d_i[FINGERS:HELD] = a.fingers_d_s, a.fingers_d_i
         d_s[HELD], d_i[HELD] = -a.fingers_d_i, a.fingers_d_s
     return d_s, np.maximum(d_i, d_s + a.xi * blind)

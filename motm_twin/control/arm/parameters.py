@@ -116,13 +116,10 @@ class AvoidanceParameters(msgspec.Struct, frozen=True, kw_only=True):
             "Distance that elbow, forearm and wrist keep from moving obstacles; the paper limits only the gripper.",
             (0.02, 0.15, 0.01))] = 0.05  # fmt: skip
     link_d_i: Annotated[float, Number("m", OWN, "from which on a link is slowed")] = 0.35
-    furniture_d_s: Annotated[float, Number("m", OWN, "from furniture at its true height; links from what is static"),
+    furniture_d_s: Annotated[float, Number("m", OWN, "from furniture, and 1 sd of the robot's place on the map"),
         Slider("Clearance of the arm", "Safety",
             "Distance that the whole arm keeps from mapped furniture, except for the fingers at a grasp.",
-            (0.01, 0.04, 0.005))] = 0.02  # fmt: skip
-    swing_d_s: Annotated[
-        float, Number("m", OWN, "the same on the way: localisation may be off by more than 0.02 m")
-    ] = 0.035
+            (0.004, 0.04, 0.004))] = 0.008  # fmt: skip
     furniture_d_i: Annotated[float, Number("m", OWN, "from which on the arm is slowed")] = 0.12
     furniture_lead: Annotated[
         float, Number("m", OWN, "by which the line goes on beyond d_i: a hand at 1 m/s does not brake at once")
@@ -140,9 +137,6 @@ class AvoidanceParameters(msgspec.Struct, frozen=True, kw_only=True):
         float, Number("rad", OWN, "of turning that a pair of faces with no room to spare is worth")
     ] = 2.0
     tight_slope: Annotated[float, Number("rad/m", OWN, "of turning that each metre less than no room is worth")] = 100.0
-    furniture_yields: Annotated[
-        float, Number("m", OWN, "by which furniture may be too near: a tilted palm gets by, fingers are slim")
-    ] = 0.015
     blind: Annotated[
         float,
         Number("s", OWN, "over a link: what is left alone acts on, and then its joints come to rest, in such a time"),

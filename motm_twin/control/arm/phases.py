@@ -270,9 +270,9 @@ def choose_yaw(state: ManipulatorState, view: View, inputs: ArmInputs, rules: Ph
     near = natural if state.yaw is None or view.time_to_range > p.yaw_time else state.yaw
     wide, narrow = rules.profile.gripper.max_width, goal.side + p.open_room + p.held_tolerance
     width = min(state.opening or wide, wide)
-    state.yaw, room = rules.room.yaw(goal, near, natural, width, inputs.T_odom_world)
+    state.yaw, room = rules.room.yaw(goal, near, natural, width, inputs.T_odom_world, inputs.observation.pose_sd)
     if room.what and narrow < width and not state.opens_fully:
-        yaw, roomier = rules.room.yaw(goal, near, natural, narrow, inputs.T_odom_world)
+        yaw, roomier = rules.room.yaw(goal, near, natural, narrow, inputs.T_odom_world, inputs.observation.pose_sd)
         if (roomier.closed, roomier.cost) < (room.closed, room.cost):
             state.yaw, room, state.opening = yaw, roomier, narrow
     state.tight = Reason(kind=Kind.NO_ROOM, subject=goal.name, other=room.what) if room.what else None
@@ -307,7 +307,8 @@ def _approach(state: ManipulatorState, view: View, rules: PhaseRules) -> Outcome
     point = grasp_point(view, p)
     error = norm(view.p - point)
     still = norm(view.velocity) <= p.close_speed
-    if error <= p.close_error and still and tilt_of(view.R) <= p.close_tilt:
+    low = view.p[2] - view.target[2] <= p.highest_grasp + 0.5 * p.close_error  # else the pads squeeze it out
+    if error <= p.close_error and low and still and tilt_of(view.R) <= p.close_tilt:
         state.anchor = point
         state.gripper = "close"
         state.side = view.goal.side
@@ -397,12 +398,18 @@ def _release(state: ManipulatorState, view: View, rules: PhaseRules) -> Outcome:
         state.gripper, state.released = "close", None
         return "", _UNSURE
     opened = view.width > state.side + p.held_tolerance
-    if opened and view.time - state.released >= gripper.opening_time - 0.5 * view.dt and not view.gripper_moving:
+    away = gripper.opening_time + _clears(state.side, p)
+    if opened and view.time - state.released >= away - 0.5 * view.dt and not view.gripper_moving:
         state.holding, state.reported, state.released = False, False, None
         state.clear_z = float(view.goal.position[2]) + p.transit_clearance
         enter(state, Phase.STOW, view.time)
         return "placed", None
     return NOTHING
+
+
+def _clears(side: float, p: ArmParameters) -> float:
+    """Time [s] in which an object that is let go falls from between the fingers: a hand that leaves would meet it."""
+    return math.sqrt(2.0 * (0.5 * side + p.tip_length) / GRAVITY)
 
 
 def lands_inside(state: ManipulatorState, view: View, rules: PhaseRules) -> bool:
@@ -451,10 +458,11 @@ def dwell(state: ManipulatorState, view: View, rules: PhaseRules) -> float:
     elapsed = view.time - state.since
     lift = p.lift_time
     if view.goal.kind == "place":
+        away = gripper.opening_time + _clears(state.side, p)
         if state.released is not None:
-            return max(0.0, gripper.opening_time - (view.time - state.released))
+            return max(0.0, away - (view.time - state.released))
         settle = max(0.05, p.place_settle_time - elapsed) if state.phase == Phase.RELEASE else p.place_settle_time
-        return settle + gripper.opening_time
+        return settle + away
     if view.goal.kind != "pick":
         return 0.0
     if state.phase == Phase.LIFT:

@@ -89,14 +89,7 @@ class ArmProgram:
         first = itertools.accumulate((len(limit.names) for limit in limits), initial=0)
         self._limits = list(zip(limits, first, strict=False))
         self._avoidance = numbers(p.avoidance)
-        self._distances = {
-            (at_support, swinging, blind): furniture_distances(
-                self._avoidance, at_support, swinging, p.avoidance.blind if blind else 0.0
-            )
-            for at_support in (False, True)
-            for swinging in (False, True)
-            for blind in (False, True)
-        }
+        self._blind = p.avoidance.blind
         self._lag = known.robot.arm.velocity_lag
         self._weights = {swinging: weights(p.qp, swinging=swinging) for swinging in (False, True)}
         joints = joint_limits(p.qp.elbow_limit)
@@ -135,8 +128,10 @@ class ArmProgram:
 
     def _around(self, view: View, state: ManipulatorState, inputs: ArmInputs, relaxing: Array) -> Around:
         points, static = inputs.obstacles.kept_from()
-        phase, blind = state.phase, inputs.observation.ahead > 0.0
-        d_s, d_i = self._distances[phase in AT_SUPPORT, phase in _SWINGING, blind]
+        blind = self._blind if inputs.observation.ahead > 0.0 else 0.0
+        d_s, d_i = furniture_distances(
+            self._avoidance, state.phase in AT_SUPPORT, blind, float(inputs.observation.pose_sd)
+        )
         return Around(
             points=points,
             static=static,
