@@ -10,7 +10,7 @@ from motm_twin.control import by_hand
 from motm_twin.control.arm.controller import Manipulator
 from motm_twin.control.arm.monitor import ArmMonitor
 from motm_twin.control.arm.program import AT_SUPPORT
-from motm_twin.control.arm.types import ArmInputs, ArmObstacles, ArmStep
+from motm_twin.control.arm.types import ArmGoal, ArmInputs, ArmObstacles, ArmStep
 from motm_twin.control.monitor import Monitor
 from motm_twin.control.parameters import Parameters
 from motm_twin.control.predictor import dwell_to_plan, followed
@@ -297,24 +297,28 @@ class ControlLoop(Stateful[LoopState]):
             reason = verdict.why or kept.why or reason
             self._state.dwell, self._state.engaged = step.dwell, step.engaged
             if step.outcome:
-                held = self.sequence.held
-                index = self.sequence.index
-                if step.outcome == "stuck":
-                    self._state.stuck_at += ((self.sequence.index, observation.pose.copy()),)
-                elif step.outcome == "lost" and held:
-                    self._lose(held, step.reference, observation, T_odom_world)
-                elif step.outcome == "placed" and held:
-                    self.tracker.move_belief(
-                        held, inputs.goal.position, observation, self.settings.parameters.objects.bin_sd
-                    )
-                events += self.sequence.apply(step.outcome, observation.time, step.why)
-                if self.sequence.index != index:
-                    self._state.dwell, self._state.engaged = None, False
+                events += self._ended(step, inputs.goal, observation, T_odom_world)
             self.self_check.told(verdict.actuation, observation)
             self.response.told(verdict.actuation, reported)
             self.plant.command(verdict.actuation)
             self.plant.step(dt)
         return steps, tuple(samples), tuple(reports), events, reason
+
+    def _ended(self, step: ArmStep, goal: ArmGoal, observation: Observation, T_odom_world: Array) -> tuple[Event, ...]:
+        """Follow the outcome of an arm step up, in the beliefs and the tasks; its events."""
+        held, index = self.sequence.held, self.sequence.index
+        if step.outcome == "missed":
+            self.self_check.missed(goal.name, goal.position, observation)
+        elif step.outcome == "stuck":
+            self._state.stuck_at += ((index, observation.pose.copy()),)
+        elif step.outcome == "lost" and held:
+            self._lose(held, step.reference, observation, T_odom_world)
+        elif step.outcome == "placed" and held:
+            self.tracker.move_belief(held, goal.position, observation, self.settings.parameters.objects.bin_sd)
+        events = self.sequence.apply(step.outcome, observation.time, step.why)
+        if self.sequence.index != index:
+            self._state.dwell, self._state.engaged = None, False
+        return tuple(events)
 
     def _lose(self, name: str, hand: Array, observation: Observation, T_odom_world: Array) -> None:
         """Believe a lost object on the furniture below the hand, or else back where it was picked."""

@@ -20,8 +20,7 @@ from motm_twin.model.known import KnownWorld
 from motm_twin.model.plant import Actuation, Detection, Observation, Scan
 from motm_twin.model.reason import Kind, Reason
 from motm_twin.model.state import Stateful
-from motm_twin.perception import detection_check, localisation_check, scan_match
-from motm_twin.perception.association import disproved
+from motm_twin.perception import association, detection_check, localisation_check, scan_match
 from motm_twin.perception.blind_sector import Outline, SectorSettings, SectorState, check_sector
 from motm_twin.perception.detection_check import Beliefs, DetectionSettings, DetectionState, Screens
 from motm_twin.perception.finding import Finding
@@ -132,10 +131,17 @@ class SelfCheck(Stateful[SelfCheckState]):
         pose = scan_match.corrected(state, believed.pose)
         return msgspec.structs.replace(believed, pose=pose, pose_sd=scan_match.sd(state)), scan
 
+    def missed(self, name: str, place: Array, now: Observation) -> None:
+        """The fingers closed on an object at a place (3,) [m], odometry frame, and held nothing."""
+        found, settings = self._state.detection.association, self._settings.detections.association
+        other = association.missed(found, name, place, self._tracker.places(now), settings)
+        if other:
+            self._tracker.exchange(name, other)
+
     def _forget(self, now: Observation) -> None:
         """Where an object was seen, and no longer is for a while, tells nothing of where it is."""
         found, settings = self._state.detection.association, self._settings.detections.association
-        for name in disproved(found, now.time - now.ahead, settings):
+        for name in association.disproved(found, now.time - now.ahead, settings):
             self._tracker.forget(name)
             del found.absent[name]
 

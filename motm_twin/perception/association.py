@@ -20,6 +20,8 @@ from motm_twin.model.number import OWN, Number
 from motm_twin.model.plant import PERIOD, Detection
 
 MOST_CANDIDATES = 50  # that are remembered
+MOST_DENIED = 20  # that are remembered
+SAME = 0.03  # [m] within which it is the same place
 LIKELY = 0.2  # [s] for which one detection that was matched says where an object is that has no name yet
 
 
@@ -100,6 +102,8 @@ class AssociationState:
     names: dict[bytes, str] = field(default_factory=dict)  # of its detections by what they say, "" for none
     candidates: list[Candidate] = field(default_factory=list)
     absent: dict[str, float] = field(default_factory=dict)  # [s] since when an object is in view and not reported
+    missed: dict[str, Array] = field(default_factory=dict)  # where the fingers last closed on an object in vain
+    denied: list[tuple[str, Array]] = field(default_factory=list)  # objects, and where something is that is another
 
 
 def names_of(
@@ -112,7 +116,7 @@ def names_of(
         return tuple(state.names.get(one.p_base.tobytes(), "") for one in found)
     if not found and now - state.looked < PERIOD - 1e-6:
         return ()
-    picture = _Picture(found, _with_likely(sight.places(), state.candidates, newest), held, settings)
+    picture = _Picture(found, _with_likely(sight.places(), state.candidates, newest), held, state.denied, settings)
     match = picture.matched()
     age = max(0.0, now - newest) if found else 0.0
     _watch_absent(state, picture, match, now, sight)
@@ -155,6 +159,25 @@ def disproved(state: AssociationState, now: float, settings: AssociationSettings
     return tuple(name for name, since in state.absent.items() if now - since >= settings.disproved)
 
 
+def missed(state: AssociationState, name: str, place: Array, places: Places, settings: AssociationSettings) -> str:
+    """The fingers closed at a place (3,) [m] where an object is seen, and held nothing: the object that it is instead.
+
+    The second time at one place it is the nearest other one, of a size that the fingers do not meet; "" for none.
+    """
+    before, state.missed[name] = state.missed.get(name), place.copy()
+    if before is None or not state.names or np.abs(place - before).max() >= SAME:
+        return ""
+    apart = np.abs(places.positions - place).max(axis=1)
+    apart[places.names.index(name)] = math.inf
+    nearest = int(np.argmin(apart))
+    if apart[nearest] >= settings.pushed:
+        return ""
+    state.denied = [*state.denied, (name, place.copy())][-MOST_DENIED:]
+    for one in state.candidates:
+        one.name = one.likely = ""
+    return places.names[nearest]
+
+
 def _with_likely(places: Places, candidates: Sequence[Candidate], now: float) -> Places:
     """The places of objects that were never named are where a detection was likely theirs in a picture just before.
 
@@ -173,8 +196,9 @@ class _Picture:
     """The detections of one picture, the objects, and how far they are from each other."""
 
     def __init__(
-        self, found: Sequence[Detection], places: Places, held: str | None, settings: AssociationSettings
-    ) -> None:
+        self, found: Sequence[Detection], places: Places, held: str | None, denied: Sequence[tuple[str, Array]],
+        settings: AssociationSettings,
+    ) -> None:  # fmt: skip
         self.found, self.places, self.settings = found, places, settings
         self.stamp = max((one.stamp for one in found), default=-math.inf)  # [s]
         self.at = np.array([from_frame(one.odometry, one.p_base) for one in found]).reshape(-1, 3)
@@ -188,8 +212,12 @@ class _Picture:
         spread = [[6.0 * math.log(math.sqrt(value) + floor) for value in row] for row in variance.tolist()]
         self.cost = square / (np.sqrt(variance) + floor) ** 2 + np.array(spread).reshape(variance.shape)
         self.free = np.array([name != held for name in places.names], dtype=bool).reshape(-1)
+        self.allowed = np.repeat(self.free[None, :], len(found), axis=0)
+        for name, place in denied:
+            there = np.abs(self.at - place).max(axis=1, initial=0.0) < SAME
+            self.allowed[there, places.names.index(name)] = False
         inside = self.largest <= places.gate_floor + places.gate * np.sqrt(variance)
-        self.possible = inside & self.free[None, :]
+        self.possible = inside & self.allowed
 
     def matched(self) -> dict[int, int]:
         """Object of each detection that has one: within the gates first, then what was pushed or has moved a little."""
@@ -197,7 +225,7 @@ class _Picture:
         rest = np.ones_like(self.possible)
         rest[list(match), :] = False
         rest[:, list(match.values())] = False
-        near = rest & (self.distance < self.settings.pushed) & self.free[None, :] & self.places.seen[None, :]
+        near = rest & (self.distance < self.settings.pushed) & self.allowed & self.places.seen[None, :]
         return match | _assigned(self.distance, near)
 
     def ambiguous(self, k: int, i: int, match: dict[int, int], absent: Callable[[str], bool]) -> bool:
@@ -274,7 +302,7 @@ def _claim(
             continue
         in_bin = sight.in_bin(picture.at[k])
         for i, name in enumerate(places.names):
-            if i in taken or not picture.free[i]:
+            if i in taken or not picture.allowed[k, i]:
                 continue
             same_bin = in_bin and sight.in_bin(places.positions[i])
             astray = one.count >= 2 * places.agreeing and not in_bin and places.seen[i]

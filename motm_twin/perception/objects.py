@@ -199,6 +199,12 @@ class ObjectTracker(Stateful[TrackerState]):
         """An object is not where it was seen: believe it where the prior says again; False when it was not seen."""
         return self._state.tracks.pop(name, None) is not None
 
+    def exchange(self, one: str, other: str) -> None:
+        """Two objects were taken for each other: each is where the other was seen."""
+        tracks = self._state.tracks
+        swapped = {one: tracks.pop(other, None), other: tracks.pop(one, None)}
+        tracks.update({name: track for name, track in swapped.items() if track is not None})
+
     def carry(
         self, stands: Callable[[Array], bool], transform: Array, observation: Observation, *, held: str, before: float
     ) -> None:

@@ -27,9 +27,8 @@ class MatchSettings(msgspec.Struct, frozen=True, kw_only=True):
     position_sd: Annotated[float, Number("m", OWN, "error of localisation per axis, 1 sd; it fades over ...")] = 0.02
     correlation: Annotated[float, Number("s", OWN, "... this time: the quick part of this project's noise")] = 5.0
     beam_sd: Annotated[
-        float, Number("m", OWN, "of a beam that ends on furniture: neighbours err alike where the map does")
+        float, Number("m", OWN, "of a beam: neighbours err alike where the map does; 3 sd off it met something else")
     ] = 0.04
-    gate: Annotated[float, Number("m", OWN, "a beam that ends this far from what is mapped met something else")] = 0.12
 
 
 @dataclass
@@ -65,7 +64,7 @@ def match(state: MatchState, scan: Scan, segments: Array, settings: MatchSetting
     state.stamp = scan.stamp
     state.offset, state.covariance = _measured(
         state.offset, state.covariance, scan.pose, scan.ranges, scan.angle_min, scan.angle_step, scan.origin,
-        segments, min(REACH, scan.range_max), settings.beam_sd, settings.gate,
+        segments, min(REACH, scan.range_max), settings.beam_sd,
     )  # fmt: skip
 
 
@@ -77,7 +76,7 @@ def corrected(state: MatchState, pose: Array) -> Array:
 
 
 def sd(state: MatchState) -> float:
-    """How well the place on the map is known, 1 sd [m] along the axis on which it is known worse."""
+    """Error of the place on the map, 1 sd [m] along the axis on which it is known worse."""
     return 0.0 if state.covariance is None else math.sqrt(max(state.covariance[0, 0], state.covariance[1, 1]))
 
 
@@ -88,13 +87,13 @@ def _prior(settings: MatchSettings) -> Array:
 @njit(cache=True)
 def _measured(
     offset: Array, covariance: Array, localised: Array, ranges: Array, angle_min: float, step: float, origin: Array,
-    segments: Array, reach: float, sd: float, gate: float,
+    segments: Array, reach: float, sd: float,
 ) -> tuple[Array, Array]:  # fmt: skip
     """The correction (3,) and its covariance (3, 3) after a sweep, the map's lines taken as they are seen from there.
 
     Beams count less the further they end from their line (Tukey's weights), and not at all beyond the gate.
     """
-    pose = localised + offset
+    pose, gate = localised + offset, 3.0 * sd
     expected, edges, _ = seen_edges(pose, origin, angle_min, step, ranges.shape[0], segments, reach)
     c, s = math.cos(pose[2]), math.sin(pose[2])
     arm_x, arm_y = c * origin[0] - s * origin[1], s * origin[0] + c * origin[1]

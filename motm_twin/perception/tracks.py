@@ -35,7 +35,6 @@ class TrackParameters(msgspec.Struct, frozen=True, kw_only=True):
 
     reach: Annotated[float, Number("m", OWN, "farther points are left out: too few beams meet a leg there")] = 8.0
     explained: Annotated[float, Number("m", OWN, "from mapped furniture, within which a point belongs to it")] = 0.10
-    explained_per_range: Annotated[float, Number("", OWN, "more for each metre of range: the heading is off")] = 0.01
     rim: Annotated[float, Number("m", OWN, "from the rim of a track, within which a point may belong to it")] = 0.15
     points: Annotated[int, Number("", OWN, "of a scan that make a measurement")] = 3
     gap: Annotated[float, Number("m", OWN, "between neighbouring points of one segment, and as much again in 8 m")] = (
@@ -157,7 +156,7 @@ class DynamicTracker(Stateful[TrackState]):
         cell = known.grid.cell_of(at)
         inside = ((cell >= 0) & (cell < np.array(known.grid.shape))).all(axis=1)
         at, beam, reach, cell = at[inside], beam[inside], reach[inside], cell[inside]
-        free = known.visible_distance[cell[:, 0], cell[:, 1]] > p.explained + p.explained_per_range * reach
+        free = known.visible_distance[cell[:, 0], cell[:, 1]] > p.explained
         stands = np.zeros((world.occupied.shape[0] + 2, world.occupied.shape[1] + 2), dtype=bool)
         row, column = _cells(world.seen_points[world.seen_static], world)
         for down in range(3):

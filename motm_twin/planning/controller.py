@@ -19,7 +19,7 @@ from motm_twin.planning.collision import Field, body_of, clearances
 from motm_twin.planning.commitment import Anew, Commitment, time_left
 from motm_twin.planning.cost_to_go import Table
 from motm_twin.planning.encounters import GOES_ON, WORTH, costs_along, others_of
-from motm_twin.planning.escape import Escape, depth_of, find_escape, ways_to_room, find_turn, overlapping_cells
+from motm_twin.planning.escape import Escape, depth_of, find_escape, find_turn, overlapping_cells, ways_to_room
 from motm_twin.planning.evasion import Evasion, StandsItsGround
 from motm_twin.planning.global_path import GraphCache, leaves_disc, path_to_goal, rates_of, shortest_path
 from motm_twin.planning.lattice import NO_LATTICE

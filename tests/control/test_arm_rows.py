@@ -149,3 +149,13 @@ def test_no_corner_of_a_tilted_finger_is_lower_than_its_balls_by_more_than_2_mil
             at = middle + np.array([0.0, side * 0.5 * width, 0.0584])
             lowest = max(lowest, float(at @ down + np.abs(down) @ (0.5 * size)))
     assert balls > lowest - 0.002
+
+
+@pytest.mark.parametrize("width", [0.0, 0.05, 0.08])
+def test_the_balls_of_a_finger_are_as_wide_as_it_is_whatever_the_gripper_opens(width):
+    """Fingers 8 cm wide at every width left no room beside a butter dish that they would have passed by 17 mm."""
+    _, centre, radius, body = placed(arm_balls(), width, 0.0)
+    left = body == FINGERS
+    middles, sizes = zip(*finger_boxes("panda_leftfinger"), strict=True)
+    outer = 0.5 * width + max(float(m[1] + 0.5 * s[1]) for m, s in zip(middles, sizes, strict=True))
+    assert (centre[left, 1] + radius[left]).max() == pytest.approx(outer, abs=0.001)

@@ -49,8 +49,9 @@ def goal(*others, yaw=0.0, seen=1.0):
     )
 
 
-def chosen(place, target, near=0.0, T=NO_TURN, natural=None):
-    return GraspRoom(place, AvoidanceParameters()).yaw(target, near, near if natural is None else natural, 0.08, T)
+def chosen(place, target, near=0.0, T=NO_TURN, natural=None, width=0.08, sd=0.003):
+    natural = near if natural is None else natural
+    return GraspRoom(place, AvoidanceParameters()).yaw(target, near, natural, width, T, sd)
 
 
 @pytest.mark.parametrize("near", [0.0, 0.3, -0.4])
@@ -95,9 +96,25 @@ def test_between_cubes_on_all_sides_there_is_no_room():
 
 def test_a_pair_that_localisation_may_open_is_no_reason_to_give_up():
     """Between a cube and a box that localisation had 2 cm too near, a pick was given up within a second."""
-    _, room = chosen(known((0.055, 0.0, 0.05, 0.05, 0.3)), goal((0.0, 0.055, 0.0)))
-    assert room.blocked
-    assert room.wanders and room.what == "piece0"
+    place, target = known((0.055, 0.0, 0.05, 0.05, 0.3)), goal((0.0, 0.055, 0.0))
+    _, room = chosen(place, target, sd=0.02)
+    assert room.blocked and not room.closed
+    assert room.what == "piece0"
+    assert chosen(place, target)[1].closed, "a robot that knows its place knows better"
+
+
+def test_fingers_that_open_less_have_room_beside_furniture():
+    """A tin beside a cube, 3 cm from its face: fingers wide open were in it whatever their width."""
+    place = known((0.0, 0.07, 0.16, 0.04, 0.03), (0.07, 0.0, 0.04, 0.04, 0.3))
+    assert chosen(place, goal())[1].blocked
+    _, room = chosen(place, goal(), width=0.052)
+    assert not room.blocked
+
+
+def test_what_the_robot_does_not_know_of_its_place_is_kept_from_furniture_in_addition():
+    place = known((0.0, 0.145, 0.3, 0.04, 0.3), (0.145, 0.0, 0.04, 0.3, 0.3))
+    assert chosen(place, goal(), sd=0.0)[1].what == ""
+    assert chosen(place, goal(), sd=0.02)[1].what != ""
 
 
 def test_a_neighbour_that_nobody_has_seen_costs_but_does_not_block():

@@ -10,6 +10,7 @@ from motm_twin.perception.association import (
     AssociationSettings,
     AssociationState,
     Places,
+    missed,
     names_of,
     unexplained,
 )
@@ -174,6 +175,30 @@ def test_of_two_side_by_side_the_one_that_is_named_first_does_not_take_the_other
     sight.places = lambda: known
     found = picture(0.15, np.array([-0.017, 0.011, 0.7]), np.array([0.02, -0.009, 0.676]), sd=0.013)
     assert names_of(state, found, 0.15, None, sight, SETTINGS) == ("", "b")
+
+
+def test_what_the_fingers_missed_twice_at_one_place_is_the_other_one_beside_it():
+    """A smaller cube 11 cm away had been taken for what was wanted: the fingers closed on it in vain, ten times."""
+    beside = A + np.array([0.0, 0.11, 0.0])
+    camera = Camera(Sight(a=A, b=beside))
+    assert camera.shows(A, beside) == ("a", "b")
+    assert missed(camera.state, "a", A, camera.sight.places(), SETTINGS) == ""
+    assert missed(camera.state, "a", A + 0.005, camera.sight.places(), SETTINGS) == "b"
+    camera.sight = Sight(a=beside, b=A)  # as the tracker has exchanged them
+    assert camera.shows(A, beside, times=3) == ("b", "a")
+    camera.sight = Sight(a=A, b=beside)
+    assert camera.shows(A, beside)[0] != "a", "it is never taken for that again"
+
+
+@pytest.mark.parametrize("apart", [0.05, 0.4])
+def test_what_slips_from_the_fingers_is_not_another_object(apart):
+    """It lies elsewhere the second time, or nothing else is near."""
+    camera = Camera(Sight(a=A, b=A + np.array([0.0, apart, 0.0])))
+    camera.shows(A, A + np.array([0.0, apart, 0.0]))
+    again = A if apart > SETTINGS.pushed else A + np.array([0.04, 0.0, 0.0])
+    for place in (A, again):
+        assert missed(camera.state, "a", place, camera.sight.places(), SETTINGS) == ""
+    assert camera.state.denied == []
 
 
 def test_what_lies_in_a_bin_is_what_was_dropped_there_first():

@@ -119,11 +119,9 @@ def _point(state: ManipulatorState, view: View, p: ArmParameters) -> Array:
     """The point in the odometry frame that the hand keeps to, shape (3,)."""
     if state.phase == Phase.FINAL:
         return _final_point(state, view, p)
-    if state.phase == Phase.RETRY:
-        return view.target + np.array([0.0, 0.0, p.hover_height])
     point = state.anchor.copy()
-    if state.phase == Phase.LIFT:
-        point[2] += p.lift_height
+    if state.phase in (Phase.LIFT, Phase.RETRY):  # straight up: the object, and what stands beside it, are low
+        point[2] += p.lift_height if state.phase == Phase.LIFT else p.hover_height
     return point
 
 

@@ -135,6 +135,7 @@ def _lost(state: ManipulatorState, view: View) -> Outcome:
     if told:
         enter(state, Phase.STOW, view.time)
         return "lost", Reason(kind=Kind.SLIPPED)
+    state.anchor = view.p.copy()
     enter(state, Phase.RETRY, view.time)
     return "missed", Reason(kind=Kind.SLIPPED_IN_LIFT)
 
@@ -353,6 +354,7 @@ def _firm(state: ManipulatorState, view: View, rules: PhaseRules, elapsed: float
 def _miss(state: ManipulatorState, view: View, rules: PhaseRules, kind: Kind) -> Outcome:
     state.late = max(state.late, _lateness(state, view, rules))
     state.gripper = "open"
+    state.anchor = view.p.copy()
     enter(state, Phase.RETRY, view.time)
     return "missed", Reason(kind=kind)
 
