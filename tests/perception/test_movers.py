@@ -295,7 +295,7 @@ def test_what_has_stood_since_it_is_known_is_seen_to_move_when_it_does(course: f
     """Its cells are static for long, and where it goes they hang together with those where it was."""
     mapper, tracker, rng = Mapper(FLOOR), MoverTracker(), np.random.default_rng(3)
     starts, way = 8.0, np.array([math.cos(course), math.sin(course)])
-    moves = 0.8 / speed  # [s] until it is 0.3 m beyond where it was: sideways, some of its old cells are its own before
+    moves = 0.9 / speed  # [s] until it is 0.4 m beyond where it was: sideways, some of its old cells are its own before
     for k in range(round((starts + moves) / STEP)):
         middle = np.array([2.2, 0.0]) + max(0.0, k * STEP - starts) * speed * way
         bodies = [shapely.Point(*middle).buffer(RADIUS)]

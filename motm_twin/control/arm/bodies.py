@@ -38,6 +38,7 @@ _FINGER = (  # balls: x across, y from the pad outwards, z beyond the hand, radi
 )
 _PALM = (0.0766, 0.0397, 0.0274)  # half length of its row of balls, z beyond the hand, radius [m]
 _PALM_BALLS = 10
+_CORNER = (0.022, 0.094, 0.056, 0.010)  # of the palm: x, y, z, radius [m]
 _COLUMN_RADIUS, _COLUMN_TOP = 0.10, 0.42  # [m] the arm's own column, top above the mount
 _FLOOR = 3.0  # [m] side of the floor round the robot
 COLUMN = 1  # of the robot's own solids the arm's column: elbow, forearm and wrist belong to it
@@ -115,6 +116,12 @@ def arm_balls() -> Balls:
         centres.append(np.array([0.0, y, z]))
         radii.append(radius)
         bodies.append(HAND_BODY + (y > 0.0))
+    x, y, z, radius = _CORNER
+    for across, along in ((x, y), (x, -y), (-x, y), (-x, -y)):
+        frames.append(HAND)
+        centres.append(np.array([across, along, z]))
+        radii.append(radius)
+        bodies.append(HAND_BODY + (along > 0.0))
     for side in (1.0, -1.0):
         for x, y, z, radius in _FINGER:
             frames.append(HAND)
