@@ -97,6 +97,7 @@ class Progress:
         if task != state.task or not counts:
             if task != state.task:
                 state.restart(task, time)
+            self._keep_eased(time)
             state.since = time
             return 0.0
         if state.goal is None or math.dist(state.goal[:2], placement.goal[:2]) > p.relocated:
@@ -108,9 +109,7 @@ class Progress:
         left = way_left(placement, plan)
         if left < state.best - p.gain:
             if math.isfinite(state.best):
-                stalled = time - state.since
-                if stalled >= p.tight or time - state.eased < p.tightest:
-                    state.hardest, state.eased = max(stalled, state.hardest), time
+                self._keep_eased(time)
                 state.since = time
             state.best = left
         stalled = time - state.since
@@ -121,6 +120,13 @@ class Progress:
         if stalled >= p.elsewhere > stalled - self._period and placement.chosen >= 0:
             state.avoid += (np.array(placement.goal),)
         return stalled
+
+    def _keep_eased(self, time: float) -> None:
+        """What less room made possible, the way on or the work of the arm, goes on with as little."""
+        state, p = self.state, self._parameters
+        stalled = time - state.since
+        if stalled >= p.tight or time - state.eased < p.tightest:
+            state.hardest, state.eased = max(stalled, state.hardest), time
 
 
 def way_left(placement: Placement, plan: BasePlan) -> float:

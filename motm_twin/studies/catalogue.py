@@ -19,7 +19,7 @@ from motm_twin.generate.scenes import is_generated, name_of, parse_name
 from motm_twin.methods.registry import ABLATIONS, FAST, METHODS, MOTM, find_method
 from motm_twin.model.names import MethodError, hint
 from motm_twin.model.profile import DEG
-from motm_twin.model.scene_file import listing, load_document
+from motm_twin.model.scene_file import listing, load_document, strangers_names
 from motm_twin.studies.spec import Experiment, TrialSpec
 
 REACTIVE, SEQUENTIAL, PLANNED = "motm", "sequential", "open_loop"
@@ -108,6 +108,13 @@ def further_specs(methods: Sequence[str], trials: int | None) -> Iterable[TrialS
         for scene in FURTHER:
             for variant in listing(load_document(scene)).variants:
                 yield from (TrialSpec(scene, variant, seed, method) for method in methods)
+
+
+def strangers_specs(methods: Sequence[str], trials: int | None) -> Iterable[TrialSpec]:
+    """The scenes of strangers; ``trials``: seeds of each, from 0."""
+    for seed in range(trials or 1):
+        for scene in strangers_names():
+            yield from (TrialSpec(scene, None, seed, method) for method in methods)
 
 
 def generated_specs(methods: Sequence[str], trials: int | None) -> Iterable[TrialSpec]:
@@ -276,6 +283,7 @@ EXPERIMENTS: dict[str, Entry] = {
         title="Experiment 1 with a robot of 1 m/s, 1 m/s^2 and a quick gripper", specs=_on("exp1", QUICK_ROBOT)
     ),
     "further_scenes": Entry(title="Six further scenes, same code and parameters", specs=further_specs),
+    "strangers": Entry(title="Tight scenes by people who did not know the controller", specs=strangers_specs),
     "generated": Entry(title="Generated scenes of growing difficulty", specs=generated_specs),
     **{
         f"sweep_{parameter}": Entry(title=f"Experiment 1 with other values of {parameter}", specs=_sweep(parameter))

@@ -97,6 +97,15 @@ def test_a_way_that_needs_little_room_is_kept_until_it_is_behind_the_base(clock)
     assert Progress(ProgressState(), PERIOD).recovery(0.0).tightness == 0.0
 
 
+def test_a_place_that_needs_little_room_is_kept_while_the_arm_works_there(clock):
+    """The room came back when the arm began, the place was none any more, and so on every 6 s for ever."""
+    run(clock, 0.0, TRIES.tight + 0.5, lambda time: 5.0)
+    placement, plan = standing(5.0)
+    for k in range(round(10.0 / PERIOD)):
+        clock.watch(TRIES.tight + 0.5 + k * PERIOD, 0, HERE, placement, plan, counts=False)
+        assert clock.recovery(TRIES.tight + 0.5 + k * PERIOD).tightness > 0.0
+
+
 def test_a_base_that_circles_makes_no_progress(clock):
     """Another place, and the way to it became shorter: again and again for a minute."""
 
