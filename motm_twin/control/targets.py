@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from motm_twin.control.arm.geometry import reach_radius
 from motm_twin.control.arm.grasp_room import over_middle
 from motm_twin.control.arm.parameters import ArmParameters
 from motm_twin.control.arm.types import ArmGoal
@@ -20,6 +21,8 @@ BESIDE = 0.25  # [m] objects this near may be in the way of a hand that grasps
 OVER_TARGET = 0.13  # [m] above a target: over what stands higher before it the hand does not surely get
 TALL_TARGET = 0.35  # [m] above a target: no higher does the arm ever reach over what stands before it
 TALL_MOUNT = 0.55  # [m] above its mount: the shoulder is at 0.33, and reaches down over what is lower
+OVER_RIM = 0.055  # [m] of a held object over the bin's rim
+LET_GO_NEARER = 0.06  # [m] than over a bin's centre
 NEAR = 1.5  # [m] further from a target no arm has its mount
 TABLE = 0.3  # [m] lower things do not carry objects
 
@@ -70,7 +73,14 @@ class Targets:
             walls=walls,
             tall=tall,
             dwell=self._reach.dwell(kind) if dwell is None else dwell,
+            reach=self._reach_at(kind, float(top)),
         )
+
+    def _reach_at(self, kind: str, top: float) -> float:
+        """Reach [m] of the hand, tilted outwards, over an object's middle or a bin's rim at this height [m]."""
+        p, place = self._arm, kind == "place"
+        height = top + OVER_RIM * place - self.known.robot.arm.mount_z
+        return reach_radius(height, p.place_tilt if place else p.pick_tilt, p.stretch) + LET_GO_NEARER * place
 
     def _walls(self, position: Array, height: float) -> tuple[Array, Array]:
         """Edges [m] near a target of what holds up the hand, and those of what the arm never reaches over; (k, 4)."""

@@ -54,9 +54,9 @@ class PlacementModel:
         self.radii: Array = np.linspace(p.radius_min, p.radius_max, steps + 1)  # [m] of the rings
         self.mount_offset = math.hypot(profile.arm.mount_x, profile.arm.mount_y)  # [m] of the arm
 
-    def farthest(self, kind: str) -> float:
-        """Largest distance [m] of the base from a target of a kind that the arm reaches."""
-        return self.parameters.reach.r_max(kind) + self.mount_offset
+    def farthest(self, target: Target) -> float:
+        """Largest distance [m] of the base from a target that the arm reaches."""
+        return self.reach.r_max(target) + self.mount_offset
 
 
 class Survey(NamedTuple):
@@ -197,7 +197,7 @@ def _any_heading(target: Target, survey: Survey) -> Iterator[Candidates]:
     model, wanted = survey.model, survey.room.clearance
     p = model.placement
     previous: Candidates | None = None
-    for radius in np.arange(model.body.inner, model.farthest(target.kind), p.radius_step):
+    for radius in np.arange(model.body.inner, model.farthest(target), p.radius_step):
         pose, place, place_of = spokes(target.position, radius, p.positions, p.headings)
         reached = model.reach.reached_from(pose, target, slack=2.0 * model.parameters.reach.plan_slack)
         keep = reached.copy()

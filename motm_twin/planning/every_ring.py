@@ -93,7 +93,7 @@ def passing_more_slowly(candidates: Candidates, target: Target, survey: Survey) 
     On the tangent at r it has the target within reach R over 2 sqrt(R^2 - r^2). Shape (m,).
     """
     p, top_speed = survey.model.parameters.reach, survey.model.profile.base.forward_speed
-    reach = p.r_max(target.kind) - p.plan_slack
+    reach = survey.model.reach.r_max(target) - p.plan_slack
     r = np.hypot(*(candidates.place[candidates.place_of] - target.position[:2]).T)
     chord = 2.0 * np.sqrt(np.maximum(0.0, reach**2 - r**2))
     return np.maximum(target.dwell, chord / p.passing_speed(top_speed)) - chord / top_speed

@@ -138,6 +138,10 @@ class ReachModel:
         self._arm = profile.arm
         self.parameters = parameters
 
+    def r_max(self, target: Target) -> float:
+        """Largest distance [m] from arm mount to target: a hand that is high, or low, reaches less far."""
+        return min(self.parameters.r_max(target.kind), target.reach)
+
     def job(self, target: Target, staa: StaaParameters, *, slack: float = 0.0) -> Job:
         """The target for the kernels; `slack` [m] narrows the reach."""
         p = self.parameters
@@ -147,7 +151,7 @@ class ReachModel:
                 DRIVE, float(target.position[0]), float(target.position[1]), 0.0, 0.0, 0.0, float(target.tolerance),
                 math.inf, ARRIVED, heading, staa.pass_heading, -1.0, np.array(target.walls),
             )  # fmt: skip
-        r_max = p.r_max(target.kind)
+        r_max = self.r_max(target)
         speed = p.relative_speed * (p.plan_speed if slack > 0.0 else 1.0)
         return Job(
             MANIPULATE, float(target.position[0]), float(target.position[1]), self._arm.mount_x, self._arm.mount_y,
@@ -163,7 +167,7 @@ class ReachModel:
     def reached_from(self, poses: Array, target: Target, *, slack: float = 0.0) -> Array:
         """Which poses (m, 3) have the target in reach of a standing robot, shape (m,) of bool."""
         p = self.parameters
-        least, most = p.r_min + slack, p.r_max(target.kind) - slack
+        least, most = p.r_min + slack, self.r_max(target) - slack
         result = np.empty(len(poses), dtype=np.bool_)
         _mark_reached(
             poses, np.cos(poses[:, 2]), np.sin(poses[:, 2]), self._arm.mount_x, self._arm.mount_y,
@@ -182,4 +186,4 @@ class ReachModel:
 
     def passes(self, radius: float, target: Target) -> bool:
         """Test that a base on a tangent of a circle of `radius` [m] gets the target into reach at all."""
-        return radius <= self.parameters.r_max(target.kind)
+        return radius <= self.r_max(target)

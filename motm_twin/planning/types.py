@@ -24,6 +24,7 @@ class Target(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     walls: Array = frozen(np.zeros((0, 4)))  # [m] edges x, y, x, y of what the arm does not reach over, shape (k, 4)
     tall: Array | None = None  # those of them over which it does not even reach from where there is no other place
     dwell: float = 0.0  # [s] uninterrupted time in reach that the job still needs from now (0 for drive)
+    reach: float = math.inf  # [m] of the arm at the target's height, horizontally from its mount
 
     def over_low_walls(self) -> "Target":
         """The same for an arm that has to reach over all but the tall walls."""

@@ -209,7 +209,7 @@ class HolisticBase:
             return 0.0
         x, y, heading = (float(value) for value in problem.pose)
         mount = np.array([x + self._arm.mount_x * math.cos(heading), y + self._arm.mount_x * math.sin(heading)])
-        away = float(np.hypot(*(target.position[:2] - mount))) - self._model.parameters.r_max(target.kind)
+        away = float(np.hypot(*(target.position[:2] - mount))) - self._model.r_max(target)
         return max(away, 0.05) / self._limits.forward_speed
 
 

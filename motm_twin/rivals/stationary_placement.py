@@ -207,7 +207,7 @@ class StationaryPlacement(Stateful[StationaryState]):
         """Every pose of a polar grid about a target from which the arm reaches it, and its direction."""
         p = self.stationary
         poses, direction = [], []
-        for radius in np.arange(self.model.body.inner, self.model.farthest(target.kind), p.radius_step):
+        for radius in np.arange(self.model.body.inner, self.model.farthest(target), p.radius_step):
             pose, _, place_of = spokes(target.position, radius, p.directions, p.headings)
             poses.append(pose)
             direction.append(place_of)
