@@ -12,6 +12,7 @@ from motm_twin.model.scene import Pick, Place
 from motm_twin.model.scene_file import load_scene
 from motm_twin.perception.objects import ObjectTracker
 from motm_twin.planning.parameters import ReachParameters
+from motm_twin.planning.reach import ReachModel
 from motm_twin.sim.plant import SimulatedPlant
 
 TILT = ArmParameters().pick_tilt
@@ -73,3 +74,21 @@ def test_what_stands_higher_than_the_hand_comes_in_is_a_wall(tmp_path, height, w
     targets = Targets(known, ObjectTracker(known), ReachParameters(), ArmParameters())
     target = targets.base_target(Pick(object="cube"), SimulatedPlant(load_scene(str(path), None, 0)).observe(), None)
     assert (len(target.walls), len(target.tall)) == (walls, tall)
+
+
+@pytest.mark.parametrize(("top", "reach"), [(0.75, 0.78), (0.95, 0.68), (1.05, 0.58)])
+def test_the_base_goes_nearer_to_what_is_high_for_the_hand_reaches_less_far_there(tmp_path, top, reach):
+    """Beside a bin with its rim at 0.98 m the base stood 0.8 m away, and the hand hovered short of it for ever."""
+    path = tmp_path / "high.yaml"
+    path.write_text(
+        "format: motm-scene/1\ntitle: high\nstart: {x: 0.0, y: 0.0, heading_deg: 0}\nfurniture:\n"
+        f"  table: {{shape: box, centre: [2.0, 0.0], size: [0.8, 1.6], z: [0.0, {top}], style: table}}\n"
+        "objects:\n  cube: {surface: table, at: [2.1, 0.0], yaw_deg: 0, side: 0.04}\ntasks:\n  - pick: cube\n"
+    )
+    scene = load_scene(str(path), None, 0)
+    known, observation = known_world(scene), SimulatedPlant(scene).observe()
+    targets = Targets(known, ObjectTracker(known), ReachParameters(), ArmParameters())
+    target = targets.base_target(Pick(object="cube"), observation, None)
+    model = ReachModel(known.robot, ReachParameters())
+    assert target.reach == pytest.approx(reach, abs=0.015)
+    assert model.r_max(target) == min(ReachParameters().r_max_pick, target.reach)
