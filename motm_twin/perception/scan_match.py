@@ -18,6 +18,7 @@ from motm_twin.model.number import OWN, Number
 from motm_twin.model.plant import Observation, Scan
 from motm_twin.perception.sweeps import REACH, seen_edges
 
+SLOW = 0.3  # of the error's variance that comes and goes as quickly as `correlation` says; the rest drifts
 HEADING = 0.5  # [rad/m] of localisation's error of heading to that of position, both 1 sd
 
 
@@ -27,7 +28,8 @@ class MatchSettings(msgspec.Struct, frozen=True, kw_only=True):
     position_sd: Annotated[float, Number("m", OWN, "error of localisation per axis, 1 sd; it fades over ...")] = 0.02
     correlation: Annotated[float, Number("s", OWN, "... this time: the quick part of this project's noise")] = 5.0
     beam_sd: Annotated[
-        float, Number("m", OWN, "of a beam: neighbours err alike where the map does; 3 sd off it met something else")
+        float,
+        Number("m", OWN, "of a beam: neighbours err alike; this and 3 sd of the pose off, it met something else"),
     ] = 0.04
 
 
@@ -53,7 +55,8 @@ def follow(state: MatchState, now: Observation, settings: MatchSettings) -> None
         leap = np.abs(compose(inverse(state.pose), now.pose) - compose(inverse(state.odometry), now.odometry))
         known = 0.0 if (leap > prior).any() else keep * keep
         state.offset = keep * state.offset
-        state.covariance = known * state.covariance + (1.0 - known) * np.diag(prior * prior)
+        fresh = 1.0 if known == 0.0 else SLOW * (1.0 - known)
+        state.covariance = known * state.covariance + fresh * np.diag(prior * prior)
     state.pose, state.odometry, state.time = now.pose, now.odometry, now.time
 
 
@@ -91,9 +94,10 @@ def _measured(
 ) -> tuple[Array, Array]:  # fmt: skip
     """The correction (3,) and its covariance (3, 3) after a sweep, the map's lines taken as they are seen from there.
 
-    Beams count less the further they end from their line (Tukey's weights), and not at all beyond the gate.
+    Beams count less the further they end from their line (Tukey's weights), and not at all where the pose does not
+    explain it: an unmapped box before furniture must not be taken for that.
     """
-    pose, gate = localised + offset, 3.0 * sd
+    pose = localised + offset
     expected, edges, _ = seen_edges(pose, origin, angle_min, step, ranges.shape[0], segments, reach)
     c, s = math.cos(pose[2]), math.sin(pose[2])
     arm_x, arm_y = c * origin[0] - s * origin[1], s * origin[0] + c * origin[1]
@@ -114,11 +118,16 @@ def _measured(
         length = math.sqrt(squared)
         nx, ny = ey / length, -ex / length
         error = ax * nx + ay * ny
+        row[0], row[1], row[2] = nx, ny, ny * lever_x - nx * lever_y
+        variance = 0.0
+        for a in range(3):
+            for b in range(3):
+                variance += row[a] * covariance[a, b] * row[b]
+        gate = sd + 3.0 * math.sqrt(variance)
         if abs(error) >= gate:
             continue
         share = 1.0 - (error / gate) * (error / gate)
         weight = share * share / (sd * sd)
-        row[0], row[1], row[2] = nx, ny, ny * lever_x - nx * lever_y
         for a in range(3):
             g[a] -= weight * error * row[a]
             for b in range(3):

@@ -395,7 +395,8 @@ class StaaController:
     def _escape(self, problem: BaseProblem, field: Field) -> BasePlan:
         """Leave what the footprint overlaps, or stand."""
         depth = self._overlap_depth(problem, field)
-        found = find_escape(problem.world, np.array(problem.pose, dtype=np.float64), self.body, self.limits)
+        pose, attempt = np.array(problem.pose, dtype=np.float64), problem.recovery.attempt
+        found = find_escape(problem.world, pose, self.body, self.limits, attempt)
         if found is None:
             why = Reason(kind=Kind.OVERLAP_STANDS, subject="base", value=depth, unit="m")
             return self._stop(problem, field, PlanStatus.BRAKING, why, None, 0)

@@ -54,18 +54,20 @@ def half_sizes(body: Body) -> Array:
     return np.array([half[0] - body.centre_x, half[1], body.centre_x])
 
 
-def find_escape(world: WorldMap, pose: Array, body: Body, limits: BaseLimits) -> Escape | None:
-    """The quickest arc or turn that leaves every occupied cell, else the one that leaves most; None: none does."""
+def find_escape(world: WorldMap, pose: Array, body: Body, limits: BaseLimits, attempt: int = 0) -> Escape | None:
+    """The quickest arc or turn that leaves every occupied cell, else the one that leaves most; None: none does.
+
+    With every ``attempt`` another one: what the lidar sees now may forbid what the map allows.
+    """
     cells, sizes, pad = overlapping_cells(world, pose, body), half_sizes(body), 0.5 * world.resolution
     inside = rooms(pose, cells, sizes) < pad
     if not inside.any():
         return None
+    ways: list[tuple[tuple[bool, float, float], Escape]] = []
     part_of = np.full(len(cells), -1, np.int32)
     numbers = np.floor((cells[inside, ::-1] - world.origin[::-1]) / world.resolution).astype(np.int32)
     part_of[inside], count = label_cells(numbers, SAME_BODY)
     least = np.empty((count, 5))
-    best: tuple[bool, float, float] | None = None
-    found: Escape | None = None
     path = np.empty((STEPS + 1, 3))
     for twist in _twists(body, limits):
         duration = TURN / abs(twist[1]) if twist[0] == 0.0 else 2.0 * body.outer / abs(twist[0])
@@ -74,10 +76,10 @@ def find_escape(world: WorldMap, pose: Array, body: Body, limits: BaseLimits) ->
         if steps <= 0 or left > LESS * overlap:
             continue
         rank = (left > 0.0, left, steps * duration)
-        if best is None or rank < best:
-            times = np.arange(steps + 1) * (duration / STEPS)
-            best, found = rank, Escape(twist, path[: steps + 1].copy(), times, left == 0.0)
-    return found
+        times = np.arange(steps + 1) * (duration / STEPS)
+        ways.append((rank, Escape(twist, path[: steps + 1].copy(), times, left == 0.0)))
+    ways.sort(key=lambda way: way[0])
+    return ways[attempt % len(ways)][1] if ways else None
 
 
 def ways_to_room(pose: Array, field: Field, body: Body, limits: BaseLimits, floor: float) -> list[Escape]:
