@@ -38,7 +38,7 @@ class MotionSettings(msgspec.Struct, frozen=True, kw_only=True):
     limited: Annotated[float, Number("", OWN, "share of a limit at which a base is at it")] = 0.95
     changes: Annotated[
         float, Number("", OWN, "share of the largest acceleration, for `smooth`: less change of speed tells no lag")
-    ] = 0.15
+    ] = 0.1
     apart: Annotated[float, Number("", OWN, "of the square that tells lag from another speed than told")] = 0.05
     forgotten: Annotated[float, Number("s", OWN, "without a demand: what is stuck is given another chance")] = 2.0
     joint_asked: Annotated[

@@ -22,6 +22,7 @@ OVER_TARGET = 0.13  # [m] above a target: over what stands higher before it the 
 TALL_TARGET = 0.35  # [m] above a target: no higher does the arm ever reach over what stands before it
 TALL_MOUNT = 0.55  # [m] above its mount: the shoulder is at 0.33, and reaches down over what is lower
 OVER_RIM = 0.055  # [m] of a held object over the bin's rim
+STRETCHED = 0.02  # [m] further than it hovers, for the grasp itself
 LET_GO_NEARER = 0.06  # [m] than over a bin's centre
 NEAR = 1.5  # [m] further from a target no arm has its mount
 TABLE = 0.3  # [m] lower things do not carry objects
@@ -80,7 +81,9 @@ class Targets:
         """Reach [m] of the hand, tilted outwards, over an object's middle or a bin's rim at this height [m]."""
         p, place = self._arm, kind == "place"
         height = top + OVER_RIM * place - self.known.robot.arm.mount_z
-        return reach_radius(height, p.place_tilt if place else p.pick_tilt, p.stretch) + LET_GO_NEARER * place
+        return reach_radius(height, p.place_tilt if place else p.pick_tilt, p.stretch) + (
+            LET_GO_NEARER if place else STRETCHED
+        )
 
     def _walls(self, position: Array, height: float) -> tuple[Array, Array]:
         """Edges [m] near a target of what holds up the hand, and those of what the arm never reaches over; (k, 4)."""
