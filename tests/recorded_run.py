@@ -72,7 +72,7 @@ def _clocked(scene, method=MOTM):
 
 @pytest.fixture
 def clocked_twin(clocked):
-    return clocked(load_scene("exp1", "trial2", 1))
+    return clocked(load_scene("exp1", "trial2", 2))
 
 
 @pytest.fixture(scope="session")
@@ -82,7 +82,7 @@ def recorded():
 
 @functools.cache
 def _recorded():
-    twin = _clocked(load_scene("exp1", "trial2", 1))
+    twin = _clocked(load_scene("exp1", "trial2", 2))
     hashes = []
     for index in range(PERIODS):
         hashes.append(twin.state_hash())
