@@ -98,7 +98,7 @@ class Progress:
             if task != state.task:
                 state.restart(task, time)
             self._keep_eased(time)
-            state.since = time
+            state.since, state.attempt = time, 0
             return 0.0
         if state.goal is None or math.dist(state.goal[:2], placement.goal[:2]) > p.relocated:
             if state.goal is not None:
@@ -110,7 +110,7 @@ class Progress:
         if left < state.best - p.gain:
             if math.isfinite(state.best):
                 self._keep_eased(time)
-                state.since = time
+                state.since, state.attempt = time, 0
             state.best = left
         stalled = time - state.since
         if any(stalled >= begins > stalled - self._period for begins in (p.back_off, p.elsewhere)):
@@ -122,7 +122,7 @@ class Progress:
         return stalled
 
     def _keep_eased(self, time: float) -> None:
-        """What less room made possible, the way on or the work of the arm, goes on with as little."""
+        """Keep as little room as made this possible, the way on or the work of the arm."""
         state, p = self.state, self._parameters
         stalled = time - state.since
         if stalled >= p.tight or time - state.eased < p.tightest:

@@ -96,7 +96,7 @@ class SelfCheck(Stateful[SelfCheckState]):
         return self._state.findings
 
     def observed(self, now: Observation, held: str | None) -> Observation:
-        """The part of an observation that can be relied on; the same object when nothing is wrong with it."""
+        """The part of an observation that can be relied on, at the pose that the map in sight agrees with."""
         if not _finite(now):
             return now  # the monitor stops the robot, and says so
         state, settings, robot = self._state, self._settings, self._known.robot

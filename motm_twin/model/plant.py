@@ -62,7 +62,7 @@ class Observation(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     detections: tuple[Detection, ...]
     ahead: float = 0.0  # [s] how far ``time`` is in the future: when a command that is given now acts
     age: float = 0.0  # [s] of what the robot reported last, now
-    pose_sd: float = 0.0  # [m] per axis, by which the pose may be off the map, as far as the robot can tell; 0: unknown
+    pose_sd: float = 0.0  # [m] per axis, 1 sd of the pose on the map, as `perception/scan_match.py` tells; 0 in reports
     behind: float = 0.0  # [s] by which pose, odometry, twist and joints are older than ``time``
 
 

@@ -18,7 +18,7 @@ from motm_twin.model.number import OWN, Number
 from motm_twin.model.plant import Observation, Scan
 from motm_twin.perception.sweeps import REACH, seen_edges
 
-SLOW = 0.3  # of the error's variance that comes and goes as quickly as `correlation` says; the rest drifts
+QUICK = 0.3  # of the error's variance that comes and goes as quickly as `correlation` says; the rest drifts
 HEADING = 0.5  # [rad/m] of localisation's error of heading to that of position, both 1 sd
 
 
@@ -55,7 +55,7 @@ def follow(state: MatchState, now: Observation, settings: MatchSettings) -> None
         leap = np.abs(compose(inverse(state.pose), now.pose) - compose(inverse(state.odometry), now.odometry))
         known = 0.0 if (leap > prior).any() else keep * keep
         state.offset = keep * state.offset
-        fresh = 1.0 if known == 0.0 else SLOW * (1.0 - known)
+        fresh = 1.0 if known == 0.0 else QUICK * (1.0 - known)
         state.covariance = known * state.covariance + fresh * np.diag(prior * prior)
     state.pose, state.odometry, state.time = now.pose, now.odometry, now.time
 

@@ -52,6 +52,22 @@ def test_after_a_miss_the_hand_goes_straight_up_whatever_becomes_of_its_target()
     assert _point(state, view, P) == pytest.approx(here + np.array([0.0, 0.0, P.hover_height]))
 
 
+def test_a_hand_that_starts_over_takes_its_fingers_from_beside_the_object_first():
+    """It swung away at once, 8 mm into the cube between its fingers."""
+    state = ManipulatorState()
+    state.phase = Phase.FINAL
+    goal = SimpleNamespace(name="it", kind="pick", side=0.04)
+    view = SimpleNamespace(time=1.0, p=CUBE, target=CUBE, width=0.08, gripper_moving=False, goal=goal)
+    phases.start_over(state, view, P)
+    assert state.phase == Phase.RETRY
+    assert _point(state, view, P)[2] > CUBE[2]
+    phases._retry(state, view, P)
+    assert state.phase == Phase.RETRY
+    view.p = CUBE + np.array([0.0, 0.0, P.hover_height])
+    phases._retry(state, view, P)
+    assert state.phase == Phase.STOW
+
+
 @pytest.mark.parametrize("side", [0.03, 0.045, 0.065])
 def test_the_hand_waits_until_what_it_let_go_has_fallen_from_between_its_fingers(side):
     """A hand that left at 0.8 m/s at once touched the falling cube with a finger."""

@@ -20,7 +20,7 @@ POSE = np.array([0.3, -0.2, 0.4])
 
 
 def sweep(pose, localised, stamp, rng=None, noise=0.01):
-    """What the lidar sees from a pose, with the pose that is reported."""
+    """A sweep made at a pose, and the pose that is reported for it."""
     origin = np.array([LIDAR.x, LIDAR.y])
     ranges = expected_ranges(pose, origin, -math.pi, STEP, LIDAR.beams, SEGMENTS, LIDAR.range_max)
     if rng is not None:

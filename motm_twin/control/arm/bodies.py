@@ -7,7 +7,16 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from motm_twin.model.arm_kernels import CAPSULE_FRAMES, CAPSULE_LINKS, CAPSULE_P0, CAPSULE_P1, CAPSULE_RADII, HAND, TCP
+from motm_twin.model.arm_kernels import (
+    CAPSULE_FRAMES,
+    CAPSULE_LINKS,
+    CAPSULE_P0,
+    CAPSULE_P1,
+    CAPSULE_RADII,
+    HAND,
+    HAND_LENGTH,
+    TCP,
+)
 from motm_twin.model.compiler import njit
 from motm_twin.model.exact import norm
 from motm_twin.model.geometry import Array
@@ -36,9 +45,8 @@ _FINGER = (  # balls: x across, y from the pad outwards, z beyond the hand, radi
     (0.0, 0.006, 0.1024, 0.010),
     *((x, y, 0.1094, 0.003) for x in (-0.0075, 0.0075) for y in (0.003, 0.0138)),  # the lowest of a tilted one
 )
-_PALM = (0.0766, 0.0397, 0.0274)  # half length of its row of balls, z beyond the hand, radius [m]
-_PALM_BALLS = 10
-_CORNER = (0.022, 0.094, 0.056, 0.010)  # of the palm: x, y, z, radius [m]
+PALM = (0.104, 0.0320, 0.0374)  # half width, half depth, bottom over the tool centre point [m]
+_PALM_BALLS, _PALM_RADIUS, _CORNER_RADIUS = 10, 0.0274, 0.010  # in a row, and at its corners [m]
 _COLUMN_RADIUS, _COLUMN_TOP = 0.10, 0.42  # [m] the arm's own column, top above the mount
 _FLOOR = 3.0  # [m] side of the floor round the robot
 COLUMN = 1  # of the robot's own solids the arm's column: elbow, forearm and wrist belong to it
@@ -110,18 +118,11 @@ def arm_balls() -> Balls:
             centres.append(p0 + part * (p1 - p0))
             radii.append(radius)
             bodies.append(body + (body == HAND_BODY and centres[-1][1] > 0.0))
-    half, z, radius = _PALM
-    for y in np.linspace(-half, half, _PALM_BALLS):
+    for x, y, z, radius in _palm():
         frames.append(HAND)
-        centres.append(np.array([0.0, y, z]))
+        centres.append(np.array([x, y, z]))
         radii.append(radius)
         bodies.append(HAND_BODY + (y > 0.0))
-    x, y, z, radius = _CORNER
-    for across, along in ((x, y), (x, -y), (-x, y), (-x, -y)):
-        frames.append(HAND)
-        centres.append(np.array([across, along, z]))
-        radii.append(radius)
-        bodies.append(HAND_BODY + (along > 0.0))
     for side in (1.0, -1.0):
         for x, y, z, radius in _FINGER:
             frames.append(HAND)
@@ -133,6 +134,18 @@ def arm_balls() -> Balls:
     radii.append(0.0)
     bodies.append(HELD)
     return Balls(np.array(frames), np.array(centres), np.array(radii), np.array(bodies))
+
+
+def _palm() -> list[tuple[float, float, float, float]]:
+    """Balls of the palm, hand frame: a row along it and one at each lower corner; x, y, z, radius [m]."""
+    half, depth, over = PALM
+    row, bottom = half - _PALM_RADIUS, HAND_LENGTH - over
+    x, y = depth - _CORNER_RADIUS, half - _CORNER_RADIUS
+    corners = ((x, y), (x, -y), (-x, y), (-x, -y))
+    return [
+        *((0.0, float(at), bottom - _PALM_RADIUS, _PALM_RADIUS) for at in np.linspace(-row, row, _PALM_BALLS)),
+        *((*corner, bottom - _CORNER_RADIUS, _CORNER_RADIUS) for corner in corners),
+    ]
 
 
 @njit(cache=True)

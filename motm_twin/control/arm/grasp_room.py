@@ -15,6 +15,7 @@ from motm_twin.control.arm.bodies import (
     FINGERS,
     HAND_BODY,
     HELD,
+    PALM,
     Balls,
     Solids,
     arm_balls,
@@ -45,7 +46,6 @@ _PARTS = (  # of the hand: middle beyond the pad and half width along the closin
     (0.0084, 0.0084, 0.0105, -0.0090),
     (0.0146, 0.0118, 0.0110, 0.0150),
 )
-_PALM = (0.104, 0.0320, 0.0374)  # half width, half depth, bottom over the tool [m]
 _BESIDE = 0.003  # [m] that fingers keep from objects as they come down: the camera, and a hand that is turning still
 _SURE = 0.01  # [m] 1 sd: a robot that knows its place no better may find room in some seconds
 _UNDER_PALM = 0.003  # [m] between a tilted palm and the object's top: camera
@@ -190,7 +190,7 @@ def _object_room(position: Array, yaw: float, width: float, neighbours: Array) -
 def over_middle(side: float, tilt: float) -> float:
     """Height [m] over an object's middle at which the fingers take it, so that a palm tilted [rad] clears its top."""
     top = 0.5 * side * (math.cos(tilt) + math.sqrt(2.0) * math.sin(tilt))
-    return min(max(top + _UNDER_PALM - _PALM[2], 0.0), _MOST_OVER_MIDDLE)
+    return min(max(top + _UNDER_PALM - PALM[2], 0.0), _MOST_OVER_MIDDLE)
 
 
 def height_over(position: Array, yaw: float, width: float, goal: ArmGoal) -> float:
@@ -215,7 +215,7 @@ def _height_over(position: Array, yaw: float, width: float, items: Array) -> flo
         if _fingers_gap(low, yaw, width, item) < _BESIDE:
             height = max(height, top - _PARTS[0][3])
         elif n > 0 and _object_gap(low, yaw, width, item) < _BESIDE:
-            height = max(height, top - _PALM[2])
+            height = max(height, top - PALM[2])
     return height
 
 
@@ -223,8 +223,8 @@ def _height_over(position: Array, yaw: float, width: float, items: Array) -> flo
 def _object_gap(position: Array, yaw: float, width: float, item: Array) -> float:
     """Gap [m] between the open hand over a position and an upright cube; negative: they overlap seen from above."""
     gap = _fingers_gap(position, yaw, width, item)
-    if item[2] + 0.5 * item[4] + _HIGHER > position[2] + _PALM[2]:
-        gap = min(gap, _part_gap(position, yaw, 0.0, _PALM[0], _PALM[1], item))
+    if item[2] + 0.5 * item[4] + _HIGHER > position[2] + PALM[2]:
+        gap = min(gap, _part_gap(position, yaw, 0.0, PALM[0], PALM[1], item))
     return gap
 
 

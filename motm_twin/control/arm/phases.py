@@ -65,7 +65,7 @@ def advance(state: ManipulatorState, view: View, inputs: ArmInputs, rules: Phase
     if _impatient(state, view, rules):
         tight = state.tight if view.goal.kind == "pick" else None
         state.tight_tries += tight is not None
-        _rest(state, view.time)
+        _withdraw(state, view)
         state.start_over = True
         if state.tight_tries > 1:
             state.tight_tries = 0
@@ -101,6 +101,20 @@ def _rest(state: ManipulatorState, time: float) -> None:
     enter(state, Phase.CARRY if state.holding else Phase.STOW, time)
 
 
+def _rise(state: ManipulatorState, view: View) -> None:
+    """Straight up from here: the fingers are beside an object."""
+    state.anchor = view.p.copy()
+    enter(state, Phase.RETRY, view.time)
+
+
+def _withdraw(state: ManipulatorState, view: View) -> None:
+    """To the stow pose; fingers that are beside an object rise first."""
+    low = not state.holding and state.phase in (Phase.FINAL, Phase.CLOSING, Phase.RETRY)
+    _rest(state, view.time)
+    if low:
+        _rise(state, view)
+
+
 def start_over(state: ManipulatorState, view: View, parameters: ArmParameters) -> str:
     """Leave what is under way, and begin again from the stow pose; "picked" when that ends a lift."""
     if state.phase in (Phase.STOW, Phase.CARRY):
@@ -109,7 +123,7 @@ def start_over(state: ManipulatorState, view: View, parameters: ArmParameters) -
     if not state.holding:
         state.gripper = "open"
     state.released, state.start_over = None, True
-    _rest(state, view.time)
+    _withdraw(state, view)
     return outcome
 
 
@@ -126,7 +140,7 @@ def _new_goal(state: ManipulatorState, view: View) -> None:
         if not state.holding:
             state.gripper = "open"
         state.released = None
-        _rest(state, view.time)
+        _withdraw(state, view)
 
 
 def _lost(state: ManipulatorState, view: View) -> Outcome:
@@ -135,8 +149,7 @@ def _lost(state: ManipulatorState, view: View) -> Outcome:
     if told:
         enter(state, Phase.STOW, view.time)
         return "lost", Reason(kind=Kind.SLIPPED)
-    state.anchor = view.p.copy()
-    enter(state, Phase.RETRY, view.time)
+    _rise(state, view)
     return "missed", Reason(kind=Kind.SLIPPED_IN_LIFT)
 
 
@@ -354,8 +367,7 @@ def _firm(state: ManipulatorState, view: View, rules: PhaseRules, elapsed: float
 def _miss(state: ManipulatorState, view: View, rules: PhaseRules, kind: Kind) -> Outcome:
     state.late = max(state.late, _lateness(state, view, rules))
     state.gripper = "open"
-    state.anchor = view.p.copy()
-    enter(state, Phase.RETRY, view.time)
+    _rise(state, view)
     return "missed", Reason(kind=kind)
 
 
@@ -434,7 +446,10 @@ def _in_square(state: ManipulatorState, view: View, rules: PhaseRules, point: Ar
 
 
 def _retry(state: ManipulatorState, view: View, p: ArmParameters) -> Outcome:
-    if view.goal.kind != "pick":
+    risen = view.p[2] - state.anchor[2] >= 0.8 * p.hover_height or view.time - state.since > p.search_after
+    if not risen:
+        return "", Reason(kind=Kind.OPENS_AGAIN, subject=view.goal.name)
+    if view.goal.kind != "pick" or state.start_over:
         _rest(state, view.time)
     elif not view.gripper_moving and view.width > view.goal.side + p.open_room:
         enter(state, Phase.TRANSIT, view.time)
