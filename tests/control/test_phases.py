@@ -17,16 +17,20 @@ P = ArmParameters()
 CUBE = np.array([0.5, 0.0, 0.7])
 
 
-def closes(tilt: float, above: float, side: float) -> bool:
-    """The fingers close with the hand tilted [rad] to one finger, and so far [m] above the cube's middle."""
+def over_cube(tilt: float, above: float, side: float) -> SimpleNamespace:
+    """A hand tilted [rad] to one finger, so far [m] above the middle of a cube that stands alone."""
     c, s = math.cos(tilt), math.sin(tilt)
     R = np.array([[1.0, 0.0, 0.0], [0.0, -c, s], [0.0, -s, -c]])
-    view = SimpleNamespace(
-        time=1.0, radius=0.5, distance=0.01, p=CUBE + np.array([0.0, 0.0, above]), target=CUBE, R=R,
-        velocity=np.zeros(3), width=0.08, goal=SimpleNamespace(name="it", position_sd=0.002, side=side),
-        seen=lambda _: True, sure=lambda _: True,
+    goal = SimpleNamespace(name="it", position=CUBE, yaw=0.0, position_sd=0.002, side=side, neighbours=np.zeros((0, 6)))
+    return SimpleNamespace(
+        time=1.0, radius=0.5, distance=0.01, p=CUBE + np.array([0.0, 0.0, above]), target=CUBE, R=R, tilt=tilt,
+        velocity=np.zeros(3), width=0.08, goal=goal, seen=lambda _: True, sure=lambda _: True,
     )  # fmt: skip
-    state = ManipulatorState()
+
+
+def closes(tilt: float, above: float, side: float) -> bool:
+    """The fingers close with the hand tilted [rad] to one finger, and so far [m] above the cube's middle."""
+    view, state = over_cube(tilt, above, side), ManipulatorState()
     rules = SimpleNamespace(parameters=P, reach=lambda _: 0.8)
     phases._approach(state, view, rules)
     return state.phase == Phase.CLOSING
@@ -40,6 +44,15 @@ def test_a_tilted_hand_does_not_close_where_its_pads_would_squeeze_the_cube_out(
     """Of 35 mm cubes taken 13 mm above their middle, pushed up there by furniture, half were shot away."""
     assert closes(0.28, 0.008, 0.035)
     assert not closes(0.28, 0.0125, 0.035)
+
+
+def test_a_hand_that_is_tilted_too_much_to_close_does_not_come_down():
+    """Base and hand swung: 30 degrees tilted, its palm met the cube beside its target."""
+    state = ManipulatorState()
+    state.phase = Phase.FINAL
+    at, tilted = (_point(state, over_cube(tilt, 0.03, 0.045), P)[2] for tilt in (P.close_tilt, math.radians(30.0)))
+    edge = 0.1  # [m] from the middle of the palm
+    assert tilted - at > edge * math.sin(math.radians(30.0) - P.close_tilt)
 
 
 def test_after_a_miss_the_hand_goes_straight_up_whatever_becomes_of_its_target():

@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from motm_twin.control.arm.bodies import PALM
 from motm_twin.control.arm.geometry import (
     capped,
     carried_velocity,
@@ -128,7 +129,8 @@ def _point(state: ManipulatorState, view: View, p: ArmParameters) -> Array:
 def _final_point(state: ManipulatorState, view: View, p: ArmParameters) -> Array:
     """The grasp point, or above it as long as the object is not between the fingers or not seen well enough.
 
-    Nor do they come down on what stands beside it, while the hand is still being turned.
+    Nor do they come down on what stands beside it, while the hand is still being turned. A hand that is tilted too much
+    to close is higher by what the edge of its palm is lower.
     A hand that has waited for a sight of the object rises: from higher up the camera sees more of what is around.
     """
     point = grasp_point(view, p)
@@ -140,6 +142,7 @@ def _final_point(state: ManipulatorState, view: View, p: ArmParameters) -> Array
             point[2] += min(p.search_rise, p.search_speed * waited)
         return point
     point[2] += min(max((view.distance - p.funnel_radius) * p.funnel_slope, 0.0), p.hover_height)
+    point[2] += PALM[0] * math.sin(max(view.tilt - p.close_tilt, 0.0))
     yaw = math.atan2(view.R[1, 0], view.R[0, 0])
     point[2] = max(point[2], height_over(view.p, yaw, view.width, view.goal))
     return point
