@@ -117,7 +117,8 @@ def names_of(
     if not found and now - state.looked < PERIOD - 1e-6:
         return ()
     picture = _Picture(found, _with_likely(sight.places(), state.candidates, newest), held, state.denied, settings)
-    match = picture.matched()
+    candidates = _candidates(state, picture)
+    match = picture.matched(picture.again(candidates))
     age = max(0.0, now - newest) if found else 0.0
     _watch_absent(state, picture, match, now, sight)
 
@@ -125,7 +126,6 @@ def names_of(
         return _is_absent(state, name, now, age, settings)
 
     names = [""] * len(found)
-    candidates = _candidates(state, picture)
     for k, candidate in enumerate(candidates):
         i = match.get(k, -1)
         if i < 0:
@@ -219,14 +219,27 @@ class _Picture:
         inside = self.largest <= places.gate_floor + places.gate * np.sqrt(variance)
         self.possible = inside & self.allowed
 
-    def matched(self) -> dict[int, int]:
-        """Object of each detection that has one: within the gates first, then what was pushed or has moved a little."""
-        match = _assigned(self.cost, self.possible)
-        rest = np.ones_like(self.possible)
-        rest[list(match), :] = False
-        rest[:, list(match.values())] = False
-        near = rest & (self.distance < self.settings.pushed) & self.allowed & self.places.seen[None, :]
+    def again(self, candidates: Sequence[Candidate]) -> NDArray[np.bool_]:
+        """Detections that came before, or are where an object was seen; any other may be a false one, shape (n,)."""
+        more = np.array([one.count > 1 for one in candidates], dtype=bool)
+        return more | (self.possible & self.places.seen[None, :]).any(axis=1)
+
+    def matched(self, again: NDArray[np.bool_]) -> dict[int, int]:
+        """Object of each detection that has one: within the gates first, then what was pushed or has moved a little.
+
+        A detection that comes for the first time gets what the others leave: a false one would take their objects.
+        """
+        match = _assigned(self.cost, self.possible & again[:, None])
+        match |= _assigned(self.cost, self.possible & self._left(match))
+        near = self._left(match) & (self.distance < self.settings.pushed) & self.allowed & self.places.seen[None, :]
         return match | _assigned(self.distance, near)
+
+    def _left(self, match: dict[int, int]) -> NDArray[np.bool_]:
+        """Detections and objects that are not matched yet."""
+        left = np.ones_like(self.possible)
+        left[list(match), :] = False
+        left[:, list(match.values())] = False
+        return left
 
     def ambiguous(self, k: int, i: int, match: dict[int, int], absent: Callable[[str], bool]) -> bool:
         """Another object that was never seen may as well be what is detected, unless its place is seen to be empty.

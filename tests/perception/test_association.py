@@ -177,6 +177,16 @@ def test_of_two_side_by_side_the_one_that_is_named_first_does_not_take_the_other
     assert names_of(state, found, 0.15, None, sight, SETTINGS) == ("", "b")
 
 
+def test_a_false_detection_does_not_take_the_object_of_one_that_came_before():
+    """The cube in the middle was named as its neighbour, which was not in view yet, for as long as the run took."""
+    middle, west = np.array([2.1, 1.07, 0.87]), np.array([2.0, 1.07, 0.87])
+    sight = Sight(sd=NEVER, a=middle - [0.01, 0.0, 0.0], b=west - [0.01, 0.0, 0.0])
+    sight.hidden = (sight.at["b"],)
+    camera = Camera(sight)
+    camera.shows(middle)
+    assert camera.shows(middle, middle + [0.03, -0.03, 0.04]) == ("a", "")
+
+
 def test_what_the_fingers_missed_twice_at_one_place_is_the_other_one_beside_it():
     """A smaller cube 11 cm away had been taken for what was wanted: the fingers closed on it in vain, ten times."""
     beside = A + np.array([0.0, 0.11, 0.0])
