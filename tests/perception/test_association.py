@@ -184,7 +184,7 @@ def test_a_false_detection_does_not_take_the_object_of_one_that_came_before():
     sight.hidden = (sight.at["b"],)
     camera = Camera(sight)
     camera.shows(middle)
-    assert camera.shows(middle, middle + [0.03, -0.03, 0.04]) == ("a", "")
+    assert camera.shows(middle, middle + np.array([0.03, -0.03, 0.04])) == ("a", "")
 
 
 def test_what_the_fingers_missed_twice_at_one_place_is_the_other_one_beside_it():
