@@ -118,7 +118,7 @@ def names_of(
         return ()
     picture = _Picture(found, _with_likely(sight.places(), state.candidates, newest), held, state.denied, settings)
     candidates = _candidates(state, picture)
-    match = picture.matched(picture.again(candidates))
+    match, all_alike = picture.matched(candidates)
     age = max(0.0, now - newest) if found else 0.0
     _watch_absent(state, picture, match, now, sight)
 
@@ -133,8 +133,8 @@ def names_of(
         candidate.name = ""
         vague = picture.places.variances[i] > settings.vague**2
         sure = not vague or candidate.count > 1
-        doubtful = not picture.places.seen[i] and picture.ambiguous(k, i, match, absent)
-        name = "" if doubtful else picture.places.names[i]
+        doubtful = all_alike.get(k) != i or picture.ambiguous(k, i, match, absent)
+        name = "" if doubtful and not picture.places.seen[i] else picture.places.names[i]
         names[k], candidate.likely = (name, "") if sure else ("", name)
     _claim(candidates, picture, names, match, sight, absent)
     if found:
@@ -219,20 +219,18 @@ class _Picture:
         inside = self.largest <= places.gate_floor + places.gate * np.sqrt(variance)
         self.possible = inside & self.allowed
 
-    def again(self, candidates: Sequence[Candidate]) -> NDArray[np.bool_]:
-        """Detections that came before, or are where an object was seen; any other may be a false one, shape (n,)."""
-        more = np.array([one.count > 1 for one in candidates], dtype=bool)
-        return more | (self.possible & self.places.seen[None, :]).any(axis=1)
-
-    def matched(self, again: NDArray[np.bool_]) -> dict[int, int]:
+    def matched(self, candidates: Sequence[Candidate]) -> tuple[dict[int, int], dict[int, int]]:
         """Object of each detection that has one: within the gates first, then what was pushed or has moved a little.
 
         A detection that comes for the first time gets what the others leave: a false one would take their objects.
+        The second answer makes no such difference: an object that was never seen is named when both agree.
         """
-        match = _assigned(self.cost, self.possible & again[:, None])
+        more = np.array([one.count > 1 for one in candidates], dtype=bool)
+        again = more | (self.possible & self.places.seen[None, :]).any(axis=1)
+        match, all_alike = _assigned(self.cost, self.possible & again[:, None]), _assigned(self.cost, self.possible)
         match |= _assigned(self.cost, self.possible & self._left(match))
         near = self._left(match) & (self.distance < self.settings.pushed) & self.allowed & self.places.seen[None, :]
-        return match | _assigned(self.distance, near)
+        return match | _assigned(self.distance, near), all_alike
 
     def _left(self, match: dict[int, int]) -> NDArray[np.bool_]:
         """Detections and objects that are not matched yet."""
