@@ -137,7 +137,9 @@ def write_report(out: Path, name: str, title: str, **more: Any) -> Path:
 def write(target: Path, whole: Mapping[str, Any]) -> None:
     """Write a JSON file; numbers that JSON does not have are null."""
     target.parent.mkdir(parents=True, exist_ok=True)
-    target.write_text(json.dumps(plain(whole), indent=2, allow_nan=False) + "\n", encoding="utf-8")
+    new = target.with_name(f"{target.name}.new")
+    new.write_text(json.dumps(plain(whole), indent=2, allow_nan=False) + "\n", encoding="utf-8")
+    new.replace(target)
 
 
 def save_picture(figure: Any, target: Path) -> None:

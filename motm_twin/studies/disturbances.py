@@ -30,6 +30,7 @@ from motm_twin.model.geometry import from_frame, to_frame
 from motm_twin.model.scene import DriveTo, Scene
 from motm_twin.model.scene_file import load_scene
 from motm_twin.perf.report import Sheet, grid, machine, write_report
+from motm_twin.sessions.session import SOURCE, made_with
 from motm_twin.twin import Twin
 
 NAME = "faults"
@@ -193,25 +194,43 @@ def bench_faults(
 ) -> bool:
     """Run, print, write ``out/faults.json``; True when nothing was hit, every cause was found in time and all was done.
 
-    ``share`` of ten seeds; only these ``kinds`` and ``scenes`` when any are named.
+    ``share`` of ten seeds; only these ``kinds`` and ``scenes`` when any are named. Trials that this source has run
+    before are taken from that file.
     """
     console.print(f"\n[bold]{NAME}[/bold]: {TITLE}")
     seeds = range(math.ceil(SEEDS * share))
     chosen, places = list(kinds) or [NONE, *KINDS], list(scenes) or list(SCENES)
     cells = [(scene, kind, seed) for seed in seeds for kind in chosen for scene in places]
+    source = made_with()[SOURCE]
+    results = [one for one in _known(out / f"{NAME}.json", source) if _cell(one) in cells]
+    known = {_cell(one) for one in results}
+    if known:
+        console.print(f"  {len(known)} of {len(cells)} trials are known")
     run: Any = joblib.Parallel(n_jobs=workers, return_as="generator_unordered")
-    results: list[dict[str, Any]] = []
-    for one in run(joblib.delayed(run_trial)(*cell) for cell in cells):
+    for one in run(joblib.delayed(run_trial)(*cell) for cell in cells if cell not in known):
         results.append(one)
         if not good(one):
             console.print(f"  {failure_line(one)}", style="yellow", markup=False)
         results.sort(key=lambda one: (chosen.index(one["kind"]), places.index(one["scene"]), one["seed"]))
         whole = len(results) == len(cells)  # a bench that takes hours may be stopped: what is there so far is written
-        write_report(out, NAME, TITLE, whole=whole, reached=whole and all(map(good, results)), trials=results)
+        reached = whole and all(map(good, results))
+        write_report(out, NAME, TITLE, whole=whole, reached=reached, source=source, trials=results)
         SHEET.write(out / f"{NAME}.md", rows_of(results))
     console.print(SHEET.table(rows_of(results), title=f"each {LASTS:g} s long, up to {len(TIMES)} times a trial"))
     console.print(f"{machine()}, {workers} processes; written to {out / f'{NAME}.json'} and {NAME}.md")
     return all(map(good, results))
+
+
+def _known(file: Path, source: str) -> list[dict[str, Any]]:
+    """Trials in an earlier report, when the same source has run them."""
+    if not file.is_file():
+        return []
+    report = msgspec.json.decode(file.read_bytes(), type=dict[str, Any])
+    return list(report["trials"]) if report.get("source") == source else []
+
+
+def _cell(one: dict[str, Any]) -> tuple[str, str, int]:
+    return one["scene"], one["kind"], one["seed"]
 
 
 def good(one: dict[str, Any]) -> bool:

@@ -1,10 +1,12 @@
 """Tables of benches: goals are those of the project, a missed one is seen, and results are read rightly."""
 
+import io
 import json
 import math
 from pathlib import Path
 
 import pytest
+from rich.console import Console
 
 from motm_twin.cli import bench as command
 from motm_twin.cli.bench import main
@@ -12,7 +14,7 @@ from motm_twin.generate.challenges import barn
 from motm_twin.measures.measures import PARTS
 from motm_twin.model.names import SceneError
 from motm_twin.model.scene_file import load_scene
-from motm_twin.studies import groups
+from motm_twin.studies import disturbances, groups
 from motm_twin.studies.barn import bench_barn, limits_of, metric, optimal_time, worlds
 from motm_twin.studies.groups import GROUPS, Trial, failed, run_group
 from motm_twin.studies.pool import counts, trials_per_hour
@@ -233,3 +235,23 @@ def test_what_is_no_world_is_refused(tmp_path, capsys):
     with pytest.raises(SceneError):
         worlds(["barn:x"], ["fast"], None)
     assert main(["barn", "--worlds", "0"]) == 2
+
+
+def test_trials_with_faults_that_the_same_source_has_run_are_not_run_again(tmp_path, monkeypatch):
+    ran = []
+
+    def trial(scene, kind, seed):
+        ran.append((scene, kind, seed))
+        return {
+            "scene": scene, "kind": kind, "seed": seed, "success": True, "placed": 6, "places": 6, "time_s": 80.0,
+            "contacts": 0, "caused": [], "dropped": [], "named_s": [0.2], "false": {}, "reason": "",
+        }  # fmt: skip
+
+    monkeypatch.setattr(disturbances, "run_trial", trial)
+    console = Console(file=io.StringIO())
+    assert disturbances.bench_faults(tmp_path, 0.1, 1, console, kinds=("lidar_off",), scenes=("exp1",))
+    assert disturbances.bench_faults(tmp_path, 0.2, 1, console, kinds=("lidar_off",), scenes=("exp1",))
+    assert ran == [("exp1", "lidar_off", 0), ("exp1", "lidar_off", 1)]
+    monkeypatch.setattr(disturbances, "made_with", lambda: {"source": "another"})
+    disturbances.bench_faults(tmp_path, 0.1, 1, console, kinds=("lidar_off",), scenes=("exp1",))
+    assert len(ran) == 3
