@@ -320,7 +320,7 @@ class Twin:
         return self._clock if self._budget.seconds is not None else None
 
     def _retune(self) -> None:
-        """Planner and arm with the current parameters. Their states, which hold no parameters, are kept."""
+        """All parts with the current parameters. Their states, which hold no parameters, are kept."""
         numbers = self._tuned()
         loop, planner, manipulator = self.loop, self.loop.planner, self.loop.manipulator
         if numbers.planning != planner.parameters:
@@ -329,6 +329,7 @@ class Twin:
         if numbers.arm != manipulator.parameters:
             loop.manipulator = self._arm_side(loop.known, numbers.arm)
             loop.manipulator.restore(manipulator.snapshot())
+        loop.retune(numbers)
 
     def _apply(self, edit: Edit) -> None:
         if isinstance(edit, WorldEdit):

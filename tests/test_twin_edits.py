@@ -5,7 +5,7 @@ import pytest
 from twin_steps import SCENE, SHORT, advance, advance_until, caused, holding, short
 
 from motm_twin.control.parameters import Parameters
-from motm_twin.control.tuning import PARAMETERS
+from motm_twin.control.tuning import PARAMETERS, tuned
 from motm_twin.methods.registry import FAST
 from motm_twin.model.edits import (
     AddObstacle,
@@ -70,6 +70,22 @@ def test_the_same_value_again_rebuilds_nothing_and_none_goes_back_to_the_start()
     twin.post(SetParameter(name="k_A"))
     twin.advance()
     assert twin.parameters == {**BEGINS, "k_A": 0.4}
+
+
+def test_every_parameter_reaches_its_part_in_the_next_period():
+    """The switch of passive safety had no effect until the run began anew."""
+    twin = Twin(SCENE)
+    twin.advance()
+    for entry in PARAMETERS:
+        other = {"number": entry.low, "switch": not entry.default, "choice": entry.choices[-1:]}[entry.kind]
+        twin.post(SetParameter(name=entry.name, value=other[0] if isinstance(other, tuple) else other))
+    twin.advance()
+    wanted, loop = tuned(twin.parameters), twin.loop
+    assert loop.planner.parameters == wanted.planning
+    assert loop.manipulator.parameters == wanted.arm
+    assert loop.monitor.parameters == wanted.monitor
+    assert loop.sequence.limits == wanted.sequence
+    assert {entry.path[0] for entry in PARAMETERS} == {"planning", "arm", "monitor", "sequence"}
 
 
 @pytest.mark.parametrize(

@@ -46,7 +46,8 @@ def check_scene(name_or_path: str) -> int:
         f"{len(first.solids)} pieces of furniture, {len(first.objects)} objects, {len(first.bins)} bins, "
         f"{len(first.agents)} agents, {len(first.tasks)} tasks; robot {first.robot.name}"
     )
-    print(f"{len(variants)} variants: {shown}" if variants else "no variants")
+    if variants:
+        print(f"{len(variants)} variants: {shown}")
     return OK
 
 

@@ -180,6 +180,13 @@ class ControlLoop(Stateful[LoopState]):
         """The arm is at work on the active task (final approach to lift, release)."""
         return self._state.engaged
 
+    def retune(self, numbers: Parameters) -> None:
+        """Other numbers for monitor and task list; planner and manipulator are replaced by others."""
+        self.sequence.limits = numbers.sequence
+        if numbers.monitor != self.monitor.parameters:
+            before, self.monitor = self.monitor, Monitor(self.known.robot, numbers.monitor)
+            self.monitor.restore(before.snapshot())
+
     def edit_tasks(self, edit: TaskEdit) -> None:
         """Change the task list; raises ValueError when it cannot be."""
         if self.sequence.edit(edit, self.known, engaged=self._state.engaged):

@@ -16,7 +16,7 @@ from motm_twin.control.tick import Event, TaskState
 from motm_twin.model.edits import TaskEdit
 from motm_twin.model.geometry import Array, wrap_angle
 from motm_twin.model.known import KnownWorld
-from motm_twin.model.number import OWN, Number
+from motm_twin.model.number import OWN, Number, Slider
 from motm_twin.model.reason import Reason
 from motm_twin.model.scene import DriveTo, Pick, Place, Task
 from motm_twin.model.state import Stateful
@@ -42,8 +42,12 @@ class SequenceParameters(msgspec.Struct, frozen=True, kw_only=True):
         float, Number("s", OWN, "as near as it gets before an outside or taken target is given up")
     ] = 10.0
     other_order: Annotated[
-        float, Number("s", OWN, "without progress of the base after which another task comes first")
-    ] = 25.0
+        float,
+        Number("s", OWN, "without progress of the base after which another task comes first"),
+        Slider("Patience before another task", "Base control",
+            "Time without progress after which the robot puts the task off and takes the next one first.",
+            (3.0, 30.0, 1.0)),
+    ] = 25.0  # fmt: skip
     no_progress: Annotated[float, Number("s", OWN, "without progress of the base after which the task is given up")] = (
         45.0
     )

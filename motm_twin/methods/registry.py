@@ -163,7 +163,8 @@ FORESIGHT = Method(
         "cost what the probability of a meeting says at the time when the base is there; a place that is free soon "
         "is waited for. The others' time that a plan takes is a cost. Where the search meets somebody, one in layers "
         "looks 6 s ahead; last comes the motion that stays clear best. The base stands before anything that goes on as "
-        "it does is there, or moves away from it; the arm keeps from where that will be in half a second."
+        "it does is there, or moves away from it; the arm keeps from where that will be in half a second. "
+        "Where others keep it from an object for 5 s, it takes the next one first."
     ),
     parameters={
         **FAST.parameters,
@@ -171,6 +172,7 @@ FORESIGHT = Method(
         "risk_weight": 10.0,
         "courtesy_weight": 2.0,
         "arm_prediction": 0.5,
+        "other_order": 5.0,
     },
     planner=BaseChoices(view=expect_tracks, candidates=all_rings_in_time, commitment=keep_plans, evasion=make_way),
 )
