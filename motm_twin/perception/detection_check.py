@@ -58,7 +58,7 @@ class DetectionState:
     """Memory of the checks of detections."""
 
     good: dict[str, float] = field(default_factory=dict)  # [s] of the newest report of each object, if not left out
-    swapped: dict[str, float] = field(default_factory=dict)  # [s] since when each is reported at another's place
+    swapped: dict[str, tuple[float, float]] = field(default_factory=dict)  # [s] since when at another's place, and last
     taken: dict[str, float] = field(default_factory=dict)  # [s] when another one was reported at the place of each
     wrong: Finding | None = None
     until: float = 0.0  # [s] that it is told
@@ -271,17 +271,24 @@ def _swapped(
     else:
         other = beliefs.other_at(one.name, here, settings.twice)
         its = next((each for each in now.detections if each.name == other), None)
-        if its is not None and _apart(from_frame(its.odometry, its.p_base), own[0]) > 2.0 * settings.twice:
-            return None  # both are elsewhere, and not at each other's place: it is the robot that errs
+        if its is not None and _off(other, from_frame(its.odometry, its.p_base), own[0], beliefs, settings):
+            return None  # both are elsewhere, and not at another's place: it is the robot that errs
     if other:
         state.taken[other] = one.stamp
     elif one.stamp - state.taken.get(one.name, -math.inf) < settings.contested:
         other = "another object"
-    since = state.swapped.setdefault(one.name, one.stamp)
+    since, last = state.swapped.get(one.name, (one.stamp, one.stamp))
+    since = one.stamp if one.stamp - last > settings.contested else since
+    state.swapped[one.name] = since, one.stamp
     if not other or one.stamp - since > 2.0 * settings.contested:
         return None
     why = Reason(kind=Kind.CAMERA_SWAP, subject=one.name, other=other, value=away, limit=2.0 * settings.twice, unit="m")
     return Finding(reason=why)
+
+
+def _off(name: str, here: Array, place: Array, beliefs: Beliefs, settings: DetectionSettings) -> bool:
+    """A report (3,) [m] of an object is neither at a certain place (3,) nor at that of a third object."""
+    return _apart(here, place) > 2.0 * settings.twice and not beliefs.other_at(name, here, settings.twice)
 
 
 def _apart(a: Array, b: Array) -> float:

@@ -114,6 +114,22 @@ def test_an_object_at_another_ones_place_is_swapped_and_a_moved_one_is_not():
     assert judge(seen(report("a", there)), beliefs, held="a")[0] == ["a"]
 
 
+def test_objects_that_are_swapped_again_after_a_while_are_not_believed():
+    """It was believed where the other one stands: the first time was 20 s ago, and nobody had seen it since."""
+    there, state = BELOW + np.array([0.0, 0.2, 0.0]), DetectionState()
+    beliefs = Beliefs({"a": BELOW, "b": there})
+    for stamp in (1.0, 21.0, 21.05):
+        assert checked(state, seen(report("a", there, stamp), time=stamp), beliefs, None, PROFILE, SETTINGS) == ()
+
+
+def test_three_objects_whose_names_go_round_are_swapped():
+    """An object was believed 1.1 m from its place for the rest of the run."""
+    places = [BELOW, BELOW + np.array([0.0, 0.2, 0.0]), BELOW + np.array([0.2, 0.0, 0.0])]
+    beliefs = Beliefs(dict(zip("abc", places, strict=True)))
+    now = seen(report("a", places[1]), report("b", places[2]), report("c", places[0]))
+    assert judge(now, beliefs) == ([], ["camera_swap"])
+
+
 def test_objects_that_somebody_has_really_swapped_are_believed_after_a_while():
     beliefs, state = Beliefs({"a": BELOW, "b": BELOW + np.array([0.0, 0.2, 0.0])}), DetectionState()
     kept = []
