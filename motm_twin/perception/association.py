@@ -226,10 +226,11 @@ class _Picture:
         The second answer makes no such difference: an object that was never seen is named when both agree.
         """
         more = np.array([one.count > 1 for one in candidates], dtype=bool)
-        again = more | (self.possible & self.places.seen[None, :]).any(axis=1)
+        seen = np.asarray(self.places.seen, dtype=bool)[None, :]
+        again = more | (self.possible & seen).any(axis=1)
         match, all_alike = _assigned(self.cost, self.possible & again[:, None]), _assigned(self.cost, self.possible)
         match |= _assigned(self.cost, self.possible & self._left(match))
-        near = self._left(match) & (self.distance < self.settings.pushed) & self.allowed & self.places.seen[None, :]
+        near = self._left(match) & (self.distance < self.settings.pushed) & self.allowed & seen
         return match | _assigned(self.distance, near), all_alike
 
     def _left(self, match: dict[int, int]) -> NDArray[np.bool_]:
