@@ -202,8 +202,9 @@ def bench_faults(
     chosen, places = list(kinds) or [NONE, *KINDS], list(scenes) or list(SCENES)
     cells = [(scene, kind, seed) for seed in seeds for kind in chosen for scene in places]
     source = made_with()[SOURCE]
-    results = [one for one in _known(out / f"{NAME}.json", source) if _cell(one) in cells]
-    known = {_cell(one) for one in results}
+    before = _known(out / f"{NAME}.json", source)
+    results = [one for one in before if _cell(one) in cells]
+    others, known = [one for one in before if _cell(one) not in cells], {_cell(one) for one in results}
     if known:
         console.print(f"  {len(known)} of {len(cells)} trials are known")
     run: Any = joblib.Parallel(n_jobs=workers, return_as="generator_unordered")
@@ -214,7 +215,7 @@ def bench_faults(
         results.sort(key=lambda one: (chosen.index(one["kind"]), places.index(one["scene"]), one["seed"]))
         whole = len(results) == len(cells)  # a bench that takes hours may be stopped: what is there so far is written
         reached = whole and all(map(good, results))
-        write_report(out, NAME, TITLE, whole=whole, reached=reached, source=source, trials=results)
+        write_report(out, NAME, TITLE, whole=whole, reached=reached, source=source, trials=results + others)
         SHEET.write(out / f"{NAME}.md", rows_of(results))
     console.print(SHEET.table(rows_of(results), title=f"each {LASTS:g} s long, up to {len(TIMES)} times a trial"))
     console.print(f"{machine()}, {workers} processes; written to {out / f'{NAME}.json'} and {NAME}.md")

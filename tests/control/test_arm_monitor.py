@@ -55,10 +55,14 @@ def _deepest(scene, seed: int, *, guarded: bool) -> tuple[float, str]:
     return max(found, default=0.0), said
 
 
-DEEP = pytest.mark.xfail(reason="known fault: a quarter of such arms, wedged, come 1 to 5 cm into something")
+DEEP = pytest.mark.xfail(
+    reason="known fault: a quarter of such arms, wedged, come 1 to 5 cm into something", strict=True
+)
 
 
-@pytest.mark.parametrize("seed", [0, pytest.param(2, marks=DEEP), 4, 5, 6, pytest.param(7, marks=DEEP)])
+@pytest.mark.parametrize(
+    "seed", [0, pytest.param(1, marks=DEEP), pytest.param(2, marks=DEEP), 4, 5, 6, pytest.param(7, marks=DEEP)]
+)
 def test_an_arm_that_is_driven_at_random_stops_before_furniture_and_its_own_base(tmp_path, seed):
     """At 2 rad/s, wedged between a wall, a table and its own base, it comes to touch them at most as it brakes."""
     path = tmp_path / "narrow.yaml"

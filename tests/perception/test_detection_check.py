@@ -115,7 +115,7 @@ def test_an_object_at_another_ones_place_is_swapped_and_a_moved_one_is_not():
 
 
 def test_objects_that_are_swapped_again_after_a_while_are_not_believed():
-    """It was believed where the other one stands: the first time was 20 s ago, and nobody had seen it since."""
+    """Swapped 20 s before and not seen since, it was believed where the other one stands, 1.1 m from its place."""
     there, state = BELOW + np.array([0.0, 0.2, 0.0]), DetectionState()
     beliefs = Beliefs({"a": BELOW, "b": there})
     for stamp in (1.0, 21.0, 21.05):
@@ -123,7 +123,7 @@ def test_objects_that_are_swapped_again_after_a_while_are_not_believed():
 
 
 def test_three_objects_whose_names_go_round_are_swapped():
-    """An object was believed 1.1 m from its place for the rest of the run."""
+    """None of two is at the other's place, which was taken for a robot that errs."""
     places = [BELOW, BELOW + np.array([0.0, 0.2, 0.0]), BELOW + np.array([0.2, 0.0, 0.0])]
     beliefs = Beliefs(dict(zip("abc", places, strict=True)))
     now = seen(report("a", places[1]), report("b", places[2]), report("c", places[0]))

@@ -135,7 +135,9 @@ def test_a_restored_tracker_goes_on_as_the_one_it_was_copied_from() -> None:
 
 
 ONCE_WRONG = (1, 53, 63, 76, 77, 84, 94, 125)  # seen to move too briefly; or its rest began anew: too late
-EARLY = pytest.mark.xfail(reason="known fault: it brakes slowly, and its rest begins 0.05 to 0.15 s too early")
+EARLY = pytest.mark.xfail(
+    reason="known fault: it brakes slowly, and its rest begins 0.05 to 0.15 s too early", strict=True
+)
 
 
 @pytest.mark.parametrize("seed", [*range(200, 206), *ONCE_WRONG, *(pytest.param(seed, marks=EARLY) for seed in (103,))])

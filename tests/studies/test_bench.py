@@ -251,7 +251,9 @@ def test_trials_with_faults_that_the_same_source_has_run_are_not_run_again(tmp_p
     console = Console(file=io.StringIO())
     assert disturbances.bench_faults(tmp_path, 0.1, 1, console, kinds=("lidar_off",), scenes=("exp1",))
     assert disturbances.bench_faults(tmp_path, 0.2, 1, console, kinds=("lidar_off",), scenes=("exp1",))
-    assert ran == [("exp1", "lidar_off", 0), ("exp1", "lidar_off", 1)]
+    assert disturbances.bench_faults(tmp_path, 0.1, 1, console, kinds=("lidar_nan",), scenes=("exp1",))
+    assert disturbances.bench_faults(tmp_path, 0.2, 1, console, kinds=("lidar_off",), scenes=("exp1",))
+    assert ran == [("exp1", "lidar_off", 0), ("exp1", "lidar_off", 1), ("exp1", "lidar_nan", 0)]
     monkeypatch.setattr(disturbances, "made_with", lambda: {"source": "another"})
     disturbances.bench_faults(tmp_path, 0.1, 1, console, kinds=("lidar_off",), scenes=("exp1",))
-    assert len(ran) == 3
+    assert len(ran) == 4
