@@ -176,8 +176,17 @@ class Visitor:
         page.locator(".cover").wait_for(state="detached", timeout=SHOWN * 1000)
         if not welcome:
             visitor.close_notes()
-        until(visitor.overlooks, SHOWN, "its camera does not find the overview")
+        visitor.in_overview()
         return visitor
+
+    def in_overview(self):
+        """Wait until the camera is where a visitor's begins."""
+        try:
+            until(self.overlooks, SHOWN)
+        except AssertionError as late:
+            scene, box = self.twin.client.scene(), self._canvas()
+            wanted = overview(scene, box["width"] / box["height"])[0]
+            raise AssertionError(f"camera at {self.eye()}, not at {wanted} for {scene.name}, {box}") from late
 
     def anew(self, view):
         """In the overview and the first tab, with nothing chosen and nothing over the scene, once a run was begun."""
@@ -185,7 +194,7 @@ class Visitor:
         self.tab("Drive")  # out of a field, or keys would be typed
         self.page.keyboard.press("1")
         self.close_notes()
-        until(self.overlooks, SHOWN, "its camera does not find the overview")
+        self.in_overview()
 
     # what is seen
 

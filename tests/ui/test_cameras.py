@@ -45,6 +45,19 @@ class Page:
         self._moved = moved
 
 
+class Sends(SimpleNamespace):
+    """A camera that notes the positions that Viser would send: it keeps back those that are as the last one."""
+
+    def __init__(self, camera, sent):
+        super().__init__(**vars(camera))
+        self.sent = sent
+
+    def __setattr__(self, name, value):
+        if name == "position" and not np.allclose(value, self.position):
+            self.sent.append(value)
+        super().__setattr__(name, value)
+
+
 @pytest.fixture
 def entered():
     """A page that has just come, with the camera at the start that it was given, and the cameras."""
@@ -222,12 +235,30 @@ def test_the_camera_of_the_hand_frames_its_target_too_when_it_is_near(entered, m
     assert looks(np.array([9.0, 0.0, 0.7]))[0][0] == pytest.approx(alone[0])
 
 
-def test_a_phone_whose_display_has_many_pixels_has_no_panel_beside_its_picture(entered):
+@pytest.mark.parametrize(
+    ("pixels", "aspect"),
+    [((1024, 2216), 390 / 844), ((690, 700), 690 / 700)],
+    ids=["a phone of many pixels", "a page that connects again, its panel docked"],
+)
+def test_a_view_fits_the_picture_that_the_page_tells(entered, pixels, aspect):
     page, cameras = entered
-    page.camera.image_width, page.camera.image_height = 1024, 2216  # as it was when it came
-    cameras.tell_width(page, 390)
+    page.camera.image_width, page.camera.image_height = pixels
+    cameras.tell_aspect(page, aspect)
     pictures(cameras)
-    assert np.allclose(page.camera.position, overview(SCENE, 1024 / 2216)[0])
+    assert np.allclose(page.camera.position, overview(SCENE, aspect)[0])
+
+
+def test_a_page_that_has_drawn_the_scene_is_sent_its_view_once_more(entered):
+    page, cameras = entered
+    pictures(cameras)
+    page.tells(page.camera.position)
+    there, sent = page.camera.position.copy(), []
+    page.camera = Sends(page.camera, sent)
+    pictures(cameras)
+    assert not sent
+    cameras.drawn(page)
+    pictures(cameras)
+    assert len(sent) == 2 and np.allclose(sent[-1], there)
 
 
 def test_the_picture_of_a_scene_holds_where_its_robot_is_sent():

@@ -432,7 +432,8 @@
       const mark = typeof content === "string" && MARK.exec(content);
       if (message.type === "GuiTextMessage" && message.props.label === ASK) {
         ask = message.uuid;
-        say("width", innerWidth);
+        told = 0;
+        shape();
         if (data.legend && !cover.isConnected) again(); // a new connection
         follow();
       }
@@ -443,14 +444,24 @@
     rest(messages);
     switched(messages);
   });
+  const PANEL = 334, NARROW = 700; // [px], as in cameras.py
+  let told = 0;
+  const shape = () => { // width / height of the picture beside the panel, which is docked when the scene is drawn
+    const canvas = document.querySelector("canvas:not(.track)");
+    if (!ask || !canvas?.clientHeight) return;
+    const docks = cover.isConnected && innerWidth > NARROW && canvas.clientWidth > innerWidth - PANEL;
+    const aspect = (docks ? innerWidth - PANEL : canvas.clientWidth) / canvas.clientHeight;
+    if (Math.abs(aspect - told) > 1e-3) say("aspect", (told = aspect));
+  };
   const place = () => {
     const canvas = document.querySelector("canvas:not(.track)");
     if (!canvas) return;
+    shape();
     const { left, width } = canvas.getBoundingClientRect();
     root.style.left = `${left}px`;
     root.style.width = `${width}px`;
     root.classList.toggle("narrow", width < 620);
-    if (!folded && innerWidth <= 700) {
+    if (!folded && innerWidth <= NARROW) {
       const sheet = document.querySelector('.mantine-Paper-root[style*="max-height: 60%"] [style*="3.5em"]');
       folded = Boolean(sheet);
       sheet?.click(); // a phone begins with the scene

@@ -353,7 +353,7 @@ class Overlay(Block):
             "hide": (False, self._hide),
             "camera": (False, lambda name: scene.cameras.choose(visitor.client, name)),
             "turned": (False, lambda: scene.cameras.turned(visitor.client)),
-            "width": (False, lambda pixels: scene.cameras.tell_width(visitor.client, pixels)),
+            "aspect": (False, lambda aspect: scene.cameras.tell_aspect(visitor.client, aspect)),
             "drawn": (False, self._drawn),
         }
         asked = gui.add_text(ASK, "", visible=False)
@@ -418,6 +418,7 @@ class Overlay(Block):
 
     def _drawn(self) -> None:
         self.visitor.drawn = True
+        self._cameras.drawn(self.visitor.client)
 
     def _hide(self, keys: list[str]) -> None:
         self.visitor.hidden = frozenset(map(str, keys))

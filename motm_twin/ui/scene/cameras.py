@@ -44,11 +44,13 @@ UNFRAMED = 0.25  # [m] between them that the camera shows without going back
 REST = 0.5  # [s] after the hand's last move the ride goes on
 ECHO = 0.03  # [m] a reported camera this near to a sent one was not moved by hand
 TURNED = 5.0  # [s] after mouse, finger or key, in which a page reports where they put the camera
-PANEL = 334  # [px] that the docked panel takes from the picture; a page tells its size before it is docked
-NARROW = 700  # [px] of a page on which the panel lies over the picture
+PANEL = 334  # [px] that the docked panel takes from the picture (overlay.js); for the moments until a page tells
+NARROW = 700  # [px] of a page on which the panel lies over the picture (overlay.js)
+ASPECTS = 0.1, 10.0  # width / height of a picture, at least and at most
 _SIGHT_EDGE = 0.9  # share of the picture in which a body is seen
 _PARTS = (0.35, 0.9)  # of the height of a body, which must both be in sight
 _OWN = 0.3  # [m] by which a hit may lie before the point: the body itself, or its own edge
+NUDGE = 1e-2  # [m] between two positions that Viser takes for different ones
 _MEMORY = 90  # sent poses that echoes are compared with
 
 
@@ -108,8 +110,8 @@ class _Eye:
     target: View | None = None  # of a fixed view
     aspect: float = 0.0  # that the target is for
     seen: float = 0.0  # aspect of the picture at the last update
-    page_width: int = 0  # of the picture when it came, in pixels of the display
-    width: float = 0.0  # [px] of the page, as it tells it; 0: it has not
+    told: float = 0.0  # aspect of the picture beside the panel, as the page tells it; 0: it has not
+    drawn: bool = False  # the page has drawn the scene since the last view was sent
     ease_from: View | None = None
     ease_start: float = -math.inf
     ease_fov: float = FIELD_OF_VIEW  # at the start of the move
@@ -159,11 +161,17 @@ class Cameras:
             if eye := self._eyes.get(client.client_id):
                 eye.turned_at = time.monotonic()
 
-    def tell_width(self, client: viser.ClientHandle, width: float) -> None:
-        """Take the width [px] of a page: a phone has more pixels than that across its picture."""
+    def tell_aspect(self, client: viser.ClientHandle, aspect: float) -> None:
+        """Take the width / height of a page's picture, once its panel is docked."""
         with self._lock:
             if eye := self._eyes.get(client.client_id):
-                eye.width = max(float(width), 1.0)
+                eye.told = min(max(float(aspect), ASPECTS[0]), ASPECTS[1])
+
+    def drawn(self, client: viser.ClientHandle) -> None:
+        """Send a fixed view once more to a page that has drawn the scene: what came before may have been lost."""
+        with self._lock:
+            if eye := self._eyes.get(client.client_id):
+                eye.target, eye.drawn = None, True
 
     def mode(self, client: viser.ClientHandle) -> str:
         """Preset that a visitor has now."""
@@ -177,7 +185,7 @@ class Cameras:
         """
         now = time.monotonic()
         clients = self._server.get_clients()
-        wanted: dict[int, tuple[View, float]] = {}
+        wanted: dict[int, tuple[View, float, bool]] = {}
         with self._lock:
             self._base, self._hand, self._target = pose, hand, target
             for number, eye in self._eyes.items():
@@ -185,12 +193,14 @@ class Cameras:
                     continue
                 view = self._view(eye, clients[number], now, dt)
                 if view is not None and (ride or eye.mode not in RIDES or eye.ease_from is not None):
-                    wanted[number] = view, self._fov(eye, clients[number], now)
+                    wanted[number] = view, self._fov(eye, clients[number], now), eye.drawn
                     eye.sent.append(view[0])
-                    eye.look_at = view[1]
-        for number, ((position, look_at), fov) in wanted.items():
+                    eye.look_at, eye.drawn = view[1], False
+        for number, ((position, look_at), fov, again) in wanted.items():
             client = clients[number]
             with client.atomic():
+                if again:  # Viser does not send twice the same; of what it queues, the last is sent
+                    client.camera.position = position + NUDGE
                 client.camera.position = position  # takes the look-at point along, so this comes first
                 client.camera.look_at = look_at
                 client.camera.fov = fov
@@ -286,7 +296,7 @@ class Cameras:
                 eye.mode = "Free"
 
     async def _enter(self, client: viser.ClientHandle) -> None:
-        number, eye = client.client_id, _Eye(page_width=client.camera.image_width)
+        number, eye = client.client_id, _Eye()
         eye.sent.append(np.array(client.camera.position))  # the page tells it again when its size changes
         with self._lock:
             if self._scene is not None:  # it may have told where it was before it began where it should
@@ -318,9 +328,7 @@ def _between(start: float, goal: float, part: float) -> float:
 def _aspect(eye: _Eye, client: viser.ClientHandle) -> float:
     """Width / height of the picture beside the panel."""
     width, height = client.camera.image_width, client.camera.image_height
-    page = eye.width or width
-    share = 1.0 - PANEL / page if width == eye.page_width and page > NARROW else 1.0
-    return share * width / max(height, 1)
+    return eye.told or (width - PANEL * (width > NARROW)) / max(height, 1)
 
 
 def _widened(client: viser.ClientHandle, before: float, now: float) -> View | None:
