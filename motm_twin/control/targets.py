@@ -124,7 +124,8 @@ class Targets:
                 kind="none", name="", position=np.zeros(3), yaw=0.0, side=side, position_sd=0.0, last_seen=None
             )
         place = self.bins[task.bin]
-        top = self._top_of(place, held, T_odom_world)
+        inside = self._inside(place, held, observation, T_odom_world)
+        top = max([place.rim_z, *(z + 0.5 * side for _, _, z, _, side, seen in inside if seen)])
         position = from_frame(T_odom_world, np.array([*place.centre, top])) + self._over_middle(side)
         return ArmGoal(
             kind="place",
@@ -135,20 +136,22 @@ class Targets:
             position_sd=0.0,
             last_seen=observation.time,
             release_half_width=place.side / 2.0 - place.wall,
+            neighbours=np.array(inside).reshape(-1, 6),
         )
 
     def _over_middle(self, side: float) -> Array:
         """From the middle of an object to where it is grasped, (3,) [m]."""
         return np.array([0.0, 0.0, over_middle(side, self._arm.pick_tilt)])
 
-    def _top_of(self, place: Bin, held: str, T_odom_world: Array) -> float:
-        """Height [m] over which an object is let go: the bin's rim, or what was seen to lie higher in it."""
-        top, frame = place.rim_z, compose(T_odom_world, np.array([*place.centre, place.yaw]))
-        for name, position in self.tracker.seen_places():
-            above = float(position[2]) + 0.5 * self.objects[name].side
-            if above > top and name != held and np.abs(to_frame(frame, position[:2])).max() < 0.5 * place.side:
-                top = above
-        return top
+    def _inside(self, place: Bin, held: str, observation: Observation, T_odom_world: Array) -> list[tuple[float, ...]]:
+        """Objects that are believed in a bin, as neighbours of an `ArmGoal`; seen: since they were let go."""
+        frame, known = compose(T_odom_world, np.array([*place.centre, place.yaw])), self.tracker.places(observation)
+        seen = {name for name, _ in self.tracker.seen_places()}
+        return [
+            (*position.tolist(), 0.0, self.objects[name].side, float(name in seen))
+            for name, position in zip(known.names, known.positions, strict=True)
+            if name != held and np.abs(to_frame(frame, position[:2])).max() < 0.5 * place.side
+        ]
 
     def top_below(self, point: Array) -> float | None:
         """Height [m] of the furniture of the map below a point (3,) [m], world; None over the floor."""

@@ -17,6 +17,7 @@ from motm_twin.control.arm.geometry import (
     pose_at,
     reach_radius,
     release_point,
+    room_at,
     rotation_error,
     stretch,
     tilt_for,
@@ -25,9 +26,11 @@ from motm_twin.control.arm.geometry import (
 )
 from motm_twin.control.arm.types import TransitRule
 from motm_twin.model.arm_kernels import fk_arm
+from motm_twin.model.geometry import from_frame
 
 ANGLE = st.floats(-3.1, 3.1)
 MOUNT = np.array([0.15, 0.0, 0.38])
+BIN = np.array([1.0, 0.0, 0.72])
 
 
 @settings(deadline=None)
@@ -97,11 +100,38 @@ def test_a_pose_of_the_plan_is_interpolated_and_held_at_its_end():
     np.testing.assert_allclose(pose_at(0.0, now, times, poses), now)
 
 
+def released(yaw, mount, *taken, reach=2.0):
+    """The release point of a bin 1 m away."""
+    return release_point(BIN, yaw, 0.13, np.array(mount), np.array([0.6, reach]), np.array(taken).reshape(-1, 3))
+
+
 def test_the_release_point_is_in_the_square_and_towards_the_arm():
-    centre = np.array([1.0, 0.0, 0.72])
-    point = release_point(centre, 0.0, 0.13, np.zeros(3), 0.6)
-    np.testing.assert_allclose(point, [0.87, 0.0])
-    np.testing.assert_allclose(release_point(centre, 0.3, 0.13, np.array([0.5, 0.0, 0.0]), 0.6), [1.0, 0.0], atol=1e-9)
+    np.testing.assert_allclose(released(0.0, [0.0, 0.0, 0.0]), [0.87, 0.0])
+    np.testing.assert_allclose(released(0.3, [0.5, 0.0, 0.0]), [1.0, 0.0], atol=1e-9)
+
+
+@pytest.mark.parametrize("yaw", [0.0, 0.7, -2.0])
+@pytest.mark.parametrize("heading", np.linspace(-math.pi, math.pi, 7))
+def test_the_release_point_is_beside_what_lies_in_the_bin_wherever_there_is_room(yaw, heading):
+    rng = np.random.default_rng(7)
+    mount = np.array([1.0 + 0.9 * math.cos(heading), 0.9 * math.sin(heading), 0.3])
+    grid = np.stack(np.meshgrid(*[np.linspace(-0.13, 0.13, 27)] * 2), axis=-1).reshape(-1, 2)
+    places = from_frame(np.array([*BIN[:2], yaw]), grid)
+    for count in (1, 2, 3, 4):
+        there = from_frame(np.array([*BIN[:2], yaw]), rng.uniform(-0.13, 0.13, (count, 2)))
+        taken = np.column_stack([there, np.full(count, 0.057)])
+        point = released(yaw, mount, *taken)
+        most = max(room_at(place, BIN, yaw, taken) for place in places)
+        assert room_at(point, BIN, yaw, taken) >= min(0.0, most) - 1e-6
+        empty = released(yaw, mount)
+        free = [math.dist(place, empty) for place in places if room_at(place, BIN, yaw, taken) >= 0.0]
+        assert math.dist(point, empty) <= min(free, default=1.0) + 1e-6
+
+
+def test_a_free_place_out_of_reach_is_not_aimed_at():
+    near, behind = [0.87, 0.0, 0.14], 1.0
+    assert released(0.0, [0.0, 0.0, 0.0], near)[0] > behind
+    assert released(0.0, [0.0, 0.0, 0.0], near, reach=0.95)[0] < 0.95
 
 
 def test_the_arm_leaves_when_its_transit_takes_as_long_as_the_base():

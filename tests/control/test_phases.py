@@ -86,3 +86,25 @@ def test_the_hand_waits_until_what_it_let_go_has_fallen_from_between_its_fingers
     """A hand that left at 0.8 m/s at once touched the falling cube with a finger."""
     fallen = 0.5 * phases.GRAVITY * phases._clears(side, P) ** 2
     assert fallen == pytest.approx(0.5 * side + P.tip_length)
+
+
+@pytest.mark.parametrize(
+    ("others", "aim", "hand", "lets_go"),
+    [
+        ([], 0.0, 0.0, True),
+        ([0.0], 0.06, 0.06, True),
+        ([0.0], 0.06, 0.02, False),  # it would land on the other
+        ([-0.06, 0.0, 0.06], 0.03, 0.03, True),  # no room anywhere: there is a pile
+    ],
+)
+def test_an_object_is_let_go_beside_what_lies_in_the_bin_while_there_is_room(others, aim, hand, lets_go):
+    """It was let go over the middle of what was let go before: of six cubes in a bin, towers of three."""
+    there = np.array([[x, 0.0, 0.6, 0.0, 0.04, 1.0] for x in others]).reshape(-1, 6)
+    goal = SimpleNamespace(
+        kind="place", position=np.array([0.0, 0.0, 0.7]), yaw=0.0, side=0.04, release_half_width=0.15, neighbours=there
+    )
+    view = SimpleNamespace(
+        goal=goal, p=np.array([hand, 0.0, 0.76]), target=np.array([aim, 0.0, 0.755]), velocity=np.zeros(3)
+    )
+    rules = SimpleNamespace(parameters=P, profile=SimpleNamespace(gripper=SimpleNamespace(opening_time=0.2)))
+    assert phases.lands_inside(ManipulatorState(side=0.04), view, rules) == lets_go

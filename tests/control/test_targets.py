@@ -58,6 +58,8 @@ def test_an_object_is_let_go_over_the_rim_or_over_what_was_seen_to_lie_higher(he
     assert np.allclose(frame, 0.0, atol=0.1)  # odometry begins in the world
     goal = targets.arm_goal(Place(bin="order_2"), known.objects[1].name, observation, frame)
     assert goal.position[2] == pytest.approx(place.rim_z + higher)
+    inside = [] if aside else [[*seen, 0.0, lies.side, float(sd < 0.05)]]
+    np.testing.assert_allclose(goal.neighbours, np.reshape(inside, (-1, 6)))
     assert lies.side == pytest.approx(0.04)
 
 

@@ -171,16 +171,75 @@ def capped(vector: Array, limit: float) -> Array:
     return vector if length <= limit else vector * (limit / length)
 
 
+_HEAVY = 1e4  # a shortage of room counts this many times as much as the same way: less of it comes first
+
+
 @njit(cache=True)
-def release_point(centre: Array, yaw: float, half: float, mount: Array, preferred_radius: float) -> Array:
-    """The point of the release square that the arm reaches best: nearest to ``preferred_radius`` from the mount."""
+def release_point(centre: Array, yaw: float, half: float, mount: Array, radii: Array, taken: Array) -> Array:
+    """The point of the release square that the arm reaches best and that is free, or as free as any in reach.
+
+    ``radii`` (2,): from the mount, at which the arm is most at ease, and its reach [m]. ``taken``: what lies in the
+    bin, x, y and how near to it along the bin's axes no other centre may come [m], shape (n, 3).
+    """
     away = centre[:2] - mount[:2]
     distance = norm(away)
-    wanted = -away * max(0.0, 1.0 - preferred_radius / max(distance, 1e-6))
+    wanted = -away * max(0.0, 1.0 - radii[0] / max(distance, 1e-6))
     c, s = math.cos(yaw), math.sin(yaw)
     x = min(max(c * wanted[0] + s * wanted[1], -half), half)
     y = min(max(-s * wanted[0] + c * wanted[1], -half), half)
+    if taken.shape[0]:
+        origin = np.array([-c * away[0] - s * away[1], s * away[0] - c * away[1]])
+        x, y = _freest(x, y, half, origin, radii[1], _along(centre, c, s, taken))
     return np.array([centre[0] + c * x - s * y, centre[1] + s * x + c * y])
+
+
+@njit(cache=True)
+def room_at(point: Array, centre: Array, yaw: float, taken: Array) -> float:
+    """Room [m] of a point (x, y, ...) beside what lies in a bin; negative: as much is missing; inf: nothing there."""
+    c, s = math.cos(yaw), math.sin(yaw)
+    dx, dy = point[0] - centre[0], point[1] - centre[1]
+    return _room(c * dx + s * dy, -s * dx + c * dy, _along(centre, c, s, taken))
+
+
+@njit(cache=True)
+def _along(centre: Array, c: float, s: float, taken: Array) -> Array:
+    """The same squares about the bin's centre, in its axes."""
+    there = taken.copy()
+    for i in range(there.shape[0]):
+        dx, dy = taken[i, 0] - centre[0], taken[i, 1] - centre[1]
+        there[i, 0], there[i, 1] = c * dx + s * dy, -s * dx + c * dy
+    return there
+
+
+@njit(cache=True)
+def _room(x: float, y: float, there: Array) -> float:
+    room = math.inf
+    for i in range(there.shape[0]):
+        room = min(room, max(abs(x - there[i, 0]), abs(y - there[i, 1])) - there[i, 2])
+    return room
+
+
+@njit(cache=True)
+def _freest(x: float, y: float, half: float, mount: Array, reach: float, there: Array) -> tuple[float, float]:
+    """The nearest free point of a square: its x and y are those wanted, of an edge, or beside something there."""
+    reach = max(reach, hypot(x - mount[0], y - mount[1])) + 1e-9
+    count = there.shape[0]
+    xs, ys = np.empty(3 + 2 * count), np.empty(3 + 2 * count)
+    xs[:3], ys[:3] = (x, -half, half), (y, -half, half)
+    for i in range(count):
+        for k in range(2):
+            off = (2 * k - 1) * (there[i, 2] + 1e-9)
+            xs[3 + 2 * i + k] = min(max(there[i, 0] + off, -half), half)
+            ys[3 + 2 * i + k] = min(max(there[i, 1] + off, -half), half)
+    best, bx, by = math.inf, x, y
+    for u in xs:
+        for v in ys:
+            if hypot(u - mount[0], v - mount[1]) > reach:
+                continue
+            cost = hypot(u - x, v - y) + _HEAVY * max(0.0, -_room(u, v, there))
+            if cost < best:
+                best, bx, by = cost, u, v
+    return bx, by
 
 
 @njit(cache=True)

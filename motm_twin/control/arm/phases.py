@@ -9,11 +9,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from motm_twin.control.arm.geometry import planar_joints, pose_at, tilt_of
+from motm_twin.control.arm.geometry import planar_joints, pose_at, room_at, tilt_of
 from motm_twin.control.arm.grasp_room import GraspRoom
 from motm_twin.control.arm.parameters import ArmParameters
 from motm_twin.control.arm.types import ArmInputs, ArmTiming, Phase
-from motm_twin.control.arm.view import ManipulatorState, View
+from motm_twin.control.arm.view import ManipulatorState, View, taken
 from motm_twin.model.compiler import njit
 from motm_twin.model.exact import norm
 from motm_twin.model.geometry import Array, to_frame
@@ -434,7 +434,14 @@ def lands_inside(state: ManipulatorState, view: View, rules: PhaseRules) -> bool
         return False
     fall = rules.profile.gripper.opening_time + math.sqrt(2.0 * (over + 0.1) / GRAVITY)
     land = view.p[:2] + view.velocity[:2] * fall
-    return _in_square(state, view, rules, view.p) and _in_square(state, view, rules, land)
+    return _in_square(state, view, rules, view.p) and _in_square(state, view, rules, land) and _free(view, land, p)
+
+
+def _free(view: View, point: Array, p: ArmParameters) -> bool:
+    """An object that lands at a point (x, y) has room in the bin; or about as much as where there is most."""
+    goal, there = view.goal, taken(view.goal, 0.5)
+    most, room = (room_at(place, goal.position, goal.yaw, there) for place in (view.target, point))
+    return room >= 0.0 or (most < 0.0 and room >= most - p.approach_distance)
 
 
 def _in_square(state: ManipulatorState, view: View, rules: PhaseRules, point: Array) -> bool:

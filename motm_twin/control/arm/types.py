@@ -27,7 +27,7 @@ class ArmGoal(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     position_sd: float  # [m] per axis of the estimate
     last_seen: float | None  # [s]; None: never seen, position is the prior
     release_half_width: float = 0.0  # [m] place: half of the square in which the released object must be
-    neighbours: Array = NO_NEIGHBOURS  # pick: objects near it: x, y, z [m], yaw [rad], side [m], 1: seen; shape (n, 6)
+    neighbours: Array = NO_NEIGHBOURS  # beside the object or in the bin: x, y, z [m], yaw [rad], side [m], 1: seen
     neighbour_names: tuple[str, ...] = ()
 
 

@@ -13,11 +13,12 @@ from motm_twin.control.arm.types import ArmGoal, ArmInputs, Overlap, Phase
 from motm_twin.model.arm_kernels import TCP, factor, fk_arm, point_jacobian
 from motm_twin.model.compiler import njit
 from motm_twin.model.exact import hypot, times
-from motm_twin.model.geometry import Array
+from motm_twin.model.geometry import Array, frozen
 from motm_twin.model.reason import Reason
 from motm_twin.model.state import LATER
 
 _NOTHING, _PICK, _PLACE = 0, 1, 2
+NOTHING_TAKEN = frozen(np.zeros((0, 3)))
 _GOALS = {"pick": _PICK, "place": _PLACE}
 
 
@@ -150,12 +151,12 @@ def look(inputs: ArmInputs, base_mount: Array, beta: float, parameters: ArmParam
     half = max(0.0, goal.release_half_width - 0.5 * goal.side - parameters.release_margin)
     told = Told(
         observation.q, observation.dq, observation.odometry, observation.twist, inputs.base_twist, inputs.T_odom_world,
-        base_mount, goal.position, goal.yaw,
+        base_mount, goal.position, goal.yaw, taken(goal, 1.0),
     )  # fmt: skip
     kind = _GOALS.get(goal.kind, _NOTHING)
     arm, radius, azimuth, distance, dexterity, nearest, total = _look(
         told, inputs.obstacles.points, inputs.plan_poses, kind, half, parameters.release_height,
-        parameters.preferred_radius, beta,
+        np.array([parameters.preferred_radius, parameters.place_reach]), beta,
     )  # fmt: skip
     return View(
         time=observation.time,
@@ -189,6 +190,18 @@ class Told(NamedTuple):
     base_mount: Array
     position: Array  # [m] of the goal, shape (3,)
     yaw: float
+    taken: Array  # of `release_point`
+
+
+def taken(goal: ArmGoal, turned: float) -> Array:
+    """What lies in the bin of a place, for `release_point`, shape (n, 3).
+
+    ``turned``: 0: as if all lay along the bin's axes; 1: at 45 deg to them, the worst.
+    """
+    if goal.kind != "place" or not len(goal.neighbours):
+        return NOTHING_TAKEN
+    apart = 0.5 * (goal.neighbours[:, 4] + goal.side) * (1.0 + turned * (math.sqrt(2.0) - 1.0))
+    return np.column_stack([goal.neighbours[:, :2], apart])
 
 
 @njit(cache=True)
@@ -199,12 +212,13 @@ def _look(
     goal: int,
     half: float,
     rise: float,
-    preferred: float,
+    radii: Array,
     beta: float,
 ) -> tuple[Arm, float, float, float, float, float, float]:
     """The arm, what `View` has beside it, and a sum of all numbers, finite when each is.
 
-    ``half`` and ``rise`` [m]: half the release square, and how far above the bin's rim the object is released.
+    ``half`` and ``rise`` [m]: half the release square, and how far above the bin's rim the object is released;
+    ``radii`` as in `release_point`.
     """
     t = told
     q, pose, measured, wanted = t.q.copy(), t.pose.copy(), t.measured.copy(), t.wanted.copy()
@@ -215,7 +229,7 @@ def _look(
     if goal == _PICK:
         target[0], target[1], target[2] = t.position[0], t.position[1], t.position[2]
     elif goal == _PLACE:  # the point of the release square that is easiest to reach
-        released = release_point(t.position, t.yaw, half, mount, preferred)
+        released = release_point(t.position, t.yaw, half, mount, radii, t.taken)
         target[0], target[1], target[2] = released[0], released[1], t.position[2] + rise
     else:
         target[0], target[1], target[2] = mount[0] + 1.0, mount[1], mount[2]
