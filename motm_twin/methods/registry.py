@@ -121,7 +121,7 @@ def expect_tracks(parts: PlannerParts) -> IgnoreFarMovers:
 
 
 def all_rings(materials: Materials) -> EveryRing:
-    """Candidates on all rings; where none is viable, the robot waits beside the dynamic obstacle."""
+    """Candidates on all rings; where none is viable, and with the view of `fast`, a wait beside who moves."""
     view = materials.view
     return EveryRing(view.still if isinstance(view, IgnoreFarMovers) else None)
 
@@ -143,10 +143,11 @@ FAST = Method(
     source="own",
     chosen=(
         "A plan is kept until a search finds one that is cheaper than the rest of it. Candidates lie on all rings of "
-        "0.6 to 0.8 m, and the chosen one stays while it is free. Dynamic obstacles count from 2.0 m on. Where they "
-        "leave a target no candidate, the robot waits beside the one that it can be at soonest. Where it creeps and "
-        "cannot turn on the spot, costs come from a lattice on which the footprint is free. Every node tries 5 x 5 "
-        "accelerations, for half the computing, and of plans of equal time the steadier one is taken."
+        "0.6 to 0.8 m; the chosen one stays among them while its footprint is free. Dynamic obstacles count only "
+        "within 2.0 m. Where they leave a target no candidate, the robot waits beside the one that it can be at "
+        "soonest. Where it creeps and cannot turn on the spot, costs come from a lattice on which the footprint is "
+        "free. Every node tries 5 x 5 accelerations, for half the computing, and of plans of equal time the steadier "
+        "one is taken."
     ),
     parameters={"bezier_offset": 0.1, "notches": 5, "steadiness": 0.02},
     planner=BaseChoices(view=IgnoreFarMovers, candidates=all_rings, commitment=keep_plans),

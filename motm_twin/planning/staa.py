@@ -143,7 +143,7 @@ def _close(key: int, closed: NDArray[np.int64], add: int) -> bool:
 
 
 @kernel
-def _penalty(x: float, y: float, heading: float, free: float, s: Settings, world: World) -> float:
+def _proximity_cost(x: float, y: float, heading: float, free: float, s: Settings, world: World) -> float:
     """C: 0 .. 1, how near the footprint is to obstacles."""
     if not s.grid_map:
         return max(0.0, 1.0 - free / s.grid_range)
@@ -345,12 +345,12 @@ def proximity_scale(t_h: float, k_min: float, k_time: float) -> float:
 
 
 @inlined
-def _penalties(
+def _node_costs(
     before: Array, pose: Array, free: float, t_goal: float, s: Settings, world: World
 ) -> tuple[float, float, float]:
     """Costs [s] of a node: beside obstacles, inside the margin, and of turning faster or slower."""
     k = proximity_scale(t_goal, s.k_min, s.k_time) if s.scale_penalty else 1.0
-    cost = _penalty(pose[0], pose[1], pose[2], free, s, world) if s.grid_weight > 0.0 else 0.0
+    cost = _proximity_cost(pose[0], pose[1], pose[2], free, s, world) if s.grid_weight > 0.0 else 0.0
     inside = s.margin_cost * max(0.0, 1.0 - max(0.0, free) / s.margin)
     return k * s.grid_weight * cost, inside, s.steadiness * abs(pose[4] - before[4]) / s.b_max
 
@@ -384,7 +384,7 @@ def _child(
     h, t_goal = _judge(pose[0], pose[1], pose[2], c, si, reached or done, done, s, world, cells, memory)
     if h >= FAR:
         return
-    beside, inside, turning = _penalties(before, pose, free, t_goal, s, world)
+    beside, inside, turning = _node_costs(before, pose, free, t_goal, s, world)
     spent = memory.cost[node, G] + s.node_duration + beside + inside
     spent += turning
     if s.moving_weight > 0.0:

@@ -61,7 +61,7 @@ class BaseProblem(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
 
 class SearchBudget(msgspec.Struct, frozen=True, kw_only=True):
-    """Bounds of one search: expansions always; `clock` and `seconds` only where real time counts."""
+    """Bounds of one search: expansions always; `seconds` only where real time counts."""
 
     expansions: int = 300  # more does not shorten the trials; 1,000 cost three times the period
     seconds: float | None = None  # [s]; None: only expansions count (deterministic)

@@ -45,7 +45,7 @@ class Layer(msgspec.Struct, frozen=True):
 LAYERS = (
     Layer("grid", "Ground", "what the robot takes for occupied: brown, and lighter the margin round it",
           colours.ground_css(), "area", ("/map",)),
-    Layer(PLACES, "Where the base could stand", "each dot is a place for the next target, and its nose the heading: "
+    Layer(PLACES, "Where the base could stand", "each dot is a place for the current target, its nose the heading: "
           "yellow costs little time, violet much, grey is impossible; click one to read its costs",
           colours.viridis_css(), "dots", ("/plan/candidates",)),
     Layer("there", "Way there", "way of the base to the chosen place; dashed: to the place that you clicked",

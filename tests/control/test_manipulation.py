@@ -242,8 +242,9 @@ def test_the_stowed_arm_stays_over_the_base():
     assert low[2] > foot.height + 0.02
 
 
-def test_a_program_whose_furniture_rows_give_way_names_the_row():
-    active = ("joint 4", "lidar static", "hand - table", "forearm - lidar")
-    assert _gave_way(0.0, active, 0.02) is None
-    gave = str(_gave_way(0.05, active, 0.02))
-    assert gave == "moved off at 0.05 m/s (hand - table): too near for the joints to brake in time"
+@pytest.mark.parametrize("row", ["hand - table", "ceiling"])
+def test_a_program_whose_hard_rows_give_way_names_the_row(row):
+    active, hard = ("joint 4", "lidar static", row, "forearm - lidar"), frozenset({"hand - table", "ceiling"})
+    assert _gave_way(0.0, active, hard, 0.02) is None
+    gave = str(_gave_way(0.05, active, hard, 0.02))
+    assert gave == f"moved off at 0.05 m/s ({row}): too near for the joints to brake in time"

@@ -71,7 +71,7 @@ def test_a_run_that_has_ended_begins_anew_by_its_button_and_by_no_key_that_was_m
     assert person.sent == [to.Pause()]
     person.shows("done")
     drive.toggle()
-    assert len(person.sent) == 1 and "Restart" in person.page.notes[-1]
+    assert len(person.sent) == 1 and "start it again" in person.page.notes[-1]
     person.asks("toggle")
     assert person.sent == [to.Play()]
     person.shows("paused")

@@ -251,7 +251,8 @@
     const past = !now.live;
     controls.play.press(
       now.playing ? "pause" : "play",
-      now.playing ? "Pause" : !past && now.state === "done" ? "Restart" : "Play", "Play or pause (space)");
+      now.playing ? "Pause" : !past && now.state === "done" ? "Restart" : "Play",
+      !now.playing && !past && now.state === "done" ? "Start again (not by space)" : "Play or pause (space)");
     for (const name of ["reset", "back", "play", "on", "live", "branch", "undo"]) controls[name].disabled = !now.mine;
     track.toggleAttribute("aria-disabled", !now.mine);
     speed.disabled = !now.mine;

@@ -13,7 +13,7 @@
   const running = (wanted) => motm.data.now?.playing !== wanted && motm.say("toggle");
   const STEPS = [
     {
-      text: "<b>1 of 4.</b> The robot waits. The dots on the floor are places where its base could stand for the next cube: yellow costs little time, violet a lot, and grey is impossible. <b>Click a coloured one.</b>",
+      text: "<b>1 of 4.</b> The robot waits. The dots on the floor are places where its base could stand for the current target: yellow costs little time, violet a lot, and grey is impossible. <b>Click a coloured one.</b>",
       begin: () => (running(false), motm.blink("places")),
       done: () => motm.data.now.picked !== null,
     },

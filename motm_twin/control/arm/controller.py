@@ -138,7 +138,7 @@ class Manipulator(Stateful[ManipulatorState]):
         twist, rates = x[BASE], x[ARM]
         self._state.twist, self._state.rates, self._state.stop_rates = twist.copy(), rates.copy(), None
         active = self._active(rows, answer.active)
-        gave = _gave_way(x[FURNITURE_ELASTIC], active, self.parameters.qp.gives_way)
+        gave = _gave_way(x[FURNITURE_ELASTIC], active, rows.hard, self.parameters.qp.gives_way)
         return self.report(
             view,
             inputs,
@@ -288,12 +288,12 @@ class Manipulator(Stateful[ManipulatorState]):
         )
 
 
-def _gave_way(speed: float, active: tuple[str, ...], least: float) -> Reason | None:
-    """The fault of a program whose rows of furniture gave way by a speed [m/s]; None below the least."""
+def _gave_way(speed: float, active: tuple[str, ...], hard: frozenset[str], least: float) -> Reason | None:
+    """The fault of a program whose hard rows gave way by a speed [m/s]; None below the least."""
     if speed < least:
         return None
-    rows = [name for name in active if " - " in name and not name.endswith("lidar")]
-    return Reason(kind=Kind.GAVE_WAY, subject=rows[0] if rows else "furniture", value=speed, unit="m/s")
+    row = next((name for name in active if name in hard), "furniture")
+    return Reason(kind=Kind.GAVE_WAY, subject=row, value=speed, unit="m/s")
 
 
 def _not_finite(inputs: ArmInputs) -> str:

@@ -1,6 +1,6 @@
 """Limits of the arm's speed towards obstacles: rows ``G (v, w, qdot) <= h`` of the quadratic program.
 
-All of them are one damper line: at the distance d the approach speed is at most
+They bound the speed of approach by a damper line, the height limit by 0: at the distance d it is at most
 
     xi (d - d_s) / (d_i - d_s),    negative below d_s: retreat        (Paper, Sec. V)
 

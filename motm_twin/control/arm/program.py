@@ -65,6 +65,7 @@ class ActiveRows(NamedTuple):
     """The inequality rows of one step."""
 
     names: tuple[str, ...]  # of all that rows may be about
+    hard: frozenset[str]  # those of limits that are not soft
     which: IntArray  # index into them, shape (k,)
     limiter: str  # the gripper's obstacle that limits it most: "moving obstacle", "static obstacle", "" none is near
     allowed: float  # [m/s] its damper line, inf when none is near
@@ -86,6 +87,7 @@ class ArmProgram:
         p = parameters
         limits = (*arm_limits(known, p.avoidance), *more)
         self._names = tuple(name for limit in limits for name in limit.names)
+        self._hard = frozenset(name for limit in limits if not limit.soft for name in limit.names)
         first = itertools.accumulate((len(limit.names) for limit in limits), initial=0)
         self._limits = list(zip(limits, first, strict=False))
         self._avoidance = numbers(p.avoidance)
@@ -116,7 +118,7 @@ class ArmProgram:
             (view.manipulability, view.beta, inputs.dt, swinging),
         )  # fmt: skip
         program = Program(P=cost, c=c, A=A, b=b, G=G, h=h, lower=lower, upper=upper, slack=_SLACKS)
-        return program, ActiveRows(self._names, which, *_limiter(around.gripper))
+        return program, ActiveRows(self._names, self._hard, which, *_limiter(around.gripper))
 
     def _joints(self, rates: Array, stuck: int | None) -> tuple[Array, _Constants]:
         """Arm rates commanded last and constants; a ``stuck`` joint is only tried, and the others do its work."""

@@ -68,7 +68,7 @@ class DriveTab(Block):
     def toggle(self) -> None:
         """Play or pause; a key press meant to pause does not restart a run that has just ended."""
         if self._state() == "done":
-            self.tell("the run has ended: press Restart below the scene, or give the robot another task")
+            self.tell("the run has ended: press play below the scene to start it again, or give the robot another task")
         else:
             self.press()
 
