@@ -11,7 +11,7 @@ from motm_twin.control.arm.parameters import ArmParameters
 from motm_twin.control.loop import ControlLoop, Settings
 from motm_twin.control.method import ArmParts, Method, PlannerParts, Rehearsed, Timed
 from motm_twin.control.parameters import Parameters
-from motm_twin.control.targets import odometry_to_world
+from motm_twin.control.targets import world_in_odometry
 from motm_twin.control.task_list import TaskList, edited
 from motm_twin.control.tick import Tick
 from motm_twin.control.told import Told, check_announce
@@ -388,7 +388,7 @@ class Twin:
                 continue
             at = np.array(body.position)
             if norm(loop.tracker.world_position(body.name, observation) - at) > POINTED_AT:
-                in_odometry = from_frame(odometry_to_world(observation), at)
+                in_odometry = from_frame(world_in_odometry(observation), at)
                 loop.tracker.move_belief(body.name, in_odometry, observation, loop.known.object_sd)
 
     def _announce(self, name: str) -> None:

@@ -4,7 +4,7 @@ import pytest
 from shapely.geometry import Polygon
 from twin_steps import advance, advance_until, caused, short
 
-from motm_twin.control.targets import odometry_to_world
+from motm_twin.control.targets import world_in_odometry
 from motm_twin.methods.registry import find_method
 from motm_twin.model.edits import AddObstacle, RemoveBody
 from motm_twin.model.geometry import rectangle, to_frame
@@ -57,7 +57,7 @@ def test_a_base_that_touches_a_box_stops_within_its_stopping_distance_and_goes_r
 def with_a_box_on_its_hand(phase):
     """A twin in whose way a box is put where the hand is, once that is in this phase."""
     twin, tick = short(phase)
-    x, y = to_frame(odometry_to_world(tick.observation), tick.arm[-1].reference[:2]).tolist()
+    x, y = to_frame(world_in_odometry(tick.observation), tick.arm[-1].reference[:2]).tolist()
     twin.post(AddObstacle(name="box", x=x, y=y, size=(0.3, 0.3, 1.2)))
     return twin
 

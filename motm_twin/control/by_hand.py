@@ -1,7 +1,8 @@
 """Driving by hand: a twist that a person or program gives replaces the plan of the base for a moment.
 
 It keeps to the limits of the base, and to speeds from which the base can stop clear of all that the map shows. The
-monitor has the last word as ever, but it is made for plans that avoid things: it would not stop one who pushes on.
+monitor checks every command as usual, but relies on plans that avoid obstacles: alone it would not stop a driver
+who keeps pushing towards one.
 """
 
 import math

@@ -19,7 +19,7 @@ from motm_twin.control.reasons import standing
 from motm_twin.control.response import Response
 from motm_twin.control.self_check import SelfCheck
 from motm_twin.control.sequence import TaskSequence
-from motm_twin.control.targets import Targets, odometry_to_world
+from motm_twin.control.targets import Targets, world_in_odometry
 from motm_twin.control.tick import Event, Stages, Tick
 from motm_twin.model.edits import Edit, TaskEdit
 from motm_twin.model.geometry import Array, from_frame, to_frame, wrap_angle
@@ -73,7 +73,7 @@ class ControlLoop(Stateful[LoopState]):
         truth: Callable[[], Truth | None] = lambda: None,
         clock: Callable[[], float] = lambda: 0.0,
     ) -> None:
-        """``profile``: what the robot was told of itself, when that of ``known`` has been corrected by what it does."""
+        """``profile``: the robot's profile before the lag in ``known`` was corrected by the estimated one."""
         self.known = known
         self.plant = plant
         self.settings = settings or Settings()
@@ -148,7 +148,7 @@ class ControlLoop(Stateful[LoopState]):
             map=world,
             tasks=self.sequence.report(),
             task_index=self.sequence.index,
-            beliefs=self.targets.beliefs(observation, odometry_to_world(observation), self.sequence.held),
+            beliefs=self.targets.beliefs(observation, world_in_odometry(observation), self.sequence.held),
             placement=placement,
             plan=plan,
             arm=tuple(steps),
@@ -245,7 +245,7 @@ class ControlLoop(Stateful[LoopState]):
         return [np.asarray(target.position[:2]) for target in found if target is not None]
 
     def _stopped_by(self, reason: Reason | None) -> Reason | None:
-        """Why the monitor slowed or stopped the robot, or else what the robot does without; None for neither."""
+        """Reason of the monitors to slow or stop, else a refused scan or the worst finding; None for none of these."""
         return reason or self.mapper.refusal or self.self_check.trust().reason
 
     def _why(self, plan: BasePlan, step: ArmStep, observation: Observation) -> Reason | None:
@@ -268,7 +268,7 @@ class ControlLoop(Stateful[LoopState]):
     ) -> tuple[list[ArmStep], tuple[Observation, ...], tuple[Observation, ...], list[Event], Reason | None]:
         """The arm steps of this period, what each saw and was reported; the plant moves on between them."""
         dt = PERIOD / ARM_STEPS
-        T_odom_world = odometry_to_world(observation)
+        T_odom_world = world_in_odometry(observation)
         plan_poses = _to_odometry(T_odom_world, plan.local_poses)
         obstacles = ArmObstacles.of(world, T_odom_world, self.manipulator.parameters.avoidance.prediction)
         start = self.monitor.twist

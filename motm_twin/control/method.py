@@ -17,7 +17,7 @@ from motm_twin.model.known import KnownWorld
 from motm_twin.perception.movers import MoverParameters
 from motm_twin.perception.still_map import StillMap
 from motm_twin.planning.candidates import Rule, smallest_ring
-from motm_twin.planning.commitment import Anew, Commitment
+from motm_twin.planning.commitment import Commitment, SearchAnew
 from motm_twin.planning.controller import StaaController
 from motm_twin.planning.evasion import Evasion, MakesWay, StandsItsGround
 from motm_twin.planning.global_path import GraphCache
@@ -110,7 +110,7 @@ def next_target_placement(materials: Materials, candidates: Rule) -> PlacementSt
 
 def search_anew(materials: Materials) -> Commitment:
     """Keep nothing: every period starts a new search (Paper)."""
-    return Anew()
+    return SearchAnew()
 
 
 def stand_ground(materials: Materials) -> Evasion:

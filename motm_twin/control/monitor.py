@@ -128,7 +128,7 @@ class Verdict(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
 @dataclass
 class MonitorState:
-    """The last twist that was let through, and how the base would have stopped from there before what moves."""
+    """The last permitted twist, and the kind of stop before dynamic obstacles that was possible from it."""
 
     twist: Array = field(default_factory=lambda: np.zeros(2))
     holds: int = BRAKES_BOTH  # until the other ended: `HOLDS_TURN`, `HOLDS_SPEED`
@@ -214,10 +214,10 @@ class Monitor(Stateful[MonitorState]):
     def _before_movers(
         self, twist: Array, world: WorldMap, observation: Observation, dt: float
     ) -> tuple[Array, Reason] | None:
-        """The twist of a stop, where the base would not stand, nor move away, when something that moves gets to it.
+        """Next twist of a safe stop, and the reason; None while one of the three stops is still safe after ``twist``.
 
-        None: it would, in one of the three stops. Of these that one begins which is free still; if none is, because
-        somebody has turned, that which was: another one may lead anywhere.
+        The first stop that is safe now begins. If none is, because a dynamic obstacle has turned, the stop that was
+        safe last begins: any other could lead anywhere.
         """
         if not self.parameters.passive_safety or not len(world.tracks) or not twist.any():
             self._state.holds = BRAKES_BOTH

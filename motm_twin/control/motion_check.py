@@ -10,7 +10,7 @@ import numpy as np
 from motm_twin.model.geometry import Array
 from motm_twin.model.motion import lag_share
 from motm_twin.model.number import OWN, Number
-from motm_twin.model.plant import A_PERIOD_AND_A_BIT, PERIOD, Actuation, Observation
+from motm_twin.model.plant import LONGEST_PERIOD, PERIOD, Actuation, Observation
 from motm_twin.model.profile import Q_MAX, Q_MIN, BaseLimits, RobotProfile
 from motm_twin.model.reason import Kind, Reason
 from motm_twin.perception.finding import Finding
@@ -79,7 +79,7 @@ class MotionState:
 
 
 def skip(state: MotionState) -> None:
-    """What the robot says of its motion is old: nothing can be told from it."""
+    """Reset the checks when the reported state is too old to judge the motion by."""
     state.expected = state.told.copy()
     state.smooth = np.array([state.told, state.told])
     state.standing = state.moving = 0.0
@@ -134,12 +134,11 @@ def check_base(state: MotionState, now: Observation, dt: float, base: BaseLimits
 def _lag(
     state: MotionState, measured: Array, dt: float, limits: tuple[Array, Array], settings: MotionSettings
 ) -> Array:
-    """Reckon the lag of both axes; for which of them its last motion tells it, shape (2,).
+    """Estimate the lag of both axes; returns a mask of the axes whose recent motion determines it, shape (2,).
 
-    A base that is slower than told by a share, and later by a lag, is short of what is expected by that share of it and
-    by lag times its own acceleration, all smoothed alike: the share by least squares of both, the lag by what is left
-    of the newest. At its ``limits`` of speed and acceleration a base that is faster than told falls short, too: that
-    tells nothing.
+    Model: expected - measured speed = share * expected speed + lag * measured acceleration, all smoothed alike. Least
+    squares over ``memory`` give the share, the newest samples the lag. Samples at the ``limits`` of speed and
+    acceleration are left out: there a base that is faster than commanded falls short, too.
     """
     smooth = 1.0 - math.exp(-dt / settings.smooth)
     before = state.smooth
@@ -184,7 +183,7 @@ def check_joints(state: MotionState, now: Observation, dt: float, settings: Moti
 
 def _astray(state: MotionState, now: Observation) -> Array:
     """Joint rates beyond all that they were told lately [rad/s], shape (7,): no lag explains these."""
-    state.recent = [one for one in state.recent if now.time - one[0] <= A_PERIOD_AND_A_BIT]
+    state.recent = [one for one in state.recent if now.time - one[0] <= LONGEST_PERIOD]
     if not state.recent:
         return np.zeros(JOINTS)
     told = np.array([rates for _, rates in state.recent])

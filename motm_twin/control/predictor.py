@@ -128,7 +128,7 @@ def expired(acting: Actuation, since: float) -> Actuation:
 def dwell_to_plan(dwell: float | None, engaged: bool, lag: float) -> float | None:
     """Time [s] for which a plan keeps the target in reach; None: as long as the whole job takes.
 
-    While the arm is at work, the base stays there for its lag by itself.
+    While the arm is engaged, the lag of the base keeps it there that much longer, so the plan needs to cover less.
     """
     return max(0.0, dwell - lag) if engaged and dwell is not None else dwell
 

@@ -122,7 +122,7 @@ class Progress:
         return stalled
 
     def _keep_eased(self, time: float) -> None:
-        """Keep as little room as made this possible, the way on or the work of the arm."""
+        """Remember the length of a hold-up that ended under tight planning, to plan as tightly for a while."""
         state, p = self.state, self._parameters
         stalled = time - state.since
         if stalled >= p.tight or time - state.eased < p.tightest:

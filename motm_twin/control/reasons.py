@@ -8,7 +8,7 @@ from motm_twin.model.reason import Kind, Reason
 from motm_twin.model.scene import DriveTo
 from motm_twin.planning.types import BasePlan, PlanStatus
 
-MOVING = (0.03, 0.05)  # [m/s], [rad/s] below which the base stands
+STANDSTILL = (0.03, 0.05)  # [m/s], [rad/s] below which the base stands
 WAITING = (0.10, 0.30)  # [m/s], [rad/s] below which it waits for the arm
 STARTING = 0.05  # [m/s^2], [rad/s^2] of a base that is about to move
 _DOING = {
@@ -27,7 +27,7 @@ def standing(sequence: TaskSequence, plan: BasePlan, step: ArmStep, observation:
         return step.why
     task = sequence.active
     arm_s_turn = task is not None and not isinstance(task, DriveTo) and (plan.time_to_range == 0.0 or step.engaged)
-    limit = WAITING if arm_s_turn and plan.status in (PlanStatus.GOAL, PlanStatus.ABORTED) else MOVING
+    limit = WAITING if arm_s_turn and plan.status in (PlanStatus.GOAL, PlanStatus.ABORTED) else STANDSTILL
     if abs(observation.twist[0]) > limit[0] or abs(observation.twist[1]) > limit[1]:
         return plan.why if plan.status == PlanStatus.BRAKING else None
     if sequence.done:

@@ -1,9 +1,9 @@
-"""How late the robot acts on its commands: found out from what it does, and looked past.
+"""Estimation and compensation of the command delay, and of the base's lag.
 
-Two numbers: the delay after which anything acts on a command, told by the joints, which follow theirs at once; and the
-lag of the base beyond that of its profile, told by its twist. Each is the one of a few whose model has fitted best for
-a while, by least squares. With a delay, an observation is moved on to when a command that is given now acts, as that of
-a robot on a slow link is; a lag becomes that of the profile (`Twin`).
+Two numbers are estimated: the delay until any part acts on a command, from the joints, which follow theirs at once; and
+the lag of the base beyond its profile, from its twist. Each is the candidate whose model has fitted best for a while,
+by least squares. With a delay, observations are predicted to the time at which a command given now acts, as for a robot
+on a slow link; `Twin` adds the estimated lag to the profile.
 """
 
 import math
@@ -18,7 +18,7 @@ from motm_twin.control.predictor import FARTHEST, Motion, Predictor
 from motm_twin.model.geometry import Array
 from motm_twin.model.motion import lag_share
 from motm_twin.model.number import OWN, Number
-from motm_twin.model.plant import A_PERIOD_AND_A_BIT, ARM_STEP, Actuation, Observation
+from motm_twin.model.plant import ARM_STEP, LONGEST_PERIOD, Actuation, Observation
 from motm_twin.model.profile import DDQ_MAX, DQ_MAX, RobotProfile
 from motm_twin.model.state import Stateful
 
@@ -134,7 +134,7 @@ class Response(Stateful[ResponseState]):
         dt, state.time = 0.0 if state.time is None else now.time - state.time, now.time
         if not _finite(now):
             return
-        if not (0.0 < dt <= A_PERIOD_AND_A_BIT) or now.ahead > 0.0 or now.age > 0.0 or not state.commands:
+        if not (0.0 < dt <= LONGEST_PERIOD) or now.ahead > 0.0 or now.age > 0.0 or not state.commands:
             state.rates, state.twists = np.tile(now.dq, (self._count, 1)), np.tile(now.twist, (len(LAGS), 1))
             return
         self._joints(now, dt)

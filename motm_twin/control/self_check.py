@@ -1,4 +1,4 @@
-"""The robot watches itself: the content of what its sensors say, and its parts against what they were told.
+"""Self-check: plausibility of the sensor data, and motion of the robot's parts against their commands.
 
 Each check is a small function of its own (`perception.sweeps`, `perception.localisation_check`,
 `perception.detection_check`, `control.motion_check`). Here they are run in order, and what they find becomes what the
@@ -13,7 +13,7 @@ import numpy as np
 
 from motm_twin.control import motion_check
 from motm_twin.control.motion_check import MotionSettings, MotionState
-from motm_twin.control.reasons import MOVING
+from motm_twin.control.reasons import STANDSTILL
 from motm_twin.control.tick import Event
 from motm_twin.model.geometry import Array, compose, inverse
 from motm_twin.model.known import KnownWorld
@@ -139,7 +139,7 @@ class SelfCheck(Stateful[SelfCheckState]):
             self._tracker.exchange(name, other)
 
     def _forget(self, now: Observation) -> None:
-        """Where an object was seen, and no longer is for a while, tells nothing of where it is."""
+        """Forget the sightings of objects that have long been in view without being reported."""
         found, settings = self._state.detection.association, self._settings.detections.association
         for name in association.disproved(found, now.time - now.ahead, settings):
             self._tracker.forget(name)
@@ -151,7 +151,7 @@ class SelfCheck(Stateful[SelfCheckState]):
         if not state.findings:
             return FULL_TRUST
         motion, worst = state.motion, state.findings[0]
-        stands = bool((np.abs(motion.expected) < MOVING).all())
+        stands = bool((np.abs(motion.expected) < STANDSTILL).all())
         joints = motion_check.joint_shares(motion, stands=stands)
         bad = state.of_scan
         return Trust(

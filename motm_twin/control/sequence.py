@@ -277,7 +277,7 @@ class TaskSequence(Stateful[SequenceState]):
         return True
 
     def _elsewhere(self, pose: Array) -> str:
-        """The active task is about to be given up: list where what is held goes instead, and say so."""
+        """Insert a place task for the held object at another bin, as the active one fails; text for the event."""
         state = self._state
         task = state.tasks[state.index]
         if not isinstance(task, Place) or not state.held:
@@ -357,7 +357,7 @@ class TaskSequence(Stateful[SequenceState]):
         return (Event(time=time, kind="lost", text=f"lost {lost}, going back for it"),)
 
     def _go_back(self, pick: int) -> None:
-        """Do what was done since a pick again; what was given up since then is not, and is listed before it."""
+        """Repeat the tasks since a pick, except those given up since then, which move before it in the list."""
         state = self._state
         since = range(pick, state.index + 1)
         failed = [i for i in since if state.status[i] == "failed"]

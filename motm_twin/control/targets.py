@@ -18,8 +18,8 @@ from motm_twin.planning.parameters import ReachParameters
 from motm_twin.planning.types import Target
 
 BESIDE = 0.25  # [m] objects this near may be in the way of a hand that grasps
-OVER_TARGET = 0.13  # [m] above a target: over what stands higher before it the hand does not surely get
-TALL_TARGET = 0.35  # [m] above a target: no higher does the arm ever reach over what stands before it
+OVER_TARGET = 0.13  # [m] furniture higher than this above a target is a wall: the hand may not get over it
+TALL_TARGET = 0.35  # [m] tall walls, which the arm never reaches over, are higher than this above a target
 TALL_MOUNT = 0.55  # [m] above its mount: the shoulder is at 0.33, and reaches down over what is lower
 OVER_RIM = 0.055  # [m] of a held object over the bin's rim
 STRETCHED = 0.02  # [m] further than it hovers, for the grasp itself
@@ -28,7 +28,7 @@ NEAR = 1.5  # [m] further from a target no arm has its mount
 TABLE = 0.3  # [m] lower things do not carry objects
 
 
-def odometry_to_world(observation: Observation) -> Array:
+def world_in_odometry(observation: Observation) -> Array:
     """Planar pose of the world frame in the odometry frame, shape (3,)."""
     return compose(observation.odometry, inverse(observation.pose))
 
@@ -86,7 +86,7 @@ class Targets:
         )
 
     def _walls(self, position: Array, height: float) -> tuple[Array, Array]:
-        """Edges [m] near a target of what holds up the hand, and those of what the arm never reaches over; (k, 4)."""
+        """Edges x, y, x, y [m] of walls near a target, and of those that the arm never reaches over; (k, 4) each."""
         edges, tops = self._edges, self._tops
         high = tops > height + OVER_TARGET
         if not high.any():

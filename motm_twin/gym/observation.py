@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from motm_twin.control.arm.types import ArmGoal, ArmInputs, ArmObstacles, ArmStep, Phase
 from motm_twin.control.method import ArmParts, PlannerParts
 from motm_twin.control.predictor import dwell_to_plan, followed
-from motm_twin.control.targets import odometry_to_world
+from motm_twin.control.targets import world_in_odometry
 from motm_twin.control.tick import Tick
 from motm_twin.control.tuning import tuned
 from motm_twin.gym.actions import BaseAction, check_fits
@@ -69,7 +69,7 @@ def view_of(twin: Twin, tick: Tick | None) -> AgentView:
     """Knowledge of the robot now, after the period of this Tick."""
     loop, observation = twin.loop, twin.plant.observe()
     sequence, targets, twist = loop.sequence, loop.targets, loop.monitor.twist
-    T_odom_world = odometry_to_world(observation)
+    T_odom_world = world_in_odometry(observation)
     lag = loop.known.robot.base.velocity_lag
     pose = command_pose(observation.pose, observation.twist, lag)
     dwell = dwell_to_plan(None if tick is None or tick.arm[-1].outcome else tick.arm[-1].dwell, loop.engaged, lag)
@@ -278,7 +278,7 @@ class Expert:
 def _inputs(view: AgentView, plan: BasePlan, twist: Array, lag: float) -> ArmInputs:
     """Inputs of an arm step, for a step that is as long as a period."""
     assert view.tick is not None
-    T_odom_world, world = odometry_to_world(view.observation), view.tick.map
+    T_odom_world, world = world_in_odometry(view.observation), view.tick.map
     poses = np.array(plan.local_poses, dtype=float)
     poses[:, :2] = from_frame(T_odom_world, poses[:, :2])
     poses[:, 2] += T_odom_world[2]

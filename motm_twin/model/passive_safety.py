@@ -99,7 +99,7 @@ def met_in_stop(
     ``told``: twist [m/s, rad/s] commanded for one more period; then the command falls as fast as it may, and the base
     follows it with its lag. ``movers``: x, y [m], velocity [m/s], radius [m], shape (k, 5 or more), ``time`` [s] before
     this state; ``arm``: its `overhang`. ``holds``: `HOLDS_TURN`, the turn brakes only once the base goes no further, or
-    `HOLDS_SPEED`, it goes on until it turns no more: what turns while it backs away from somebody backs away from him.
+    `HOLDS_SPEED`, the speed brakes only once the turn has ended: a base that backs away in a turn keeps backing away.
     What comes nearer to a base that stands, or that moves away from it, is not met.
     """
     x, y, heading, v, w = state

@@ -1,8 +1,8 @@
-"""Which object a detection without a name is of: it is told by where the objects are believed.
+"""Data association: names for anonymous detections, from the believed places of the objects.
 
-The detections of a picture and the objects are matched together, nearest first in standard deviations (global nearest
-neighbour). What is left is a candidate: one that comes again and again at one place is an object that somebody has
-moved, when one is missing where it is believed; a detection that comes once is nothing.
+The detections of a picture and the objects are assigned jointly: as many as possible, with the least total cost in
+standard deviations (global nearest neighbour). An unmatched detection is a candidate. One seen repeatedly at one place
+becomes an object that somebody has moved, if one is missing from its believed place; one seen once is ignored.
 """
 
 import math
@@ -160,9 +160,9 @@ def disproved(state: AssociationState, now: float, settings: AssociationSettings
 
 
 def missed(state: AssociationState, name: str, place: Array, places: Places, settings: AssociationSettings) -> str:
-    """The fingers closed at a place (3,) [m] where an object is seen, and held nothing: the object that it is instead.
+    """The object that must be at a place (3,) [m] where the fingers closed on ``name`` and held nothing; "" for none.
 
-    The second time at one place it is the nearest other one, of a size that the fingers do not meet; "" for none.
+    After a second failure at one place it is the nearest other object, if one is believed within ``pushed`` [m].
     """
     before, state.missed[name] = state.missed.get(name), place.copy()
     if before is None or not state.names or np.abs(place - before).max() >= SAME:
@@ -220,10 +220,10 @@ class _Picture:
         self.possible = inside & self.allowed
 
     def matched(self, candidates: Sequence[Candidate]) -> tuple[dict[int, int], dict[int, int]]:
-        """Object of each detection that has one: within the gates first, then what was pushed or has moved a little.
+        """Object of each matched detection: within the gates first, then within ``pushed`` [m] for moved objects.
 
-        A detection that comes for the first time gets what the others leave: a false one would take their objects.
-        The second answer makes no such difference: an object that was never seen is named when both agree.
+        New detections near no object seen before are matched last, so that a false one cannot take another's object.
+        The second result treats all alike: an object that was never seen is named only when both agree.
         """
         more = np.array([one.count > 1 for one in candidates], dtype=bool)
         seen = np.asarray(self.places.seen, dtype=bool)[None, :]

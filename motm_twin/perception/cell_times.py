@@ -19,13 +19,13 @@ Mask = NDArray[np.bool_]
 
 @dataclass(frozen=True)
 class CellTimes:
-    """Different cells in ascending order and a time [s] of each, shape (n,) both; nobody writes to them."""
+    """Sorted set of cell numbers with a time [s] for each, shape (n,) both; never modified in place."""
 
     cells: Numbers = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     times: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
 
     def has(self, cells: Numbers) -> Mask:
-        """Which of these are among them, shape (m,); soonest told of ascending ones."""
+        """Membership of each of the cells (m,) in the set, shape (m,) of bool; fastest for sorted cells."""
         return among(self.cells, cells)
 
     def of(self, cells: Numbers, otherwise: float) -> NDArray[np.float64]:
@@ -43,7 +43,7 @@ class CellTimes:
         return CellTimes(self.cells[kept], self.times[kept])
 
     def also(self, cells: Numbers, times: NDArray[np.float64]) -> "CellTimes":
-        """They and these (m,), which may repeat and have any order; each cell with its latest time [s]."""
+        """Union with cells (m,) at ``times`` [s], in any order and with repeats; each cell keeps its latest time."""
         order = np.argsort(cells)
         return CellTimes(*_merged(self.cells, self.times, cells[order], times[order]))
 
@@ -109,6 +109,6 @@ def _numbers(points, resolution):
     return numbers
 
 
-def numbers_of(world: WorldMap) -> Numbers:
+def cell_numbers(world: WorldMap) -> Numbers:
     """One number per cell of the seen points, the same in every map; ascending, as the cells of the map do."""
     return _numbers(world.seen_points, world.resolution)

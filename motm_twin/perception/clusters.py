@@ -1,9 +1,9 @@
-"""Outlines of seen obstacles: cells that lie close together become one convex polygon, or several when it would lie.
+"""Outlines of seen obstacles: each cluster of cells becomes one convex polygon, or several where one blocks free space.
 
-A hull lies when a base that keeps off it by g, by which planning grows it, could come nearer to the cells: it closes a
-way that is there; and when the base fits into it, as between the walls of a room. Then the cells are parted, until what
-is lost is less than `LOST`. Only where the lidar looks at it was tried (nobody has seen what is behind): posts that
-were passed close the way between them, and the robot stands.
+A hull is too coarse when it blocks a way past the cells after planning has grown it by g, or when the base fits inside
+it, as between the walls of a room. Such a cluster is split until less than `LOST` of a way is blocked. Testing only the
+side that the lidar sees was tried, since nobody has seen what is behind: posts that the robot had passed then blocked
+the way between them, and it stood still.
 
 The polygons feed the visibility graph only; collision is decided by the distance field, which keeps every cell.
 """
@@ -156,8 +156,8 @@ def _by_label(labels, count):
 
 
 @njit(cache=True)
-def _lies(hull, cells, g, lost):
-    """Somewhere g beside the hull (n, 2) all cells (m, 2) are more than g + ``lost`` away; all in cells."""
+def _blocks_way(hull, cells, g, lost):
+    """Some place at distance g from the hull (n, 2) is more than g + ``lost`` from every cell (m, 2); in cells."""
     far = (g + lost) ** 2
     for i in range(hull.shape[0]):
         j = i + 1 if i + 1 < hull.shape[0] else 0
@@ -211,7 +211,7 @@ def _encloses(hull, cells, far):
 def _outline_of(cells, resolution, g, origin):
     """Convex outline [m], counter-clockwise, (n, 2), of cells sorted by row and column; none when it would lie."""
     hull = hull_of_cells(cells)
-    if _lies(hull, cells, g / resolution, LOST / resolution) or _encloses(hull, cells, (g + LOST) / resolution):
+    if _blocks_way(hull, cells, g / resolution, LOST / resolution) or _encloses(hull, cells, (g + LOST) / resolution):
         return hull[:0]
     corners = drop_flat_corners(hull, FLAT / resolution, MAX_CORNERS)
     for i in range(corners.shape[0]):
@@ -255,7 +255,7 @@ def _halves(cells: np.ndarray) -> list[np.ndarray]:
     return [cells[~ahead], cells[ahead]]
 
 
-def calm(outlines: list[Array], before: tuple[Array, ...]) -> tuple[Array, ...]:
+def steadied(outlines: list[Array], before: tuple[Array, ...]) -> tuple[Array, ...]:
     """The new outlines, each replaced by the one of the period before when they agree within CALM both ways."""
     kept: list[Array] = []
     for new in outlines:

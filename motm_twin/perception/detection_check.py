@@ -271,7 +271,7 @@ def _swapped(
     else:
         other = beliefs.other_at(one.name, here, settings.twice)
         its = next((each for each in now.detections if each.name == other), None)
-        if its is not None and _nobodys(other, from_frame(its.odometry, its.p_base), own[0], beliefs, settings):
+        if its is not None and _at_no_object(other, from_frame(its.odometry, its.p_base), own[0], beliefs, settings):
             return None  # both are elsewhere, and not at another's place: it is the robot that errs
     if other:
         state.taken[other] = one.stamp
@@ -286,7 +286,7 @@ def _swapped(
     return Finding(reason=why)
 
 
-def _nobodys(name: str, here: Array, place: Array, beliefs: Beliefs, settings: DetectionSettings) -> bool:
+def _at_no_object(name: str, here: Array, place: Array, beliefs: Beliefs, settings: DetectionSettings) -> bool:
     """A report (3,) [m] of an object is neither at this place (3,) [m] nor where a third object is believed."""
     return _apart(here, place) > 2.0 * settings.twice and not beliefs.other_at(name, here, settings.twice)
 

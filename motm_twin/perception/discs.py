@@ -23,7 +23,7 @@ Disc = tuple[float, float, float]  # middle x, y and radius [m]
 
 @njit(cache=True)
 def apart(cells, recent, reach, smallest):
-    """Which cells (row, column), shape (m, 2), make the clusters of at least so many, and which of them its front.
+    """Clusters of at least ``smallest`` cells (row, column), shape (m, 2), and the front of each, as cell indices.
 
     Cells at most ``reach`` apart in row and column belong together; the front are the ``recent`` (m,) ones, or all
     when these are too few. Returns the members of all clusters and where each ends, (c,), and the same of the fronts.
@@ -75,8 +75,8 @@ def _extent(values):
     return least, most
 
 
-def front_of(points: Array, viewpoint: Array, resolution: float) -> tuple[Array, float]:
-    """Middle (2,) and radius [m] of something round of which these points (n, 2) [m] of the front are seen."""
+def disc_from_front(points: Array, viewpoint: Array, resolution: float) -> tuple[Array, float]:
+    """Centre (2,) and radius [m] of a round obstacle whose visible front consists of points (n, 2) [m]."""
     (x, y), (mean_x, mean_y) = viewpoint.tolist(), _mean(points)
     ahead_x, ahead_y = mean_x - x, mean_y - y
     length = max(math.hypot(ahead_x, ahead_y), 1e-9)

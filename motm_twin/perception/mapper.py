@@ -15,7 +15,7 @@ from motm_twin.model.profile import RobotProfile
 from motm_twin.model.reason import Reason
 from motm_twin.model.state import Stateful
 from motm_twin.perception.base_map import BaseMap, base_map, read_only
-from motm_twin.perception.clusters import calm, growth_of, seen_outlines
+from motm_twin.perception.clusters import growth_of, seen_outlines, steadied
 from motm_twin.perception.distance import proximity_cost, seen_distance, squared_cells
 from motm_twin.perception.floor import floor_round, mark_seen, sight_radius
 from motm_twin.perception.grid import AROUND, WHOLE, Window, occupied_cells, whole, window_of
@@ -196,7 +196,7 @@ class Mapper(Stateful[MapperState]):
         cells, static = self._integrate(checked)
         if not np.array_equal(cells, state.cells):
             outlines = seen_outlines(cells, self.base.grid.resolution, self._origin, self._g)
-            state.outlines = tuple(read_only(corners) for corners in calm(outlines, state.outlines))
+            state.outlines = tuple(read_only(corners) for corners in steadied(outlines, state.outlines))
         state.cells, state.static = cells, static
 
     def _integrate(self, scan: CheckedScan) -> tuple[np.ndarray, np.ndarray]:

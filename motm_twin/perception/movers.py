@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 from motm_twin.model.exact import dot
 from motm_twin.model.geometry import Array
 from motm_twin.model.number import OWN, Number
-from motm_twin.model.plant import A_PERIOD_AND_A_BIT
+from motm_twin.model.plant import LONGEST_PERIOD
 from motm_twin.model.profile import RobotProfile
 from motm_twin.model.state import Stateful
-from motm_twin.perception.cell_times import AROUND, CellTimes, Mask, Numbers, among, numbers_of
+from motm_twin.perception.cell_times import AROUND, CellTimes, Mask, Numbers, among, cell_numbers
 from motm_twin.perception.clusters import cells_of, touching
-from motm_twin.perception.discs import Disc, apart, at_ends, behind, front_of, share_gone
+from motm_twin.perception.discs import Disc, apart, at_ends, behind, disc_from_front, share_gone
 from motm_twin.perception.mapper import MapSettings
 from motm_twin.perception.world_map import NO_AGES, NO_MOVERS, NO_POINTS, WorldMap
 
@@ -155,7 +155,7 @@ class MoverTracker(Stateful[MoverState]):
         state.time = world.stamp
         for track in state.tracks:
             track.position = track.position + dt * track.velocity
-        cells = numbers_of(world)
+        cells = cell_numbers(world)
         since = state.static.of(cells, math.inf)  # [s] it has been static
         held = state.held.has(cells)
         grid = cells_of(world.seen_points, world.origin, world.resolution)
@@ -166,7 +166,7 @@ class MoverTracker(Stateful[MoverState]):
         for track, one in pairs:
             self._judge(track, one, world, viewpoint[:2], dt)
         self._release(pairs, cells, grid, since, world)
-        self._part(viewpoint[:2])
+        self._mark_near(viewpoint[:2])
         unsettled = [(track, one) for track, one in pairs if self._unsettled(track)]
         places = [(cells[one.points], track.rest.time) for track, one in unsettled if track.rest is not None]
         places += [(cells[one.points], world.stamp) for one in self._absorbing(pairs, world)]
@@ -201,10 +201,10 @@ class MoverTracker(Stateful[MoverState]):
         return discs
 
     def _furniture(self, world: WorldMap, cells: Numbers, grid: Cells, since: Array, held: Mask) -> Mask:
-        """Cells that are static for long, or hang together with such and never moved: not followed; shape (m,).
+        """Cells that have long been static, or are connected to such and never moved: not tracked; shape (m,) of bool.
 
-        Its sides come into sight and go, which looks like something small that slides along them. But what has come
-        nearer hides all of where it was.
+        Sides of furniture that come into and out of sight look like something small that slides along it. Something
+        that has really come nearer hides all of its former place.
         """
         state, p = self._state, self.parameters
         long = since <= world.stamp - p.rests
@@ -292,7 +292,7 @@ class MoverTracker(Stateful[MoverState]):
                 state.held = state.held.without(around)
 
     def _absorbing(self, pairs: list[Pair], world: WorldMap) -> list[Seen]:
-        """Clusters too wide for a mover that one is part of now: it was followed until a moment ago."""
+        """Clusters too wide for a mover that have just absorbed one, whose track is lost."""
         p = self.parameters
         lost = [track for track in self._state.tracks if track.seen < world.stamp and self._unsettled(track)]
         return [
@@ -303,9 +303,10 @@ class MoverTracker(Stateful[MoverState]):
         ]
 
     def _hold(self, places: list[tuple[Numbers, float]], now: float) -> None:
-        """Remember cells of what is unsettled, and since when [s] it has rested at the earliest.
+        """Keep cells of unsettled obstacles from becoming static until they have rested for ``waits`` [s].
 
-        Something else that passes close by makes one cluster of the two, which ends both tracks; but not this memory.
+        ``places``: cells, and the time [s] since when they have rested at the earliest. An obstacle that passes close
+        by merges with another into one cluster, which ends both tracks, but not this memory.
         """
         state, waits = self._state, self.parameters.waits
         if not places and not len(state.held.cells):
@@ -320,7 +321,7 @@ class MoverTracker(Stateful[MoverState]):
         if len(state.held.cells) < len(held.cells):
             state.came = np.union1d(state.came, held.cells[held.times <= now])
 
-    def _part(self, viewpoint: Array) -> None:
+    def _mark_near(self, viewpoint: Array) -> None:
         """Say which are near, with a hysteresis."""
         for track in self._state.tracks:
             limit = self.parameters.parted * self.near if track.near else self.near
@@ -329,12 +330,12 @@ class MoverTracker(Stateful[MoverState]):
     def _clusters(self, world: WorldMap, grid: Cells, young: NDArray[np.int64], viewpoint: Array) -> list[Seen]:
         """Clusters of those of the seen points, by index."""
         p = self.parameters
-        recent = world.seen_age[young] <= A_PERIOD_AND_A_BIT
+        recent = world.seen_age[young] <= LONGEST_PERIOD
         members, ends, front, front_ends = apart(grid[young], recent, p.join_cells, p.smallest)
         points, members = world.seen_points[young[front]], young[members]
         found, start, front_start = [], 0, 0
         for end, front_end in zip(ends.tolist(), front_ends.tolist(), strict=True):
-            middle, radius = front_of(points[front_start:front_end], viewpoint, world.resolution)
+            middle, radius = disc_from_front(points[front_start:front_end], viewpoint, world.resolution)
             found.append(Seen(middle, radius, members[start:end]))
             start, front_start = end, front_end
         return found

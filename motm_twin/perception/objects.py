@@ -1,10 +1,9 @@
-"""Beliefs about the objects: a rough idea at first, then what the gripper camera says.
+"""Beliefs about the objects: a rough prior at first, then detections of the gripper camera.
 
-Estimates live in the odometry frame: it is smooth, so the arm does not jump when localisation does. But wheels that
-turn a little more than they should are off by the more, the farther the base drives and turns: what was not seen for a
-while moves with the world, as localisation has it on average. Each object has a Kalman filter with one variance for its
-three axes. What an object far from its belief needs to be believed is three
-detections that agree with each other: then somebody has moved it.
+Estimates live in the odometry frame: it is smooth, so the arm does not jump when localisation does. But the scale error
+of odometry grows with the way that the base drives and turns, so objects not seen for a while move with the world frame
+as localisation has it on average. Each object has a Kalman filter with one variance for its three axes. Detections far
+from the belief move it only when three of them agree: then somebody has moved the object.
 """
 
 import math

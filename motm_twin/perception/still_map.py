@@ -9,7 +9,7 @@ from motm_twin.model.geometry import Array
 from motm_twin.model.known import KnownWorld
 from motm_twin.model.state import Stateful
 from motm_twin.perception.base_map import BaseMap, base_map, read_only
-from motm_twin.perception.clusters import calm, growth_of, seen_outlines
+from motm_twin.perception.clusters import growth_of, seen_outlines, steadied
 from motm_twin.perception.distance import proximity_cost, seen_distance, squared_cells
 from motm_twin.perception.mapper import MapSettings
 from motm_twin.perception.movers import MoverParameters, standing
@@ -24,7 +24,7 @@ class StandingState:
 
 
 class StandingMap(Stateful[StandingState]):
-    """The map of a period without what moves."""
+    """Builds the map of a period from only those of its seen points that stand."""
 
     def __init__(self, known: KnownWorld) -> None:
         self._known, self._g = known, growth_of(known.robot.footprint)
@@ -47,7 +47,7 @@ class StandingMap(Stateful[StandingState]):
         occupied[cells[:, 0], cells[:, 1]] = 1
         seen = seen_distance(squared_cells(cells, *shape), world.resolution)
         outlines = seen_outlines(cells, world.resolution, world.origin, self._g) if len(cells) else []
-        self._state.outlines = tuple(read_only(corners) for corners in calm(outlines, self._state.outlines))
+        self._state.outlines = tuple(read_only(corners) for corners in steadied(outlines, self._state.outlines))
         return msgspec.structs.replace(
             world,
             occupied=read_only(occupied),

@@ -190,7 +190,7 @@ class DynamicTracker(Stateful[TrackState]):
     def _correct(self, track: Track, own: Array, scan: CheckedScan, *, alone: bool, partly: bool) -> None:
         """Correct a track with its points (n, 2).
 
-        ``alone``: its segment shows nothing else; ``partly``: nor all of it.
+        ``alone``: its segment shows nothing else; ``partly``: something nearer hides one side of it.
         """
         p = self.parameters
         if len(own) < p.points:
@@ -358,9 +358,9 @@ def front_circle(points: Array, sensor: Array, radius: float) -> Array:
 
 @njit(cache=True)
 def is_behind(points: Array, middle: Array, sensor: Array, radius: float) -> bool:
-    """Points (n, 2) are the far side of a circle outside of which the sensor is: it lies on the wrong side of them.
+    """The sensor is outside a fitted circle, and the points (n, 2) are on its far side, which cannot be seen.
 
-    That comes of somebody who was where the sensor is.
+    The fit is then on the wrong side of the points, after somebody was at the sensor's own position.
     """
     dx, dy = middle[0] - sensor[0], middle[1] - sensor[1]
     away, total = math.hypot(dx, dy), 0.0

@@ -36,7 +36,7 @@ from motm_twin.physics.mjcf import (
 )
 from motm_twin.sim.cube_contacts import between_pads
 from motm_twin.sim.grasp import near
-from motm_twin.sim.mechanics import NO_SLIDES, Moved, Surroundings, Told, drives
+from motm_twin.sim.mechanics import NO_SLIDES, DriveCommand, Moved, Surroundings, drives
 from motm_twin.sim.objects import FLOOR_LEVEL, ObjectState, over
 from motm_twin.sim.plant_state import ArmState, BaseState, PlantState
 from motm_twin.sim.referee import SUPPORT_CLEAR
@@ -140,7 +140,7 @@ class Dynamics:
         """The fingers are told to open or to close."""
         self._fingers.command(state, now)
 
-    def substep(self, state: PlantState, told: Told, around: Surroundings) -> Moved:
+    def substep(self, state: PlantState, told: DriveCommand, around: Surroundings) -> Moved:
         """Move everything on by `SUBSTEP`."""
         s, p, model, data = state, state.physics, self._model, self._data
         slides, riding = around.slide() if s.slides else (NO_SLIDES, ())
@@ -334,7 +334,7 @@ class Dynamics:
 
     # -- drives --------------------------------------------------------------------------------------------------
 
-    def _reference(self, s: PlantState, told: Told) -> None:
+    def _reference(self, s: PlantState, told: DriveCommand) -> None:
         """References of base and arm at the end of the substep: what ideal drives would reach."""
         p = s.physics
         self._base.step(p.base, told.twist, more_lag=told.more_lag, grip=0.0)

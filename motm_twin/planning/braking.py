@@ -1,7 +1,7 @@
 """Coming to rest without a collision: how much clearance braking leaves, and how to steer while braking.
 
-Between two looks the base drives half of its length at most: what the footprint passes in between it covers at one of
-them.
+Between two tests of the clearance the base drives at most half of its length, so that the footprint at one of the tests
+covers everything that it passes in between.
 """
 
 import math

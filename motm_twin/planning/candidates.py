@@ -91,7 +91,7 @@ class Judged(NamedTuple):
     candidates: Candidates
     current: Array
     onward: Array
-    waits: bool = False  # for candidates that something moving takes; C_iN is the way to one of them
+    waits: bool = False  # the base waits for candidates that a mover blocks; C_iN is the way to one of them
     waiting: Array | None = None  # [s] of C_iC until each is free, (m,); None: nobody is expected
 
 

@@ -67,7 +67,7 @@ class Rest(NamedTuple):
 
     @property
     def bound(self) -> float:
-        """A plan that costs as much [s] is of no use."""
+        """Cost [s] that a new plan must undercut; inf when the kept plan does not arrive."""
         return float(self.to_go[0]) if self.kept.arrives else math.inf
 
     def instead_of(self, found: BasePlan) -> BasePlan:
@@ -127,7 +127,7 @@ class Commitment(Protocol):
         ...
 
 
-class Anew:
+class SearchAnew:
     """Every period searches anew (Paper)."""
 
     def rest(self, problem: BaseProblem, placement: Placement, base: BaseSearch) -> Rest | None:
@@ -240,7 +240,7 @@ def _followed(kept: Kept, problem: BaseProblem, since: float, limits: BaseLimits
 
 
 def _for_good(world: WorldMap, pose: Array, around: float) -> bool:
-    """Nothing moves within ``around`` [m], or has lately: its tight place is gone before the robot is out."""
+    """No mover is within ``around`` [m]: a tight place beside one is gone before the robot has left it."""
     return not len(world.movers) or bool(np.hypot(*(world.movers[:, :2] - pose[:2]).T).min() > around)
 
 

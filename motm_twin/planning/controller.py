@@ -16,7 +16,7 @@ from motm_twin.planning import search_memory, staa
 from motm_twin.planning.bezier import bezier_curve
 from motm_twin.planning.braking import best_braking
 from motm_twin.planning.collision import Field, body_of, clearances
-from motm_twin.planning.commitment import Anew, Commitment, time_left
+from motm_twin.planning.commitment import Commitment, SearchAnew, time_left
 from motm_twin.planning.cost_to_go import Table
 from motm_twin.planning.encounters import GOES_ON, WORTH, costs_along, others_of
 from motm_twin.planning.escape import Escape, depth_of, find_escape, find_turn, overlapping_cells, ways_to_room
@@ -76,7 +76,7 @@ class StaaController:
         self.parameters = fitted(parameters.staa, profile)
         self.body = body_of(profile.footprint)
         self.reach = ReachModel(profile, parameters.reach)
-        self.commitment: Commitment = commitment or Anew()
+        self.commitment: Commitment = commitment or SearchAnew()
         self.evasion: Evasion = evasion or StandsItsGround()
         self._all_parameters, self._next_weight = parameters, parameters.placement.next_weight
         self._still, self._clock = still, clock
@@ -98,7 +98,7 @@ class StaaController:
     def _find(
         self, problem: BaseProblem, placement: Placement, budget: SearchBudget, bound: float
     ) -> tuple[BasePlan, bool]:
-        """A plan of this period that costs less than ``bound`` [s], and does it know the way out of a tight place?"""
+        """A plan that costs less than ``bound`` [s], and whether it knows the lattice costs of a tight place."""
         target = problem.target
         field = self._graphs.field(problem.world)
         self._asked = None

@@ -1,8 +1,8 @@
 """Encounters of a plan with dynamic obstacles, and courtesy: what the plan costs the others, in seconds.
 
-Everybody needs the way ahead that it sweeps until it can stand. Courtesy is the time that the footprint spends in
-there, weighted by nearness: 1 right before somebody, 0 at the end of its stopping way. Passing behind costs nothing,
-cutting in does, and so does standing where somebody has to pass.
+The stopping way of a dynamic obstacle is what it sweeps until it can stand. Courtesy is the time that the footprint
+spends in it, weighted by nearness: 1 right before the obstacle, 0 at the end of its stopping way. Passing behind costs
+nothing; cutting in does, and so does standing where somebody has to pass.
 """
 
 import math
@@ -15,7 +15,7 @@ from motm_twin.model.motion import kernel
 from motm_twin.model.scene import AGENT_REACTION, TEMI_ACCELERATION
 from motm_twin.planning.collision import Body
 from motm_twin.planning.kernels import length_of
-from motm_twin.planning.prediction import Spread, arriving, gap_to_point, probability_taken
+from motm_twin.planning.prediction import Spread, gap_to_point, moved_on, probability_taken
 from motm_twin.planning.types import Encounter, Passes, Yields
 
 STEP = 0.1  # [s] between two states of a plan
@@ -24,8 +24,8 @@ LOOKS = 6  # along a stopping way
 CLOSE = 1.0  # [m] nearer than which an encounter is told
 WORTH = 0.3  # [s] that a plan pays for being among others, from which on it is worth another search
 AROUND = 0.5  # [m] more than that others are given room
-TRACK, GOES_ON = 6, 7  # columns of the identity; and 1 for who is met where he will be, 0 for who yields
-ITSELF = 0.2  # share of the courtesy that is left for who goes on: the risk of meeting him counts already
+TRACK, GOES_ON = 6, 7  # columns: identity of the track; 1: it goes on as predicted, 0: it yields
+COURTESY_OF_GOING_ON = 0.2  # share of the courtesy that is left for who goes on: the risk of meeting him counts already
 
 
 class Weights(NamedTuple):
@@ -38,7 +38,7 @@ class Weights(NamedTuple):
 
 @kernel
 def in_the_way(x: float, y: float, c: float, s: float, time: float, mover: Array, body: Body) -> float:
-    """Share of the stopping way of a mover (5 or more,) that the footprint takes at a pose after a time [s]."""
+    """Nearness, 0 to 1, of the footprint in the stopping way of a mover (5 or more,) at a pose after a time [s]."""
     speed = length_of(mover[2], mover[3])
     if speed < 1e-3:
         return 0.0
@@ -67,7 +67,7 @@ def cost_among(
         courtesy = weights.courtesy
         if others[k, GOES_ON] > 0.0:
             cost += weights.risk * probability_taken(x, y, c, s, time, others[k], weights.spread, body)
-            courtesy *= ITSELF
+            courtesy *= COURTESY_OF_GOING_ON
         if courtesy > 0.0:
             cost += courtesy * in_the_way(x, y, c, s, time, others[k], body)
     return cost
@@ -80,7 +80,7 @@ def others_of(tracks: Array, yielding: Array, lag: float) -> Array:
     """
     rows = [
         np.column_stack([one, np.full(len(one), goes)])
-        for one, goes in ((arriving(tracks, lag), 1.0), (arriving(yielding, lag), 0.0))
+        for one, goes in ((moved_on(tracks, lag), 1.0), (moved_on(yielding, lag), 0.0))
     ]
     return np.concatenate(rows)
 

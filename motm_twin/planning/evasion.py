@@ -92,7 +92,7 @@ class MakesWay(Stateful[EvasionState]):
         if met <= least:
             return plan
         states, best = planned.copy(), np.empty_like(planned)
-        reach = Reach(
+        reach = Limits(
             limits.linear_acceleration,
             limits.yaw_acceleration,
             round(p.first / STEP),
@@ -159,7 +159,7 @@ class Around(NamedTuple):
     arm: Array = NO_ARM  # it is not looked at
 
 
-class Reach(NamedTuple):
+class Limits(NamedTuple):
     """Limits of the motions that are tried."""
 
     linear: float  # [m/s^2]
@@ -205,7 +205,7 @@ def unsafe(i: int, state: Array, around: Around) -> float:
 
 
 @kernel
-def best_evasion(tried: Array, around: Around, reach: Reach, field: Field, states: Array, best: Array) -> float:
+def best_evasion(tried: Array, around: Around, reach: Limits, field: Field, states: Array, best: Array) -> float:
     """Fill in the states (n, 5) of the cheapest motion of two of the tried twists (m, 2); its cost, inf: none is free.
 
     ``states``: room for a motion, which begins with the first of them. It ends able to stop. From within the clearance
@@ -232,7 +232,7 @@ def best_evasion(tried: Array, around: Around, reach: Reach, field: Field, state
 
 
 @kernel
-def _can_stop(state: Array, allowed: float, around: Around, reach: Reach, field: Field) -> bool:
+def _can_stop(state: Array, allowed: float, around: Around, reach: Limits, field: Field) -> bool:
     x, y, heading, v, w = state[0], state[1], state[2], state[3], state[4]
     left = stopping_clearance(x, y, heading, v, w, reach.linear, reach.turning, allowed, field, around.body)
     return left >= allowed
@@ -240,7 +240,7 @@ def _can_stop(state: Array, allowed: float, around: Around, reach: Reach, field:
 
 @kernel
 def _driven(
-    states: Array, begin: int, end: int, twist: Array, costs: tuple[float, float, float], around: Around, reach: Reach,
+    states: Array, begin: int, end: int, twist: Array, costs: tuple[float, float, float], around: Around, reach: Limits,
     field: Field,
 ) -> float:  # fmt: skip
     """Fill in the states after ``begin`` up to ``end`` of a base that takes up a twist; the cost of the whole motion.

@@ -72,7 +72,7 @@ def rates_of(limits: BaseLimits, *, rotation_cost: bool = True) -> Rates:
 
 
 class Visibility(NamedTuple):
-    """SeenFloor from a list of places: point outside (m, 3 with how far), vertices in compressed rows."""
+    """Visibility from places: points outside the grown polygons (m, 3: x, y, how far), vertices in compressed rows."""
 
     point: Array
     start: NDArray[np.int32]

@@ -1,9 +1,9 @@
 """Candidates in time: each is judged by who will be there when the base arrives, not by who is there now.
 
-A candidate that somebody will have left costs nothing more; one that somebody will be standing in front of costs the
-time until it is free again. So a place that is free soon is waited for when that is cheaper than the next best one. The
-ways to the cheapest candidates cost what they lose to those who cross them, at the times when the base gets there: of
-two ways round a table it takes the one on which nobody is in the way.
+A candidate that will be free on arrival costs nothing more; one that will be taken costs the time until it is free
+again. So the base waits for a place that is free soon when that is cheaper than the next best one. The ways to the
+cheapest candidates also cost the delays by others who cross them when the base gets there: of two ways round a table
+the base takes the clear one.
 """
 
 import math
@@ -17,7 +17,7 @@ from motm_twin.planning.candidates import Judged, Rule, Survey
 from motm_twin.planning.collision import Body
 from motm_twin.planning.global_path import path_to_goal
 from motm_twin.planning.kernels import length_of
-from motm_twin.planning.prediction import LONGEST, SPREAD, WAIT_STEP, Spread, arriving, probability_taken
+from motm_twin.planning.prediction import LONGEST, SPREAD, WAIT_STEP, Spread, moved_on, probability_taken
 from motm_twin.planning.types import Target
 
 SAMPLE = 0.25  # [m] between two looks along a way
@@ -34,7 +34,7 @@ class InTime:
     def __call__(self, target: Target, survey: Survey) -> Judged:
         """The candidates of a target, their costs with waiting, and the time that each is waited for."""
         judged = self._rule(target, survey)
-        others, viable = arriving(survey.here.world.tracks, self._lag), np.isfinite(judged.current)
+        others, viable = moved_on(survey.here.world.tracks, self._lag), np.isfinite(judged.current)
         if not len(others) or judged.waits or not viable.any():
             return judged
         body = survey.model.body
@@ -62,7 +62,7 @@ def _chosen_before(target: Target, survey: Survey, poses: Array) -> Array:
 
 
 def _add_delays(current: Array, onward: Array, poses: Array, target: Target, survey: Survey, others: Array) -> None:
-    """Add to the costs (m,) what the ways lose to others: those of each side lose what the cheapest of them does."""
+    """Add the delays by others to the costs (m,): on each side of the target, the delay of its cheapest candidate."""
     speed = survey.model.profile.base.forward_speed
     offset = poses[:, :2] - target.position[:2]
     side = np.floor(angle_of(offset[:, 1], offset[:, 0]) * (0.5 * SIDES / math.pi)).astype(np.int64)

@@ -56,7 +56,7 @@ class HasStaaPath(Protocol):
 
 
 @runtime_checkable
-class HearsTasks(Protocol):
+class TaskListener(Protocol):
     """A controller that plans beyond the next target."""
 
     def retasked(self, edit: TaskEdit) -> None:
@@ -121,7 +121,7 @@ class BasePlanner:
 
     def retasked(self, edit: TaskEdit) -> None:
         """A person has changed the task list: of interest only to whoever plans beyond the next target."""
-        if isinstance(self.controller, HearsTasks):
+        if isinstance(self.controller, TaskListener):
             self.controller.retasked(edit)
 
     def candidate_paths(self, index: int) -> tuple[Array, Array] | None:

@@ -108,8 +108,8 @@ def ellipses(track: Array, times: Sequence[float]) -> Array:
     return np.array(rows).reshape(-1, 6)
 
 
-def arriving(tracks: Array, lag: float) -> Array:
-    """Those of the tracks (k, 7) that go on, when the base begins to follow a plan, ``lag`` [s] from now."""
+def moved_on(tracks: Array, lag: float) -> Array:
+    """The moving ones of the tracks (k, 7), moved on by ``lag`` [s], when the base begins to follow a plan."""
     going = tracks[np.hypot(tracks[:, 2], tracks[:, 3]) >= GOES].copy()
     going[:, :2] += lag * going[:, 2:4]
     going[:, 4] = np.maximum(going[:, 4], HIDES)
@@ -134,8 +134,8 @@ def probability_taken(
 ) -> float:
     """Probability that a mover (6 or more,) is nearer than its room to the footprint at a pose after a time [s].
 
-    c, s: cosine and sine of the heading. Its place is normal in the direction of the base, where the footprint is a
-    wall.
+    c, s: cosine and sine of the heading. The position error of the mover is normal along the line to the base, and
+    the footprint counts as a wall across that line.
     """
     px, py = mover[0] + time * mover[2], mover[1] + time * mover[3]
     speed, dx, dy = length_of(mover[2], mover[3]), x + c * body.centre_x - px, y + s * body.centre_x - py

@@ -206,7 +206,7 @@ def _swings(node: int, left: float, by_reach: bool, s: Settings, memory: Memory)
         b = s.b_max * j / half_notches
         w_end = min(s.w_max, max(-s.w_max, w_0 + b * dt))
         if j == 0 and s.steadiness > 0.0 and abs(w_0) < 0.5 * s.b_max * dt / half_notches:
-            w_end = 0.0  # whoever pays for turning can go straight on, too
+            w_end = 0.0  # with a cost of turning, going straight must be among the choices
         if w_end == w_before:
             continue
         w_before = w_end
@@ -424,7 +424,7 @@ def _is_best(node: int, s: Settings, memory: Memory) -> bool:
 
 
 @inlined
-def _left_out(node: int, s: Settings, memory: Memory) -> bool:
+def _layer_is_full(node: int, s: Settings, memory: Memory) -> bool:
     """Enough nodes of its depth were expanded; counts those."""
     if s.width == 0:
         return False
@@ -437,7 +437,7 @@ def _left_out(node: int, s: Settings, memory: Memory) -> bool:
 
 @kernel
 def run_search(limit: int, s: Settings, world: World, cells: CellVisibility, memory: Memory) -> int:
-    """Continue until `limit` expansions in total; returns GOAL, ABORTED (limit reached) or DRY.
+    """Continue until `limit` expansions in total; returns GOAL, ABORTED (limit or last layer) or DRY (empty queue).
 
     The answer is then node count[SOLUTION]; -1 when nothing but the root was popped.
     """
@@ -470,7 +470,7 @@ def run_search(limit: int, s: Settings, world: World, cells: CellVisibility, mem
                 if 0 < s.layers <= memory.link[node, DEPTH]:
                     count[SOLUTION] = node
                     return ABORTED
-            if _close(memory.cell[node], memory.closed, 1) or _left_out(node, s, memory):
+            if _close(memory.cell[node], memory.closed, 1) or _layer_is_full(node, s, memory):
                 continue
         count[EXPANSIONS] += 1
         swings = _swings(node, memory.cost[node, LEFT], s.by_job and world.job.kind == MANIPULATE, s, memory)

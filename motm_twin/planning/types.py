@@ -35,7 +35,7 @@ class Recovery(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """Measures of a base that has made no progress for some time."""
 
     back_off: bool = False  # where it stands, it may drive back to where there is more room
-    attempt: int = 0  # it stands whatever is planned, since something is beside it: the way back to be tried, from 1
+    attempt: int = 0  # number of the back-off motion for a base that stands although it has a plan, from 1; 0: none
     look: bool = False  # where it stands, it may turn to see what its lidar does not
     tightness: float = 0.0  # 0: room as ever, 1: down to the true footprint
     avoid: Array = frozen(np.zeros((0, 3)))  # base poses that could not be got to, shape (k, 3)
@@ -80,7 +80,7 @@ class Mode(StrEnum):
 
 
 class PlanStatus(StrEnum):
-    """Doing of the base in a period."""
+    """Status of the plan of a period: the result of the search, or what the base does instead."""
 
     GOAL = "goal"  # a node ends the search
     ABORTED = "aborted"  # the best node so far

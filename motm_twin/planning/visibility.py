@@ -153,7 +153,7 @@ def _fill_edges(
 ) -> None:
     """List who sees whom: vertices of each edge and the way between them, by the vertex it leaves, then by the other.
 
-    SeenFloor is mutual: as many edges arrive at a vertex as leave it. They are listed in the order of their numbers.
+    Visibility is mutual: as many edges arrive at a vertex as leave it. They are listed in the order of their numbers.
     """
     count = 0
     for u in range(vertex.shape[0]):

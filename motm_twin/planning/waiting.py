@@ -1,7 +1,7 @@
 """Waiting for others to pass: the path stays, and is driven later.
 
-Of all delays the one is best that is cheapest together with what standing, and then driving along the path, costs among
-others. A base that cannot pass in front of somebody stands until it can pass behind.
+The best delay has the least sum of itself and of what standing, and then driving along the path, costs among others. A
+base that cannot pass in front of somebody stands until it can pass behind.
 """
 
 import math

@@ -54,7 +54,7 @@ def _aside(hand: Array, cube: Array) -> float:
 class Shove(NamedTuple):
     """Places at which objects are checked after a substep."""
 
-    places: tuple[Pose, ...]  # of one that was pushed where it stood before: there the fingers met it
+    places: tuple[Pose, ...]  # where overlaps are tested: now, or, for pushed objects, before the push
     pushed: tuple[str, ...]
     moved: tuple[str, ...]  # those that lie or fall elsewhere than before, the pushed ones included
 

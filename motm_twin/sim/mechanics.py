@@ -139,7 +139,7 @@ NO_SLIDES: Mapping[str, Point] = MappingProxyType({})
 Frames = Callable[[Array, Array], Array]  # pose (3,), q (7,) -> transforms of `ARM_FRAMES` in the world (11, 4, 4)
 
 
-class Told(NamedTuple):
+class DriveCommand(NamedTuple):
     """Command of the drives for a substep, with what is wrong with them."""
 
     twist: Array  # forward speed and yaw rate, shape (2,)
@@ -196,12 +196,12 @@ class Mechanics(Protocol):
         """Frames of the arm as the state has them."""
         ...
 
-    def substep(self, state: PlantState, told: Told, around: Surroundings) -> Moved:
+    def substep(self, state: PlantState, told: DriveCommand, around: Surroundings) -> Moved:
         """Move everything on; ``state.substep`` counts up when robot and objects have moved."""
         ...
 
     def prepare(self, state: PlantState, scenery: Scenery) -> None:
-        """Another state comes, which was restored."""
+        """Adapt to a state that was restored from a snapshot."""
         ...
 
     def felt(self, state: PlantState, judged: Sequence[Contact]) -> PhysicsTruth | None:
@@ -235,7 +235,7 @@ class Kinematics:
         tcp, rotation = frames[TCP, :3, 3], frames[TCP, :3, :3]
         self._gripper.command(state.gripper, state.gripper_command, now, tcp, rotation, state.objects)
 
-    def substep(self, state: PlantState, told: Told, around: Surroundings) -> Moved:
+    def substep(self, state: PlantState, told: DriveCommand, around: Surroundings) -> Moved:
         """Move everything on."""
         s = state
         old_v, old_w, old_tcp = s.base.v, s.base.w, s.tcp

@@ -25,7 +25,7 @@ from motm_twin.sim.crowd import NO_ROBOT, RobotShadow
 from motm_twin.sim.faults import CubeMover, FaultEffects, expire, gripper_with
 from motm_twin.sim.gripper import Gripper
 from motm_twin.sim.kernels import compile_gaps
-from motm_twin.sim.mechanics import NO_SLIDES, ControlErrors, Kinematics, Mechanics, Moved, Told, drives
+from motm_twin.sim.mechanics import NO_SLIDES, ControlErrors, DriveCommand, Kinematics, Mechanics, Moved, drives
 from motm_twin.sim.objects import ObjectWorld, start_objects
 from motm_twin.sim.plant_state import ArmState, BaseState, PlantState, truth_of
 from motm_twin.sim.referee import Referee
@@ -217,7 +217,7 @@ class SimulatedPlant(Stateful[PlantState]):
             self._mechanics.grip(s, self.time, self._mechanics.frames(s))
         twist, more_lag, grip = self._faults.base(s.faults, s.command.twist)
         rates = self._faults.rates(s.faults, self._errors.rates(s.command.joint_velocity, s.substep))
-        told = Told(twist=twist, more_lag=more_lag, grip=grip, rates=rates, stuck=stuck)
+        told = DriveCommand(twist=twist, more_lag=more_lag, grip=grip, rates=rates, stuck=stuck)
         moved = self._mechanics.substep(s, told, self)
         self._localisation.step(s.localisation, s.base.pose, moved.mean_twist, (s.base.v, s.base.w))
         self._sense(moved.frames)

@@ -377,9 +377,9 @@ class Referee:
     def _rest(
         self, state: RefereeState, world: World, placed: Array, around: Surroundings, held: list[tuple[int, float]]
     ) -> None:
-        """Things touched by the held cube: no contact while it is the support that the cube was taken from.
+        """Contacts of the held cube, except with the support that it was taken from.
 
-        It is that until the cube is clear of it, or has been pressed or swept into it as far.
+        The exception for a support ends when the cube is `SUPPORT_CLEAR` away from it, or as deep in it.
         """
         touching = {around.names[j] for j, distance in held if distance < SUPPORT_CLEAR}
         if state.resting_on == (HELD,):

@@ -21,7 +21,7 @@ from rich.console import Console
 from rich.table import Table
 
 from motm_twin.control.arm.types import Phase
-from motm_twin.control.targets import odometry_to_world
+from motm_twin.control.targets import world_in_odometry
 from motm_twin.control.tick import Completion, Tick
 from motm_twin.methods.registry import FAST, find_method
 from motm_twin.model.edits import AddObstacle, InjectFault, RemoveBody
@@ -393,7 +393,7 @@ def _hand(case: Case) -> dict[str, Any]:
     twin = Twin(scene, method=find_method(case.method))
     put, gone = math.nan, False
     for tick in twin.ticks():
-        hand = to_frame(odometry_to_world(tick.observation), tick.arm[-1].reference[:2])
+        hand = to_frame(world_in_odometry(tick.observation), tick.arm[-1].reference[:2])
         out = math.dist(hand, tick.observation.pose[:2]) > _OUT
         if math.isnan(put) and tick.arm[-1].phase == case.what and out:
             put = tick.time

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from motm_twin.control.arm.monitor import ArmMonitor
-from motm_twin.control.targets import odometry_to_world
+from motm_twin.control.targets import world_in_odometry
 from motm_twin.model.edits import InjectFault
 from motm_twin.model.known import known_world
 from motm_twin.model.plant import Actuation
@@ -43,7 +43,7 @@ def _deepest(scene, seed: int, *, guarded: bool) -> tuple[float, str]:
         actuation = Actuation(twist=asked, joint_velocity=rates, gripper="open")
         if guarded:
             answer = monitor.check(
-                actuation, observation, twist, DT, T_odom_world=odometry_to_world(observation), held_side=0.0
+                actuation, observation, twist, DT, T_odom_world=world_in_odometry(observation), held_side=0.0
             )
             actuation, said = answer.actuation, answer.reason or said
         rates, twist = actuation.joint_velocity.copy(), actuation.twist.copy()
@@ -86,7 +86,7 @@ def test_joint_6_stops_before_it_folds_the_hand_onto_the_forearm(guarded):
         now = plant.observe()
         actuation = Actuation(twist=np.zeros(2), joint_velocity=rates, gripper="open")
         if guarded:
-            T = odometry_to_world(now)
+            T = world_in_odometry(now)
             answer = monitor.check(actuation, now, np.zeros(2), DT, T_odom_world=T, held_side=0.0)
             actuation, said = answer.actuation, answer.reason
         plant.command(actuation)

@@ -84,7 +84,7 @@ def test_a_hand_that_starts_over_takes_its_fingers_from_beside_the_object_first(
 @pytest.mark.parametrize("side", [0.03, 0.045, 0.065])
 def test_the_hand_waits_until_what_it_let_go_has_fallen_from_between_its_fingers(side):
     """A hand that left at 0.8 m/s at once touched the falling cube with a finger."""
-    fallen = 0.5 * phases.GRAVITY * phases._clears(side, P) ** 2
+    fallen = 0.5 * phases.GRAVITY * phases._falling_time(side, P) ** 2
     assert fallen == pytest.approx(0.5 * side + P.tip_length)
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from motm_twin.control.arm.parameters import ArmParameters
-from motm_twin.control.targets import Targets, odometry_to_world
+from motm_twin.control.targets import Targets, world_in_odometry
 from motm_twin.model.known import known_world
 from motm_twin.model.scene import Pick, Place
 from motm_twin.model.scene_file import load_scene
@@ -29,7 +29,7 @@ def test_a_tall_object_is_grasped_over_its_middle_for_the_palm_is_tilted(tmp_pat
     scene = load_scene(str(path), None, 0)
     known, observation = known_world(scene), SimulatedPlant(scene).observe()
     tracker = ObjectTracker(known)
-    targets, frame = Targets(known, tracker, ReachParameters(), ArmParameters()), odometry_to_world(observation)
+    targets, frame = Targets(known, tracker, ReachParameters(), ArmParameters()), world_in_odometry(observation)
     goal = targets.arm_goal(Pick(object="cube"), "", observation, frame)
     middle = float(tracker.belief("cube", observation)[0][2])
     assert goal.position[2] - middle == pytest.approx(over, abs=1e-3)
@@ -50,7 +50,7 @@ def test_an_object_is_let_go_over_the_rim_or_over_what_was_seen_to_lie_higher(he
     scene = load_scene("shelf_run", "one_trolley")
     known = known_world(scene)
     tracker, observation = ObjectTracker(known), SimulatedPlant(scene).observe()
-    targets, frame = Targets(known, tracker, ReachParameters(), ArmParameters()), odometry_to_world(observation)
+    targets, frame = Targets(known, tracker, ReachParameters(), ArmParameters()), world_in_odometry(observation)
     place = next(each for each in known.bins if each.name == "order_2")
     seen = np.array([place.centre[0] + aside, place.centre[1], place.rim_z + height])
     lies = known.objects[0]

@@ -14,7 +14,7 @@ from motm_twin.model.known import KnownWorld
 from motm_twin.model.plant import Observation
 from motm_twin.model.profile import RobotProfile
 from motm_twin.model.state import state_hash
-from motm_twin.perception.cell_times import CellTimes, numbers_of
+from motm_twin.perception.cell_times import CellTimes, cell_numbers
 from motm_twin.perception.mapper import Mapper
 from motm_twin.perception.movers import MoverParameters, MoverTracker, Place, Track
 from motm_twin.perception.world_map import WorldMap
@@ -328,7 +328,7 @@ def test_a_side_of_a_static_box_that_was_seen_to_move_is_static_again_when_it_st
         observation = _seen(k * STEP, np.zeros(3), [box], rng)
         scan = msgspec.structs.replace(observation.scan, pose=pose)
         world = tracker.sort(mapper.update(msgspec.structs.replace(observation, pose=pose, scan=scan)), pose)
-        cells = numbers_of(world)
+        cells = cell_numbers(world)
         if k == 199:
             known = cells
         if k == 203:

@@ -9,7 +9,7 @@ from idealised import rectangle, step_unicycle, world_of
 
 from motm_twin.model.profile import RobotProfile
 from motm_twin.planning.candidates import is_avoided, smallest_ring, times_avoided
-from motm_twin.planning.commitment import Anew, KeepPlans
+from motm_twin.planning.commitment import KeepPlans, SearchAnew
 from motm_twin.planning.controller import StaaController
 from motm_twin.planning.every_ring import EveryRing
 from motm_twin.planning.parameters import PlanningParameters
@@ -17,7 +17,7 @@ from motm_twin.planning.placement import NextTargetPlacement
 from motm_twin.planning.types import BaseProblem, SearchBudget, Target
 
 WORLD = world_of((rectangle(1.0, 0.5, 3.0, 1.3),))
-METHODS = [(smallest_ring, Anew), (EveryRing(), KeepPlans)]
+METHODS = [(smallest_ring, SearchAnew), (EveryRing(), KeepPlans)]
 
 
 def problem_at(pose, twist=(0.0, 0.0), time: float = 0.0) -> BaseProblem:

@@ -28,8 +28,8 @@ from motm_twin.model.reason import Kind, Reason
 from motm_twin.model.state import Stateful
 
 _BOUND_NAMES = ("base speed", "base yaw rate", *(f"joint {k}" for k in range(1, 8)))
-_WRONG_HIT = 0.3  # [s] that one stays in the map, at most
-_GONE = 0.2  # share of the time that an arm stands in something, after which that is gone when it is not seen
+_WRONG_HIT = 0.3  # [s] longest time that a spurious hit stays in the map
+_GONE = 0.2  # share of `overlap_stands` after which an overlap that is no longer seen has ended
 _REST, _NO_SLACK = frozen(np.zeros(7)), frozen(np.zeros(6))
 _GRASPING = (Phase.TRANSIT, Phase.FINAL, Phase.CLOSING, Phase.LIFT, Phase.RETRY)
 
@@ -55,7 +55,7 @@ def _as_it_is(state: ManipulatorState, view: View, motion: Motion, program: Prog
 
 @dataclass(frozen=True, kw_only=True)
 class ArmWays:
-    """Functions of one step in which arms differ; those of the paper's arm where nothing else is said."""
+    """Functions of one step that a method's arm may replace; the defaults are those of the paper's arm."""
 
     inputs: Callable[[ManipulatorState, ArmInputs], ArmInputs] = lambda state, inputs: inputs
     rules: Callable[[PhaseRules, ArmInputs], PhaseRules] = lambda usual, inputs: usual  # of the phases
@@ -193,7 +193,7 @@ class Manipulator(Stateful[ManipulatorState]):
         return self._ways.program(state, view, motion, program), rows
 
     def _free_return(self, view: View, program: Program) -> Program:
-        """When the way to the stow pose is stuck: the same program, but led by the joints."""
+        """The program with a joint-space return to the stow pose; unchanged when the arm is near that pose."""
         p = self.parameters
         error = self._stow_joints - view.q
         if float(np.abs(error[[1, 2, 3, 4]]).max()) < p.stowed_error and abs(error[0]) < p.bent:
@@ -205,7 +205,7 @@ class Manipulator(Stateful[ManipulatorState]):
         return msgspec.structs.replace(program, P=free, c=c)
 
     def _inside(self, view: View, inputs: ArmInputs, held_side: float) -> Overlap | None:
-        """The overlap of arm and something seen; it lasts until it has not been seen for a while: beams flicker."""
+        """Current overlap of the arm with a seen obstacle; flickering beams do not end it at once."""
         state = self._state
         found = self._overlap.find(view.arm, inputs, held_side, lasts=state.inside is not None)
         if found is None or not found.alone:
@@ -219,7 +219,7 @@ class Manipulator(Stateful[ManipulatorState]):
         return state.inside
 
     def _stand_clear(self, view: View, inputs: ArmInputs, overlap: Overlap) -> ArmStep:
-        """Something stands where the arm is: it stands, and goes back to its stow pose when that lasts."""
+        """The step during an overlap: the arm stops, and returns to its stow pose when the overlap lasts."""
         state = self._state
         if state.inside_since is None:
             state.inside_since = view.time

@@ -34,14 +34,14 @@ from motm_twin.model.geometry import Array, to_frame
 from motm_twin.model.known import KnownWorld
 
 REACH = 0.16  # [m] from the centre of an object: no part of the hand is further off
-_WAY = (0.0, 0.05, 0.10)  # [m] above the grasp at which furniture is looked for: hover and lift are no higher
-_HIGHER = 0.01  # [m] by which they may be higher beside the object than the camera has it
+_TEST_HEIGHTS = (0.0, 0.05, 0.10)  # [m] above the grasp at which furniture is looked for: hover and lift are no higher
+_HIGHER = 0.01  # [m] by which the top of an object may be higher than the camera estimates
 BLOCKED = 100.0  # [rad] more than any turning
 _BEFORE = 0.05  # [m] before the target at which the way over things ends: there the hand comes down
 _ASIDE = 0.05  # [m] beside the middle of the hand in which its fingers are
 _STEP = 0.02  # [m] between looks along that way
 _HIGHEST = 0.25  # [m] above the target: over what is higher the hand does not get
-_BELOW = 0.01  # [m] above the lower face of the object up to which furniture is what it stands on
+_SUPPORT_SLACK = 0.01  # [m] above the object's lower face; furniture no higher than this is its support
 _PARTS = (  # of the hand: middle beyond the pad and half width along the closing axis, half depth, bottom over the tool
     (0.0084, 0.0084, 0.0105, -0.0090),
     (0.0146, 0.0118, 0.0110, 0.0150),
@@ -58,7 +58,7 @@ class Room(NamedTuple):
     cost: float  # [rad] of turning that is worth as much, `BLOCKED` and more when there is no room
     what: str  # the nearest thing, when it is nearer than the arm keeps from it; else ""
     blocked: bool  # so near that a hand that tilts or moves a little does not get by; known for sure
-    wanders: bool  # where it is comes from localisation, which may be another in some seconds
+    wanders: bool  # its position relies on an uncertain localisation, which may change within seconds
 
     @property
     def closed(self) -> bool:
@@ -77,9 +77,9 @@ class GraspRoom:
     def yaw(
         self, goal: ArmGoal, near: float, natural: float, width: float, T_odom_world: Array, sd: float
     ) -> tuple[float, Room]:
-        """The hand's yaw [rad], odometry frame, and its room: of the two pairs of faces the one that costs least.
+        """Hand yaw [rad], odometry frame, for the cheaper of the two pairs of faces, and the room beside it.
 
-        A pair that surely has no room comes last: there may be some beside the other when localisation is another.
+        A pair that surely has no room comes last: the other pair may gain room when localisation changes.
         ``near``: yaw that costs no turning; the other faces are taken from the side of the ``natural`` one, where
         joint 7 is in its middle. ``width`` [m] of the open gripper, ``sd`` [m] of the robot's place on the map.
         """
@@ -109,9 +109,10 @@ class GraspRoom:
         return Room(cost + BLOCKED * blocked, self._mapped.names[k], blocked, sd > _SURE)
 
     def top_between(self, position: Array, target: Array, T_odom_world: Array) -> float:
-        """Top [m] of the furniture that the hand meets on a straight way from a position to a target (3,); -inf: none.
+        """Highest top [m] of furniture above the target's height on the line from a position to it, (3,); -inf: none.
 
-        What it stands beside over the target does not count: there it comes down. Nor does what is too high for it.
+        Furniture beside the target itself is ignored, since the hand comes down there, and so is furniture that is too
+        high to pass over.
         """
         here, there = to_frame(T_odom_world, position), to_frame(T_odom_world, target)
         return _top_between(here[0], here[1], np.array([there[0], there[1], target[2]]), self._mapped.solids)
@@ -152,7 +153,7 @@ def _furniture_room(place: Array, side: float, balls: Balls, keep: Array, solids
     best, which = np.inf, -1
     z, bounds, centre = solids.z, solids.bounds, balls.centre
     for k in range(z.shape[0]):
-        if z[k, 1] <= place[2] - 0.5 * side + _BELOW or z[k, 0] > place[2] + 0.5:
+        if z[k, 1] <= place[2] - 0.5 * side + _SUPPORT_SLACK or z[k, 0] > place[2] + 0.5:
             continue
         if not (bounds[k, 0] - REACH < place[0] < bounds[k, 1] + REACH):
             continue
@@ -164,7 +165,7 @@ def _furniture_room(place: Array, side: float, balls: Balls, keep: Array, solids
                 continue
             x = place[0] + R[0, 0] * centre[i, 0] + R[0, 1] * centre[i, 1]
             y = place[1] + R[1, 0] * centre[i, 0] + R[1, 1] * centre[i, 1]
-            for up in _WAY:
+            for up in _TEST_HEIGHTS:
                 height = place[2] + HAND_LENGTH - centre[i, 2] + up
                 d, _, _, _ = solid_distance(x, y, height, k, solids)
                 d -= balls.radius[i] + (keep[1] if body >= FINGERS else keep[0])

@@ -46,9 +46,9 @@ from motm_twin.model.known import KnownWorld
 _LINK = 0.16  # [m] cells nearer than this belong to one obstacle
 _REACH = 1.2  # [m] from mount, gripper or target, beyond which nothing matters
 _HALF_CELL = 0.025  # [m] a seen point is the centre of a map cell
-YIELDS = 0.75  # of the distance from furniture that may be missing at a grasp, or nothing on a full table is reached
+YIELDS = 0.75  # share of furniture_d_s given up at a grasp; without it a full table would block every grasp
 _SEEN_D_S = 0.02  # [m] of links from what is static and seen: of what is mapped more is known
-_DEEP = -0.10  # [m/s] no row of furniture asks for a faster retreat than this
+_FASTEST_RETREAT = -0.10  # [m/s] no row of furniture asks for a faster retreat than this
 _MOST, _MOST_OWN = 32, 12  # rows of furniture, and of the own base, the nearest first
 _SHORT = 32  # finite distances that are sorted one by one
 _FEW = 384  # distances that NumPy sorts as they are
@@ -242,8 +242,8 @@ def _own_rows(arm: Arm, balls: Balls, d_s: Array, d_i: Array, solids: Solids, av
 
 @njit(cache=True)
 def _shallow(rows: Rows, most: int) -> Rows:
-    """The first rows, none of which asks for a faster retreat than `_DEEP`."""
-    return Rows(rows.G[:most], np.maximum(rows.h[:most], _DEEP), rows.name[:most])
+    """The first rows, none of which asks for a faster retreat than `_FASTEST_RETREAT`."""
+    return Rows(rows.G[:most], np.maximum(rows.h[:most], _FASTEST_RETREAT), rows.name[:most])
 
 
 @njit(cache=True)
@@ -342,10 +342,10 @@ def seen_distances(
 
 @njit(cache=True)
 def furniture_distances(avoidance: Numbers, touching: bool, blind: float, sd: float) -> tuple[Array, Array]:
-    """d_s and d_i of each body [m], shape (8,): at the supporting surface during a grasp smaller.
+    """d_s and d_i of each body to furniture [m], shape (8,); smaller while ``touching`` the support in a grasp.
 
-    An arm that goes on for ``blind`` [s] when it is left alone is slower: it shall come to d_s at most. ``sd`` [m] of
-    the robot's place on the map.
+    d_i - d_s is at least xi * ``blind``, so that an arm that gets no new command for ``blind`` [s] stops short of d_s.
+    ``sd`` [m]: 1 sd of the robot's position on the map.
     """
     a = avoidance[0]
     d_s, d_i = np.full(len(BODIES), a.furniture_d_s + sd), np.full(len(BODIES), a.furniture_d_i)

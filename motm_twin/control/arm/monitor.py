@@ -4,10 +4,10 @@ No body of the arm may come to a solid faster than it can brake before it:
 
     approach speed  <=  sqrt(2 a (d - d_0)),      d_0 = `KEPT`, a = `BRAKING`
 
-whatever moves it, base or joints. Below d_0 it may only move away. What the base brings that joints near their limits
-cannot take up may be no faster than the base can brake. A command that breaks this loses as much of its approach as
-the joints can brake, and the base brakes. So staying clear does not rest on the rows of the arm's program alone, which
-give way rather than leave no answer. What a joint that does not follow makes of the motion counts, too.
+whether base or joints move it. Below d_0 it may only move away. The part of the base's motion that joints near their
+limits cannot cancel may be no faster than the base can brake. When a command breaks the line, the joints brake the
+approach as hard as they can; near furniture the base brakes, too. Clearance thus does not rest on the rows of the
+arm's program alone, which are elastic. The motion of joints that do not follow their commands counts, too.
 """
 
 import math
@@ -39,7 +39,7 @@ from motm_twin.model.plant import ARM_STEP, Actuation, Observation
 from motm_twin.model.profile import DDQ_MAX, DQ_MAX, Q_MAX, Q_MIN, WRIST_MIN
 from motm_twin.model.reason import Kind, Reason
 
-_REACTION = 2.0 * ARM_STEP  # [s] before a motion that nobody told is seen, and braked
+_REACTION = 2.0 * ARM_STEP  # [s] until an uncommanded motion is measured and braked
 _LOOK = 0.15  # [m] from a body of the arm: no hand is so fast that anything further off matters yet
 _ROUNDS = 4  # of holding back the body that is most above its speed: a wedged arm has several
 _ENOUGH = 1e-3  # [m/s] over the line that is left alone
@@ -163,11 +163,11 @@ def _hold_back(
     arm: _Arm, pose: Array, twist: Array, settles: float, furniture: Solids, own: Solids, braking: float,
     numbers: Numbers,
 ) -> tuple[int, int, float, float]:  # fmt: skip
-    """Lower the arm's rates, in place, until no body is above its speed, or the joints brake all they can.
+    """Lower the arm's rates, in place, until no body exceeds its speed limit or the joints brake as hard as they can.
 
-    ``pose`` (3,) of the base in the frame of the furniture, ``twist`` (2,) its own now, ``braking`` [m/s^2] what it
-    can; joints come to a rate in the time ``settles`` [s]. Returns body and solid, furniture first and then its
-    ``own``, that were most above it, their distance [m] and speed [m/s]; body -1: none was.
+    ``pose`` (3,): base in the frame of the furniture; ``twist`` (2,): its measured twist; ``braking`` [m/s^2]: its
+    deceleration; ``settles`` [s]: time in which joints reach a rate. Returns body and solid (furniture first, then
+    ``own``) with the largest excess in the first round, their distance [m] and speed [m/s]; body -1: no excess.
     """
     T, p, origin = fk_arm(arm.q), numbers[0], np.zeros(3)
     seen, own_seen = _near(T, arm, pose, furniture, np.int64(-1)), _near(T, arm, origin, own, np.int64(COLUMN))
@@ -246,7 +246,7 @@ def _worst(
 
 @njit(cache=True)
 def _taken_up(q: Array, row: Array, taking: float) -> float:
-    """Speed [m/s] of the base along a row (9,) that the arm can take up before its joints are at their limits."""
+    """Base speed [m/s] along a row (9,) that joint motion can cancel before the joints reach their limits."""
     total = 0.0
     for k in range(7):
         room = q[k] - Q_MIN[k] if row[2 + k] > 0.0 else Q_MAX[k] - q[k]

@@ -111,7 +111,7 @@ def _motion(arm: Arm, way: _Way, parameters: Numbers, reference: Array) -> tuple
         planar = _planar_share(arm, way.time_to_range, parameters)
         rotation = _transit_rotation(arm, way, planar, parameters)
         beside = hypot(arm.p[0] - way.anchor[0], arm.p[1] - way.anchor[1]) < parameters[0].neighbours
-        swing = _inbound(arm, way, way.clear_z if beside else -math.inf, parameters)
+        swing = _transit_swing(arm, way, way.clear_z if beside else -math.inf, parameters)
     _swing(swing, rotation, arm, planar, parameters, velocity, reference)
     return norm(reference - arm.p), velocity
 
@@ -127,11 +127,10 @@ def _point(state: ManipulatorState, view: View, p: ArmParameters) -> Array:
 
 
 def _final_point(state: ManipulatorState, view: View, p: ArmParameters) -> Array:
-    """The grasp point, or above it as long as the object is not between the fingers or not seen well enough.
+    """The grasp point, raised while the hand is not centred over the object or the object is not seen well enough.
 
-    Nor do they come down on what stands beside it, while the hand is still being turned. A hand that is tilted too much
-    to close is higher by what the edge of its palm is lower.
-    A hand that has waited for a sight of the object rises: from higher up the camera sees more of what is around.
+    The hand also stays above neighbouring objects that it would touch, and higher by the drop of its palm's edge when
+    it is tilted too much to close. It rises while it waits to see the object: from higher up the camera sees more.
     """
     point = grasp_point(view, p)
     seen = view.seen(p)
@@ -150,9 +149,9 @@ def _final_point(state: ManipulatorState, view: View, p: ArmParameters) -> Array
 
 @njit(cache=True)
 def _fixed(arm: Arm, way: _Way, point: Array, parameters: Numbers, velocity: Array) -> None:
-    """Closed loop on a point that stands in the odometry frame; the hand is turned as over what it works at.
+    """Proportional control towards a fixed point in the odometry frame, with the hand oriented for ``way.over``.
 
-    Down over the object, tilted outwards where the reach needs it.
+    The hand points down, tilted outwards only as far as the reach requires.
     """
     n, p, mount = parameters[0], arm.p, arm.mount
     linear = capped(n.k_P * (point - p), way.fastest)
@@ -218,8 +217,8 @@ def _swing(
 
 
 @njit(cache=True)
-def _inbound(arm: Arm, way: _Way, lowest: float, parameters: Numbers) -> _Swing:
-    """The hover point, at the limited radius on the line from the mount, where the base will be on arrival.
+def _transit_swing(arm: Arm, way: _Way, lowest: float, parameters: Numbers) -> _Swing:
+    """Swing to the hover point: at a limited radius, in the direction that the target will have when it is in range.
 
     The hand turns towards it first and reaches out last: an arm stretched out early meets more obstacles, and a hand
     held up by one on its way out would slide along it, away from its target.
@@ -239,7 +238,7 @@ def _inbound(arm: Arm, way: _Way, lowest: float, parameters: Numbers) -> _Swing:
         over = n.rim_clearance
     z = target[2] + over
     if place and distance >= n.sink_distance:
-        z = max(z, lowest)  # what stands beside where the object was taken from is not swept off the table
+        z = max(z, lowest)  # clears objects beside the pick place, so that none is swept off the table
     z = max(z, way.top_between + n.transit_clearance)
     hover = reach_radius(z - mount[2], _largest_tilt(place, parameters), n.stretch)
     if radius > hover:
@@ -295,7 +294,7 @@ def _planar_share(arm: Arm, time_to_range: float, parameters: Numbers) -> float:
 
 @njit(cache=True)
 def _transit_rotation(arm: Arm, way: _Way, planar: float, parameters: Numbers) -> Array:
-    """In the arm's own plane at first, at last as over the object; tilted so that the camera looks ahead for it."""
+    """Hand rotation in transit: first in the arm's plane, finally as at the grasp; tilted so the camera sees ahead."""
     n, p, mount, pick = parameters[0], arm.p, arm.mount, way.goal == _PICK
     own, outward = _outward(mount, p), _outward(mount, arm.target)
     near = hypot(p[0] - mount[0], p[1] - mount[1])

@@ -1,8 +1,8 @@
-"""Something stands where the arm is: a person put it there, or pushed the robot into it.
+"""Overlap of the arm with an obstacle that the lidar sees: a person put it there, or pushed the robot into it.
 
-The lidar sees its near side below the arm, and how far it reaches beyond nobody knows. So the arm stands, and the base
-with it, for `overlap_stands`; then the arm goes back to its stow pose by its joints, no faster than a touch does harm.
-It has no goal meanwhile.
+The lidar sees only the near side of the obstacle, below the arm; its extent beyond that is unknown. So arm and base
+stop for `overlap_stands`. Then the arm returns to its stow pose in joint space, no faster than `overlap_speed`, at
+which a touch does no harm. The arm pursues no goal meanwhile.
 """
 
 import math
@@ -24,7 +24,7 @@ _STOWED = 0.02  # [rad] joints this near to the stow pose are there
 
 
 class ArmOverlap:
-    """Finds what is seen where the arm is, and tells the robot how to get out of it."""
+    """Detects overlaps of the arm with seen obstacles, and computes the motion out of them."""
 
     def __init__(self, profile: RobotProfile, stow_joints: Array, parameters: ArmParameters) -> None:
         """The arm's way out leads to its stow joints (7,) [rad]."""
@@ -32,7 +32,10 @@ class ArmOverlap:
         self._balls = arm_balls()
 
     def find(self, arm: Arm, inputs: ArmInputs, held_side: float, *, lasts: bool) -> Overlap | None:
-        """The body deepest in something seen; ``held_side`` [m] of a held cube, 0: none; ``lasts``: there was one."""
+        """The arm body that is deepest in seen obstacles, and its depth; None without an overlap.
+
+        ``held_side`` [m]: side of a held cube, 0: none. ``lasts``: an overlap was found before, so any depth counts.
+        """
         points, width = inputs.obstacles.points, inputs.observation.gripper_width
         if not len(points):
             return None
@@ -52,9 +55,10 @@ class ArmOverlap:
         return Overlap(BODIES[deepest], depth) if depth > least else None
 
     def way_out(self, arm: Arm, inputs: ArmInputs, twist: Array, *, withdraws: bool) -> tuple[Array, Array]:
-        """Base twist (2,) after that commanded last, and arm rates (7,): the joints stop, or go to the stow pose.
+        """Next base twist (2,) and arm rates (7,): the base brakes, the joints stop or return to the stow pose.
 
-        The base stands, unless something is inside its own footprint: then it leaves that first, and the joints stop.
+        ``twist`` (2,): base twist commanded last. ``withdraws``: the joints return to the stow pose. While an obstacle
+        is inside the footprint of the base, the base follows its plan to leave it, and the joints stop.
         """
         base, dt = self._profile.base, inputs.dt
         leaving = self._inside_base(arm.pose, inputs.obstacles.points)

@@ -50,7 +50,7 @@ def enter(state: ManipulatorState, phase: Phase, time: float) -> None:
 
 
 def wanted(state: ManipulatorState, view: View) -> bool:
-    """Does the goal ask the hand to go somewhere, and can it?"""
+    """The goal fits the gripper: a place while it holds an object, a pick while it holds none."""
     return view.goal.kind == ("place" if state.holding else "pick")
 
 
@@ -193,7 +193,7 @@ def _way_later(
     ahead: float, pose: Array, plan_times: Array, plan_poses: Array, target: Array, p: Array, mount: Array,
     hover: float,
 ) -> float:  # fmt: skip
-    """The same ``ahead`` [s] of now."""
+    """Distance [m] of the hand from its hover point, base frame, once the base is ``ahead`` [s] further on its plan."""
     there = _in_base(pose_at(ahead, pose, plan_times, plan_poses), target)
     away = there[:2] - mount[:2]
     share = min(1.0, hover / max(norm(away), 1e-6))
@@ -219,9 +219,9 @@ def _arrive(state: ManipulatorState, view: View, inputs: ArmInputs, rules: Phase
     if view.goal.kind == "pick":
         choose_yaw(state, view, inputs, rules)
     if state.no_room_since is not None:
-        return _crowded(state, view, p)
+        return _wait_without_room(state, view, p)
     if state.opening is not None and view.width > state.opening + p.held_tolerance:
-        return _narrow(state, view, p)
+        return _wait_for_opening(state, view, p)
     state.narrowing_since = None
     if out > 0.0 or view.distance > p.approach_distance:
         return NOTHING
@@ -237,7 +237,10 @@ def _arrive(state: ManipulatorState, view: View, inputs: ArmInputs, rules: Phase
 
 
 def _unseen_beside(state: ManipulatorState, view: View, p: ArmParameters) -> str:
-    """An object near the goal that the camera may see in a moment: the hand comes down on what is elsewhere, else."""
+    """A neighbour of the goal that the camera has not seen yet and may see soon; "" when the hand waits no longer.
+
+    Coming down at once, the hand could hit a neighbour that is not where it is believed.
+    """
     since = view.time if state.in_range_since is None else state.in_range_since
     goal = view.goal
     if view.time - since > p.search_after or (goal.neighbours[:, 5] > 0.0).all():
@@ -245,10 +248,10 @@ def _unseen_beside(state: ManipulatorState, view: View, p: ArmParameters) -> str
     return goal.neighbour_names[int(goal.neighbours[:, 5].argmin())]
 
 
-def _crowded(state: ManipulatorState, view: View, p: ArmParameters) -> Outcome:
-    """No faces of the object can be taken: the hand stays over it until it has seen that well enough to say so.
+def _wait_without_room(state: ManipulatorState, view: View, p: ArmParameters) -> Outcome:
+    """Wait over an object that leaves no room for the fingers; give it up once it has been seen well enough.
 
-    Where furniture is it only believes, and waits as long as its patience lasts.
+    While the position of the furniture is uncertain, the hand waits until its patience ends.
     """
     if not view.seen(p) or view.goal.position_sd > 1.5 * p.close_sd or view.time_to_range > 0.0:
         state.no_room_since = math.inf
@@ -262,8 +265,8 @@ def _crowded(state: ManipulatorState, view: View, p: ArmParameters) -> Outcome:
     return "no room", reason
 
 
-def _narrow(state: ManipulatorState, view: View, p: ArmParameters) -> Outcome:
-    """The hand waits for fingers that are wider than it needs; some grippers open only all the way."""
+def _wait_for_opening(state: ManipulatorState, view: View, p: ArmParameters) -> Outcome:
+    """Wait for the fingers to close to the wanted opening; give that up for a gripper that only opens fully."""
     if state.narrowing_since is None:
         state.narrowing_since = view.time
     if view.time - state.narrowing_since > p.search_after:
@@ -275,8 +278,8 @@ def choose_yaw(state: ManipulatorState, view: View, inputs: ArmInputs, rules: Ph
     """Fix which faces of the cube the fingers take: rounding every step would flip them while the arm swings.
 
     The hand's yaw is natural (joint 7 in its middle) half a dwell after arrival, when the base is nearest. The faces
-    nearest to that are taken, unless there is little room beside them and more beside the others. Where the fingers
-    have no room beside either, they open only as far as the object needs, until it is another.
+    nearest to that are taken, unless there is little room beside them and more beside the others. When
+    neither pair leaves enough room, the fingers open only as far as this object needs.
     """
     goal, p = view.goal, rules.parameters
     ahead = view.time_to_range + p.mid_dwell
@@ -408,11 +411,11 @@ def _release(state: ManipulatorState, view: View, rules: PhaseRules) -> Outcome:
         if lands_inside(state, view, rules):
             state.gripper, state.released = "open", view.time
         return NOTHING
-    if not view.sure(p) and view.width < state.side + p.held_tolerance:  # it may hear of it when it is elsewhere
+    if not view.sure(p) and view.width < state.side + p.held_tolerance:  # the hand may be elsewhere when it opens
         state.gripper, state.released = "close", None
         return "", _UNSURE
     opened = view.width > state.side + p.held_tolerance
-    away = gripper.opening_time + _clears(state.side, p)
+    away = gripper.opening_time + _falling_time(state.side, p)
     if opened and view.time - state.released >= away - 0.5 * view.dt and not view.gripper_moving:
         state.holding, state.reported, state.released = False, False, None
         state.clear_z = float(view.goal.position[2]) + p.transit_clearance
@@ -421,8 +424,8 @@ def _release(state: ManipulatorState, view: View, rules: PhaseRules) -> Outcome:
     return NOTHING
 
 
-def _clears(side: float, p: ArmParameters) -> float:
-    """Time [s] in which an object that is let go falls from between the fingers: a hand that leaves would meet it."""
+def _falling_time(side: float, p: ArmParameters) -> float:
+    """Time [s] that a released object takes to fall out of the fingers; a hand that leaves sooner would hit it."""
     return math.sqrt(2.0 * (0.5 * side + p.tip_length) / GRAVITY)
 
 
@@ -471,7 +474,7 @@ def engaged(state: ManipulatorState) -> bool:
 
 
 def fingers_at_work(state: ManipulatorState) -> bool:
-    """Closing, lifting until that is reported, or letting go: what the hand holds is about to be another thing."""
+    """The fingers close, lift an object (until the pick is reported) or release one: what they hold will change."""
     lifting = state.phase == Phase.LIFT and not state.reported
     return state.phase == Phase.CLOSING or lifting or state.released is not None
 
@@ -482,7 +485,7 @@ def dwell(state: ManipulatorState, view: View, rules: PhaseRules) -> float:
     elapsed = view.time - state.since
     lift = p.lift_time
     if view.goal.kind == "place":
-        away = gripper.opening_time + _clears(state.side, p)
+        away = gripper.opening_time + _falling_time(state.side, p)
         if state.released is not None:
             return max(0.0, away - (view.time - state.released))
         settle = max(0.05, p.place_settle_time - elapsed) if state.phase == Phase.RELEASE else p.place_settle_time

@@ -305,9 +305,9 @@ def _hand_rows(arm: Arm, velocity: Array, beta: float) -> tuple[Array, Array]:
 
 @njit(cache=True)
 def anchor(twist: Array, rates: Array, near: tuple[Array, Array], base: Numbers, dt: float, lag: float) -> None:
-    """Bring a base twist (2,) near the wanted one, and arm rates (7,) near the measured ones and within the limits.
+    """Clamp, in place, the last base twist (2,) near the wanted one and the last arm rates (7,) near the measured ones.
 
-    ``near``: those two; ``lag`` [s] of the arm: what its rates may be behind, and three steps.
+    ``near``: wanted twist and measured rates. Rates may differ by what joints change in ``lag`` [s] and three steps.
     """
     wanted, dq = near
     limits, follow = base[0], lag + 3.0 * dt

@@ -58,7 +58,7 @@ def load(solver: str) -> None:
 def solve(program: Program, *, solver: str, residual: float) -> Answer:
     """Solve and check: inputs finite, found, answer finite, no row violated by more than ``residual``.
 
-    DAQP solves the program without its slack, and as it is should that answer not do: slack at a bound.
+    DAQP solves the program with its slack eliminated; if that answer fails the check (slack at a bound), the full one.
     """
     _refuse_unknown(solver)
     if solver == "daqp" and program.slack[1]:

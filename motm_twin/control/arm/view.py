@@ -141,7 +141,7 @@ class View(msgspec.Struct, frozen=True, kw_only=True, eq=False):
         return last is not None and self.time - last <= parameters.seen_within
 
     def sure(self, parameters: ArmParameters) -> bool:
-        """Has the robot said lately where the hand is? What was told it since then it may not have heard."""
+        """The last report of the robot is recent enough to grip or release on; it may have missed newer commands."""
         return self.age <= parameters.sure_age
 
 
@@ -149,7 +149,7 @@ def look(inputs: ArmInputs, base_mount: Array, beta: float, parameters: ArmParam
     """The view of one step; ``base_mount`` (3,) [m] of the arm in the base frame, beta from `lag_factor`."""
     observation, goal = inputs.observation, inputs.goal
     half = max(0.0, goal.release_half_width - 0.5 * goal.side - parameters.release_margin)
-    told = Told(
+    told = StepReport(
         observation.q, observation.dq, observation.odometry, observation.twist, inputs.base_twist, inputs.T_odom_world,
         base_mount, goal.position, goal.yaw, taken(goal, 1.0),
     )  # fmt: skip
@@ -178,7 +178,7 @@ def look(inputs: ArmInputs, base_mount: Array, beta: float, parameters: ArmParam
     )
 
 
-class Told(NamedTuple):
+class StepReport(NamedTuple):
     """Report of the robot, and the goal."""
 
     q: Array
@@ -194,9 +194,9 @@ class Told(NamedTuple):
 
 
 def taken(goal: ArmGoal, turned: float) -> Array:
-    """What lies in the bin of a place, for `release_point`, shape (n, 3).
+    """Keep-out squares of the objects in the bin of a place, for `release_point`: x, y, half side [m], shape (n, 3).
 
-    ``turned``: 0: as if all lay along the bin's axes; 1: at 45 deg to them, the worst.
+    ``turned``: 0 takes all objects as parallel to the bin's axes, 1 as turned by 45 deg, the worst case.
     """
     if goal.kind != "place" or not len(goal.neighbours):
         return NOTHING_TAKEN
@@ -206,7 +206,7 @@ def taken(goal: ArmGoal, turned: float) -> Array:
 
 @njit(cache=True)
 def _look(
-    told: Told,
+    told: StepReport,
     points: Array,
     plan_poses: Array,
     goal: int,

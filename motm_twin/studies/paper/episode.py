@@ -19,7 +19,7 @@ from PIL import Image
 from motm_twin.bus.client import TwinClient
 from motm_twin.bus.commands import STEPS, Pause, Reset, Step
 from motm_twin.control.arm.parameters import AvoidanceParameters
-from motm_twin.control.targets import odometry_to_world
+from motm_twin.control.targets import world_in_odometry
 from motm_twin.control.tick import TaskState, Tick
 from motm_twin.measures import Measures
 from motm_twin.measures.agents import CUT_DISTANCE, CUT_TIME, base_gap, body_of
@@ -95,7 +95,7 @@ class Watcher:
         """Distance of the gripper to what is seen, and whether that stands: as the arm sees it, horizontally."""
         if not len(tick.map.seen_points):
             return None, False
-        points = from_frame(odometry_to_world(tick.observation), tick.map.seen_points)
+        points = from_frame(world_in_odometry(tick.observation), tick.map.seen_points)
         hand = self._frankie.tcp_pose(tick.observation.odometry, tick.observation.q)[0][:2]
         distance = np.hypot(*(points - hand).T)
         nearest = int(np.argmin(distance))
