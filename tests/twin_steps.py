@@ -56,7 +56,7 @@ def advance_until(twin, test, limit=600):
 
 
 def says(words):
-    """Whether the reason to stand contains a pattern."""
+    """A test for `advance_until`: the reason to stand matches a regular expression."""
     return lambda tick: re.search(words, tick.stop_reason) is not None
 
 

@@ -54,7 +54,7 @@ def made(asked: str) -> tuple[str, str]:
     match = _NAME.fullmatch(asked)
     if match is None or SEED.refusal("seed", int(match[2])):
         kind = asked.partition(":")[0]
-        raise SceneError(f"{asked[:60]!r} is no scene: write {kind}:SEED, as {kind}:17, up to 2^63 - 1")
+        raise SceneError(f"{asked[:60]!r} is not a scene: write {kind}:SEED, as in {kind}:17, with a seed below 2^63")
     prefix, seed = match[1], int(match[2])
     if prefix == PREFIX:
         return f"{prefix}{seed}", barn(seed)
@@ -172,7 +172,7 @@ def crossings(
 
 
 def across_circle(rng: np.random.Generator) -> tuple[Point, Point]:
-    """Start on the circle, moved by up to half a metre a second each way, and the goal opposite."""
+    """Start on the circle, moved by up to 0.5 m along x and y, and the goal opposite."""
     angle = 2.0 * math.pi * rng.random()
     x = CIRCLE * math.cos(angle) + (rng.random() - 0.5) * SPEED
     y = CIRCLE * math.sin(angle) + (rng.random() - 0.5) * SPEED

@@ -137,14 +137,14 @@ def shelf(rng: Rng, dial: Dial, backed: bool) -> Draft:
 
 def desk(rng: Rng, dial: Dial, backed: bool) -> Draft:
     """A desk with a bin at its front edge."""
-    length, width, height = _size(rng, 0.6, 1.4), _size(rng, 0.5, 0.7), _lower(rng, dial)
+    length, width, height = _size(rng, 0.6, 1.4), _size(rng, 0.5, 0.7), _bin_support_height(rng, dial)
     x = round(float(rng.uniform(-1.0, 1.0)) * (0.5 * length - 0.25), 2)
     return _boxed(length, width, height, "desk", bins=((x, 0.22 - 0.5 * width),))
 
 
 def stand(rng: Rng, dial: Dial, backed: bool) -> Draft:
     """A round stand, a bin in its middle."""
-    radius, height = _size(rng, 0.2, 0.26), _lower(rng, dial)
+    radius, height = _size(rng, 0.2, 0.26), _bin_support_height(rng, dial)
     body = _cylinder(radius, [0.0, height], "desk", (0.0, 0.0))
     return Draft(2.0 * radius, 2.0 * radius, {"body": body}, bins=((0.0, 0.0),))
 
@@ -184,7 +184,7 @@ def _height(rng: Rng, dial: Dial) -> float:
     return _size(rng, HEIGHT - dial.spread, HEIGHT + dial.spread)
 
 
-def _lower(rng: Rng, dial: Dial) -> float:
+def _bin_support_height(rng: Rng, dial: Dial) -> float:
     """Height of what carries a bin: its rim is then about as high as a table."""
     return round(_height(rng, dial) - 0.15, 2)
 

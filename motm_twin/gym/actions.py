@@ -227,7 +227,7 @@ class ArmAction(Manipulator):
         return view.time - self._state.since >= duration - 0.5 * view.dt and not view.gripper_moving
 
     def _closed(self, view: View) -> None:
-        """The fingers stand: on the object, when they are as far apart as it is wide, and where it is."""
+        """Judge the closed fingers: they hold the object when their width and the hand's place match it; else retry."""
         state, goal = self._state, view.goal
         fits = abs(view.width - goal.side) <= self.parameters.held_tolerance
         if goal.kind == "pick" and fits and norm(view.p - view.target) <= AT_OBJECT:

@@ -21,8 +21,8 @@ APART = 0.5  # [s] after which a conflict with the same agent counts as new
 NEAR, NEAR_END = 0.10, 0.20  # [m] gap that is a near miss, and gap at which it has ended
 HORIZON, STEP = 2.0, 0.1  # [s] of prediction
 CONFLICT = 0.30  # [m] predicted gap below which a reaction is needed
-SLOWED = 0.15  # [m/s] slower, or
-TURNED = math.radians(15.0)  # turned this far from where the base was going: it gave way
+SLOWED = 0.15  # [m/s] by which the base slows when it gives way
+TURNED = math.radians(15.0)  # [rad] off its former course by which the base gives way
 TURNS = math.radians(10.0)  # [rad/s] from which it is still turning away
 FAR = 3.5  # [m] between base and agent beyond which nothing is predicted
 
@@ -256,7 +256,7 @@ class CutIns:
             self._count(interval.start.time, name, way, speed)
 
     def forget(self, name: str) -> None:
-        """This agent is far away."""
+        """Drop what is remembered of an agent that is far away."""
         self._before.pop(name, None)
         self._counted.pop(name, None)
 

@@ -116,7 +116,7 @@ class GripperObstacles:
         """Take an interval into account."""
         distance = interval.end.ee_obstacle
         below = distance < self.avoidance.d_s
-        neighbours = self._agents(interval, whatever=below)
+        neighbours = self._agents(interval, any_distance=below)
         if below:
             neighbours += self._furniture(interval)
         self.least = min(self.least, distance)
@@ -144,8 +144,8 @@ class GripperObstacles:
             "advance_excess_mps": finite(self.advance_excess, 4),
         }
 
-    def _agents(self, interval: Interval, *, whatever: bool) -> list[Neighbour]:
-        """Agents nearer than d_i; ``whatever``: those farther away, too."""
+    def _agents(self, interval: Interval, *, any_distance: bool) -> list[Neighbour]:
+        """Agents nearer than d_i; ``any_distance``: those farther away, too."""
         found = []
         for name, (x, y, radius) in interval.start.agents.items():
             velocity = interval.velocity(name)
@@ -155,7 +155,7 @@ class GripperObstacles:
             static = rest.at(at, interval.end.time, self._movers)
             after = float(np.hypot(*(at - interval.end.gripper)))
             distance = max(0.0, 0.5 * (before + after) - radius)
-            if distance >= self.avoidance.d_i and not whatever:
+            if distance >= self.avoidance.d_i and not any_distance:
                 continue
             middle = 0.5 * (interval.start.gripper + interval.end.gripper)
             towards = np.array([x, y]) + 0.5 * velocity * interval.dt - middle
@@ -192,7 +192,7 @@ def waits_for_arm(interval: Interval) -> bool:
 def part_of(interval: Interval, v_f: float, *, evading: bool) -> str:
     """The one of `PARTS` that an interval belongs to; ``v_f`` [m/s] is the speed limit.
 
-    In this order: evading (an evasive manoeuvre is under way, see `encounters`), waiting for the arm, standing,
+    In this order: evading (an evasive manoeuvre is under way, see `Encounters`), waiting for the arm, standing,
     reversing, at the limit (forward with at least 95 % of it; a curve at full speed costs its length only), turning
     (slower, with at least 10 deg/s), below the limit.
     """

@@ -53,7 +53,7 @@ class Between(Bound):
         return f"{_shown(self.low)} to {_shown(self.high)}{self._unit()}"
 
     def refusal(self, name: str, value: Any) -> str:
-        """For the first number out of bounds; nan always is."""
+        """Refusal of the first number out of bounds, or of nan."""
         for number in value if isinstance(value, list | tuple) else (value,):
             is_number = isinstance(number, int | float) and not isinstance(number, bool)
             if is_number and not self.low <= number <= self.high:

@@ -3,10 +3,10 @@
 The first start compiles all of them, so that their number and size is a wait for everybody who installs.
 
 - Nothing calls kernels from C. The wrapper for that, which Numba makes of each, is a tenth of the time.
-- A literal is a type of its own when one kernel gives it to another, and so is a read-only array: the kernel that gets
-  it is compiled once more. So ``np.bool_(True)`` and ``np.int64(3)`` are given, and arrays that are all writable.
-- An array that is assigned to a slice (``a[:3] = b``) may have another shape. The text of that error alone compiles for
-  2 s, in every process that meets it first. A loop has no such error.
+- Numba compiles a kernel once more for every type of its arguments, and a literal or a read-only array is a type of its
+  own. So kernels pass ``np.bool_(True)``, ``np.int64(3)`` and writable arrays to each other.
+- Assigning an array to a slice (``a[:3] = b``) can fail for a wrong shape. The code for the text of that error alone
+  compiles for 2 s, in every process that meets it first. A loop has no such error.
 """
 
 from functools import partial

@@ -62,7 +62,7 @@ def drive(pose: Array, v: float, w: float, dt: float) -> Array:
 def command_pose(pose: Array, twist: Array, lag: float) -> Array:
     """Pose from which the next command acts on a base that answers with a first-order lag [s]; twist as measured.
 
-    Its point p + lag v moves by the command u alone (p' = v and lag v' = u - v), and is where the base stops
-    with u = 0. Planned from there, the stopping distance is right; the base follows the plan by the lag.
+    The point p + lag v moves with the command u alone, since p' = v and lag v' = u - v; with u = 0 the base comes to
+    rest there. Plans that start from it have the right stopping distance; the base follows them delayed by the lag.
     """
     return drive(pose, float(twist[0]), float(twist[1]), lag)

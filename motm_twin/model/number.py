@@ -2,7 +2,7 @@
 
     hysteresis: Annotated[float, Number("s", OWN, "cuts changes of mind")] = 0.3
 
-Tables of documents, the sliders of the page and the screening (`studies/grasping.py`) are derived from it.
+Tables of documents, the sliders of the page and the screening (`studies/sensitivity.py`) are derived from it.
 """
 
 import dataclasses
@@ -17,7 +17,7 @@ import msgspec
 from motm_twin.model.edits import ParameterValue
 
 OWN, STAA, MOTM = "own", "STAA*", "MotM"  # sources; another one is a section of the paper, as `paper` writes it
-ROBOT = "robot"  # a fact about the arm or gripper, which another one would have otherwise
+ROBOT = "robot"  # a property of this arm or gripper, not a choice: another robot has another value
 
 
 def paper(section: str) -> str:

@@ -25,7 +25,7 @@ NO_ARM = np.empty((0, 3))
 STANDS = 1e-3  # [m/s], [rad/s] below which a base stands
 
 
-BRAKES_BOTH, HOLDS_TURN, HOLDS_SPEED = range(3)  # of a stop: one may go on until the other has ended
+BRAKES_BOTH, HOLDS_TURN, HOLDS_SPEED = range(3)  # modes of a stop: turn or speed may be held until the other one is 0
 
 
 State = tuple[float, float, float, float, float]  # x, y [m], heading [rad], v [m/s], w [rad/s]
@@ -94,7 +94,7 @@ def overhang(q: Array, mount: tuple[float, float], stop: Stop) -> Array:
 def met_in_stop(
     state: State, told: tuple[float, float], holds: int, time: float, movers: Array, arm: Array, stop: Stop
 ) -> int:
-    """Index of the first of the movers that a base which stops from a state moves towards within the margin; -1: none.
+    """Index of the first mover that the stopping base comes nearer to by its own motion, within the margin; -1: none.
 
     ``told``: twist [m/s, rad/s] commanded for one more period; then the command falls as fast as it may, and the base
     follows it with its lag. ``movers``: x, y [m], velocity [m/s], radius [m], shape (k, 5 or more), ``time`` [s] before

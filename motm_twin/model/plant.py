@@ -16,7 +16,7 @@ from motm_twin.model.geometry import Array
 from motm_twin.model.scene import PlanarPose, Scene, Task
 
 PERIOD = 0.05  # [s] the paper's 20 Hz (Sec. IV)
-LONGEST_PERIOD = 1.2 * PERIOD  # [s] up to which the next one may come
+LONGEST_PERIOD = 1.2 * PERIOD  # [s] longest time between two consecutive periods
 PERIODS_PER_SECOND = round(1.0 / PERIOD)
 ARM_STEPS = 5  # arm steps in a period: 100 Hz
 ARM_STEP = PERIOD / ARM_STEPS  # [s]
@@ -240,7 +240,7 @@ class ExternalPlant(TwinPlant, Protocol):
 
     @property
     def shared(self) -> bool:
-        """Its time passes only as granted."""
+        """True when the robot's time passes only as far as the twin grants it."""
         ...
 
     def begin(self, scene: Scene) -> None:

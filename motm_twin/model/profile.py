@@ -138,7 +138,7 @@ READY = frozen([0.0, -0.3, 0.0, -2.2, 0.0, 2.0, math.pi / 4])  # [rad] hand down
 def braking_time(rates: Array) -> float:
     """Time [s] in which joints at these rates [rad/s], shape (7,), stop when they brake together.
 
-    The hand then stays on its path. With each joint braking as hard as it can, a hand that fast joints kept level while
-    its base drove on sank by 9 cm.
+    The hand then stays on its path. Tried and rejected: each joint brakes as hard as it can. A hand that fast joints
+    kept at its height over a driving base then sank by 9 cm.
     """
     return float(np.max(np.abs(rates) / (_BRAKING * DDQ_MAX)))

@@ -50,7 +50,7 @@ class Kind(StrEnum):
     CAMERA_SWAP = "camera_swap", "the camera reports {subject} where {other} is: ignored"
     CAMERA_LOST = "camera_lost", "the camera does not report {subject}, which should be in its view"
     CAMERA_LATE = "camera_late", "the camera's detections are {value:.1f} s old"
-    # what comes of them
+    # consequences of the findings above
     STOPPED = "stopped", "stopped: {cause}"
     SLOWED = "slowed"
     # the monitors

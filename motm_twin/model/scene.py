@@ -1,6 +1,6 @@
 """The resolved scene: one variant and seed of a scene file, in plain numbers [m, rad, s], world frame.
 
-``scene_file.py`` holds the YAML schema and makes these; everything else in the project reads only these.
+``scene_format.py`` holds the YAML schema, ``scene_file.py`` makes these; the rest of the project reads only these.
 """
 
 from typing import Annotated, ClassVar

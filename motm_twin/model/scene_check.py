@@ -298,7 +298,7 @@ def _waypoint(node: Node, point: Point) -> Node:
 
 
 def reach(scene: Scene, z: float, tilt: float) -> float:
-    """Reach [m] of the gripper from the arm's axis at a height z [m], tilted outwards by no more; 0: out of reach."""
+    """Reach [m] of the gripper from the arm's axis at height z [m], tilted at most ``tilt`` [rad]; 0: unreachable."""
     farthest = 0.0
     for share in (0.0, 0.5, 1.0):
         c, s = math.cos(share * tilt), math.sin(share * tilt)

@@ -271,7 +271,7 @@ def check_all(name_or_path: str) -> tuple[Scene, ...]:
 
 
 def check_document(document: Document) -> tuple[Scene, ...]:
-    """The same of a document."""
+    """Every variant of a document, resolved and checked; raises SceneError for the first that is wrong."""
     return tuple(_resolve(document, variant, None) for variant in document.variants() or [None])
 
 

@@ -137,7 +137,7 @@ def publishing(twin: Measured, report: Report, seconds: float) -> None:
 
 
 def _sink(twin: Measured, seconds: float) -> tuple[Values, Values]:
-    """By the clock, and of the processor: on a busy machine the loop waits for its turn in between."""
+    """Publishing times [ms] by wall clock and in processor time: on a busy machine the wall clock includes waiting."""
     restart(twin.client, playing=True)
     twin.server.ask("sink")
     time.sleep(seconds)

@@ -146,7 +146,7 @@ class Fuzzer:
         return self._command("mutated", name, bytes(data))
 
     def _wrong_field(self) -> Message:
-        """A fresh envelope whose command has a field too many, or one that is missing or of a wrong type or size."""
+        """A fresh envelope whose command has an unknown field, or a field of a wrong type or size."""
         name = self._draw.choice([name for name, fields in EXAMPLES.items() if fields])
         field = self._draw.choice(list(EXAMPLES[name]))
         wrong = self._draw.choice(self._draw.choice([_wrong_values(name, field), [...]]))
@@ -316,7 +316,7 @@ class RobotFuzzer:
 def attack_robot(count: int, seed: int = 3) -> dict[str, float]:
     """Drive a robot in another process while so many malformed messages come, and the same run in this one without.
 
-    Of its periods, how many differ from those of the run in one process, to the bit.
+    Counts the periods that differ, in any bit, from those of the run in this process.
     """
     scene, keys, fuzzer = load_scene("exp1"), PlantKeys(), RobotFuzzer(seed)
     inside, differing, periods, sent = Twin(scene), 0, 0, 0

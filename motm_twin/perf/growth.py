@@ -253,7 +253,7 @@ def growth_table(found: dict[str, list[dict[str, Any]]], units: dict[str, str]) 
 
 
 def plot(found: dict[str, list[dict[str, Any]]], units: dict[str, str], target: Path) -> None:
-    """One panel per respect, p50 and p99 [ms] against how much of it, both logarithmic, with a line that is linear."""
+    """One panel per sweep: p50 and p99 [ms] of the period against its count, both logarithmic, with linear growth."""
     from matplotlib.figure import Figure
 
     names = [name for name, rows in found.items() if len(rows) > 1]

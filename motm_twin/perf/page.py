@@ -205,7 +205,7 @@ def _slope(time_min: Array, value: Array) -> Slope:
 
 
 def rise(early: Slope, late: Slope) -> float:
-    """By how much the slope has risen at least [unit/min], with 95 %; at most 0 where it falls or may be chance."""
+    """Lower 95 % bound of the rise of the slope [unit/min]; at most 0 where the rise may be chance."""
     return late.value - early.value - SURE * float(np.hypot(early.error, late.error))
 
 

@@ -205,7 +205,7 @@ def disagreements(judged: Sequence[Contact], felt: Sequence[ContactForce]) -> tu
 
 
 def _together(one: Contact, force: ContactForce) -> bool:
-    """Both go on at the same time, but for what parts two episodes."""
+    """The two overlap in time, up to the gap `ENDED` that separates two contacts."""
     return one.time - ENDED <= force.time + force.duration and force.time - ENDED <= one.time + one.duration
 
 

@@ -53,7 +53,7 @@ _AT_REST = 0.02  # [m/s] below which an object that fell comes to rest ...
 _REST = 8  # ... after so many substeps
 _FALLS = 0.15  # [m/s] downwards from which an object falls
 _DEEP = 0.01  # [m] of penetration that tells of a broken simulation: what falls goes less far in a step
-_UNDONE = 100  # substeps after an edit in which bodies that a person put into each other part again
+_SEPARATION_TIME = 100  # substeps after an edit in which bodies that a person put into each other part again
 
 
 class _Free(NamedTuple):
@@ -88,7 +88,7 @@ class Dynamics:
     def __init__(self, scene: Scene) -> None:
         """Robot and numbers of the scene, which must have some."""
         if scene.physics is None:
-            raise ValueError("the scene has no numbers of physics: give it some")
+            raise ValueError("the scene has no physics parameters: set its `physics`")
         self._scene, self._physics, self._robot = scene, scene.physics, scene.robot
         self._base, self._arm = drives(scene, SUBSTEP)
         self._track = track(scene.robot)
@@ -220,7 +220,7 @@ class Dynamics:
     # -- the model -----------------------------------------------------------------------------------------------
 
     def prepare(self, state: PlantState, scenery: Scenery) -> None:
-        """Have a model that fits the state, with all solids where they stand."""
+        """Compile a new model if the state needs one, and put all solids where they stand."""
         solids = scenery.solids
         agents = kind_of((), (), state.agents).agents
         if solids is self._solids and self._kind is not None and agents == self._kind.agents:
@@ -410,7 +410,7 @@ class Dynamics:
         return found
 
     def _frames_of(self, links: Mapping[str, Array]) -> Array:
-        """The same as the frames of the arm, shape (11, 4, 4)."""
+        """Transforms of `ARM_FRAMES` in the world from those of the links, shape (11, 4, 4)."""
         frames = np.tile(np.eye(4), (len(ARM_FRAMES), 1, 1))
         if not self._robot.has_arm:
             return frames
@@ -481,7 +481,7 @@ class Dynamics:
         if not np.isfinite(data.qpos).all():
             faults["solver"] = f"{now:.2f} s: MuJoCo's state is not finite"
         deep = self._contacts.deepest
-        if deep > _DEEP and s.substep - s.physics.edited > _UNDONE and not s.slides:
+        if deep > _DEEP and s.substep - s.physics.edited > _SEPARATION_TIME and not s.slides:
             faults["penetration"] = f"{now:.2f} s: {self._contacts.deepest_pair} overlap by {1e3 * deep:.1f} mm"
         if self._robot.has_arm:
             q = data.qpos[self._joints]

@@ -294,7 +294,7 @@ def _exclude_neighbours(root: ET.Element) -> None:
 
 
 TIMESTEP = 0.002  # [s]
-SETTLED = 6  # digits [m] of the shape of a solid: where it stands does not change them
+SETTLED = 6  # decimals [m] of the shape of a solid: rounding makes it independent of its pose
 AGENT_DENSITY = {"temi": 60.0, "person": 220.0}  # [kg/m^3] of their cylinders: 12 kg (Temi's data sheet) and 75 kg
 AGENT_FORCE = {"temi": 60.0, "person": 200.0}  # [N] with which they can be held up; choices of this project
 AGENT_GAIN = 2000.0  # [N s/m] of their velocity loops
@@ -312,7 +312,7 @@ class Standing(NamedTuple):
 
 
 class Kind(NamedTuple):
-    """Purpose of a model: all that can not be changed in it."""
+    """Contents of a model that cannot change without compiling it anew."""
 
     shapes: tuple[Shape, ...]
     objects: tuple[tuple[str, float], ...]  # name, side [m]

@@ -210,7 +210,10 @@ def docking_twist(pose: Array, end: Array) -> Array:
 
 
 def _end(plan: Rehearsed, target: Target | None) -> Array:
-    """Goal of a base that is late: a place it was to drive to, of which a plan needs the edge only; else its end."""
+    """Goal of a base whose plan is over: the middle of an unfinished drive target, else the end of the plan.
+
+    A rehearsed drive needs only the edge of the target's tolerance, which a late base may miss.
+    """
     end = np.array(plan.poses[-1])
     if target is not None and target.kind == "drive":
         end[:2] = target.position

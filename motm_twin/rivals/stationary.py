@@ -158,7 +158,7 @@ class ParkingController(Stateful[ParkingState]):
         return np.array(rows)
 
     def _stop_is_free(self, problem: BaseProblem) -> bool:
-        """With the margin of the search: it ends with another heading than the chosen one, which has room enough."""
+        """True when the stop keeps the margin of the search: unlike the chosen pose, its end may have no room."""
         p = self._usual.parameters
         wanted = p.margin_floor if self._slow(problem.twist) else p.margin
         pose, twist, most = problem.pose.tolist(), problem.twist.tolist(), self._limits.accelerations.tolist()

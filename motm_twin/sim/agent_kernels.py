@@ -196,7 +196,7 @@ def way_round(
 
     The grid is a square of half width ``window`` about the start; a goal outside is replaced by the free cell nearest
     to it. Dijkstra over eight neighbours; the left of the way to the goal costs more, so that two who meet both pass
-    on their right. Near a tight start a cell is free when it clearly leads away from what is tight.
+    on their right. Near a start within ``radius`` of an obstacle, cells that lead away from it are free, too.
     """
     half = int(window / cell)
     n = 2 * half + 1

@@ -40,7 +40,7 @@ WINDOW = 3.0  # [m] about the agent that the search covers
 DECISION_STEPS = 5  # substeps between two looks at the world
 FACING = 0.5  # [rad] off its course within which an agent that stands is waiting, not turning
 CREEP = 0.03  # [m/s] below which an agent that wants to drive counts as waiting
-STUCK = 0.1  # share of its speed below which one that walks does
+STUCK = 0.1  # share of its speed below which a walking agent counts as waiting
 _NO_DISCS = np.zeros((0, 4))
 
 
@@ -80,7 +80,7 @@ class AgentState:
 
     @property
     def stays(self) -> bool:
-        """It stays where it goes to."""
+        """True for an agent that stops at its goal: its only point, or a waypoint with a pause."""
         return len(self.points) == 1 or self.agent.pause > 0.0
 
     def velocity(self, slides: Mapping[str, Point]) -> Point:
@@ -226,7 +226,7 @@ class Agents:
         self._wait(state, own, sight)
 
     def _wait(self, state: AgentState, own: int, sight: _Sight) -> None:
-        """Count the time that it waits for its way to be free; after some, search a detour."""
+        """Count the time that its way is blocked; after a while, search a detour or give up its errand."""
         x, y = self._goal(state)
         if state.walks:
             moves = state.v > STUCK * state.agent.speed

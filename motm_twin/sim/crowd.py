@@ -16,8 +16,8 @@ from motm_twin.model.rvo import Neighbours
 from motm_twin.sim.kernels import Index
 from motm_twin.sim.solids import Solids
 
-AT_EASE = 1.0  # [1/s] of the distance that is left: the speed of one who walks up to where he stays
-ASIDE = math.radians(3.0)  # to the right of its way that one prefers: two who meet exactly would stop for ever
+ARRIVAL_GAIN = 1.0  # [1/s] speed per metre of remaining distance, of a walker that stops at its goal
+KEEP_RIGHT = math.radians(3.0)  # [rad] to the right of the goal: two that met head-on would block each other for ever
 FACES = 0.02  # [m/s] from which an agent that walks looks where it goes
 
 
@@ -78,8 +78,8 @@ def preferred_velocity(position: Array, goal: tuple[float, float], speed: float,
     distance = math.hypot(*way)
     if distance == 0.0:
         return np.zeros(2)
-    way *= (min(speed, AT_EASE * distance) if stays else speed) / distance
-    c, s = math.cos(ASIDE), math.sin(ASIDE)
+    way *= (min(speed, ARRIVAL_GAIN * distance) if stays else speed) / distance
+    c, s = math.cos(KEEP_RIGHT), math.sin(KEEP_RIGHT)
     return np.array([c * way[0] + s * way[1], c * way[1] - s * way[0]])
 
 
@@ -135,7 +135,7 @@ def _choices(crowd: Crowd, *, with_robot: bool) -> Array:
 RELAXATION = 0.5  # [s] tau, in which one takes up the speed that one wants
 STRENGTH, RANGE = 2.1, 0.3  # [m^2/s^2] V0 and [m] sigma: of others
 WALL_STRENGTH, WALL_RANGE = 10.0, 0.2  # [m^2/s^2] U0 and [m] R: of walls
-STRIDES = 2.0  # [s] Delta t: the way of the other that one keeps out of
+STRIDES = 2.0  # [s] Delta t: time of the other's next step, which stretches its repulsion ellipse
 SIGHT = math.cos(math.radians(100.0))  # cosine of phi: half of the field of view of 200 deg
 BEHIND = 0.5  # c: weight of what one does not see
 FASTEST = 1.3  # times the speed that one wants
@@ -182,7 +182,7 @@ def nearest(x: float, y: float, corners: Array, begin: int, end: int) -> tuple[f
 
 @njit(cache=True)
 def _repulsion(dx: float, dy: float, gap: float, velocity: Array) -> tuple[float, float]:
-    """Acceleration [m/s^2] by another who walks: falls with the half axis b of an ellipse that its way stretches.
+    """Repulsive acceleration [m/s^2] by another agent, which falls with the semi-minor axis b of an ellipse.
 
     b = sqrt((|r| + |r - v Dt|)^2 - |v Dt|^2) / 2, V = V0 exp(-b / sigma); the force is -grad V. ``dx``, ``dy``: unit
     vector from the other; ``gap`` [m].

@@ -17,7 +17,7 @@ from motm_twin.sim.responsibility import Gauge
 FINGERS = ("panda_leftfinger", "panda_rightfinger")
 SIDE_BY_SIDE = 2e-4  # [m] by which cubes that lie side by side may overlap: the simulation parts them to half of that
 EDGE = 0.003  # [m] of a cube below a fingertip, from which it does not slide off
-_FROM_THE_SIDE = math.sqrt(0.5)  # of the normal along the tool axis, up to which a pad touches, not a fingertip
+_STEEP_NORMAL = math.sqrt(0.5)  # part of the normal along the tool axis, above which a fingertip touches, not a pad
 
 Pose = tuple[float, float, float, float]  # x, y, z [m], yaw [rad]
 
@@ -32,7 +32,7 @@ def between_pads(hand: Array, width: float, cube: Array) -> bool:
 
     ``hand``: its transform; ``width`` [m] between the pads; ``cube``: x, y, z, yaw, shape (4,).
     """
-    return abs(_aside(hand, cube)) <= 0.5 * width
+    return abs(_offset_along_closing(hand, cube)) <= 0.5 * width
 
 
 def stands_on(hand: Array, width: float, cube: Array, side: float, normal: Array) -> bool:
@@ -43,16 +43,16 @@ def stands_on(hand: Array, width: float, cube: Array, side: float, normal: Array
     steep = abs(float(transposed_times(hand[:3, :3], normal)[2]))
     misfit = math.atan2(float(hand[1, 1]), float(hand[0, 1])) - float(cube[3])
     half = 0.5 * side * (abs(math.cos(misfit)) + abs(math.sin(misfit)))
-    return steep > _FROM_THE_SIDE and half + abs(_aside(hand, cube)) - 0.5 * width > EDGE
+    return steep > _STEEP_NORMAL and half + abs(_offset_along_closing(hand, cube)) - 0.5 * width > EDGE
 
 
-def _aside(hand: Array, cube: Array) -> float:
+def _offset_along_closing(hand: Array, cube: Array) -> float:
     """Position of a cube's centre along the closing axis [m]."""
     return float(transposed_times(hand[:3, :3], cube[:3] - hand[:3, 3])[1])
 
 
 class Shove(NamedTuple):
-    """Places at which objects are checked after a substep."""
+    """Objects displaced in a substep, and the poses at which overlaps of all objects are tested."""
 
     places: tuple[Pose, ...]  # where overlaps are tested: now, or, for pushed objects, before the push
     pushed: tuple[str, ...]

@@ -57,7 +57,7 @@ class FaultState:
 
 
 def inject(state: FaultState, edit: InjectFault, now: int, substep: float, seed: int) -> None:
-    """Begin a fault at substep ``now``, or let it last from now on as the edit says."""
+    """Begin a fault at substep ``now``; it replaces an active fault of the same kind."""
     value = KINDS[edit.fault].value(delay=edit.delay, amount=edit.amount, joint=edit.joint)
     angle = float(np.random.default_rng([seed, _RNG_FAULT, now]).uniform(-math.pi, math.pi))
     until = now + max(1, round(edit.seconds / substep))
@@ -89,7 +89,7 @@ class FaultEffects:
         self._range_sd = scene.noise.lidar_range_sd or _PLAIN_NOISE
         self._timed = [(round(one.at / substep), _edit_of(one)) for one in scene.faults.inject or ()]
 
-    def timed(self, state: FaultState, now: int) -> None:
+    def inject_due(self, state: FaultState, now: int) -> None:
         """Inject the scene's faults due at substep ``now``."""
         for at, edit in self._timed:
             if at == now:
@@ -204,7 +204,7 @@ def _edit_of(one: TimedFault) -> InjectFault:
 
 
 def _ghost(fault: ActiveFault, item: ObjectState, frame: Frame) -> Detection:
-    """An object where it is not."""
+    """A false detection of an object, beside its true position."""
     stamp, pose, odometry = frame
     beside = item.position + fault.value * np.array([math.cos(fault.angle), math.sin(fault.angle), 0.0])
     return Detection(
@@ -267,9 +267,9 @@ class FaultyGripper(Gripper):
         if state.phase == "closing" and before != "closing":
             state.delay = 0.0
             if state.candidate:
-                self._strike(state)
+                self._draw_fault(state)
 
-    def _strike(self, state: FaultyGripperState) -> None:
+    def _draw_fault(self, state: FaultyGripperState) -> None:
         """Draw the fault of the grasp that begins; every grasp draws as many numbers, so none shifts another."""
         faults, name = self.faults, state.candidate
         state.tries[name] = tried = state.tries.get(name, 0) + 1
@@ -283,7 +283,7 @@ class FaultyGripper(Gripper):
         elif tried <= due:
             state.slid = True
 
-    def _lasts(self, state: GripperState) -> float:
+    def _closing_duration(self, state: GripperState) -> float:
         """As of `Gripper`, with the additional time to a firm hold."""
         assert isinstance(state, FaultyGripperState)
         return self.spec.closing_time + state.delay

@@ -18,17 +18,18 @@ YAW_MISFIT = math.radians(15.0)  # between the closing axis and the nearest face
 RELATIVE_SPEED = 0.03  # [m/s] between tool centre point and cube
 TILT = math.radians(30.0)  # of the tool axis from straight down
 
-# The rule of ``motm-twin bench grasp_rule``, instead: what contact dynamics hold, with a margin. A cube must be between
-# the fingers when they begin; they turn it and push it to their middle. One pad that pushes it beside its middle, or at
-# a corner, turns it away: the moment of the push is its way times its lever. The numbers are fitted to the sweep.
+# The other rule, `SWEPT`, is fitted to the sweep of ``motm-twin bench grasp_rule``: grasps that contact dynamics hold,
+# with a margin. The cube must be between the fingers when they begin to close; they align and centre it. A single pad
+# that pushes beside the cube's middle, or at a corner, turns the cube away: the moment of such a push is its path times
+# its lever arm.
 SWEPT, STRICT = GRASP_RULES
 FLAT = 0.002  # [m] from its middle up to which a pad pushes a cube without turning it
-LEVER = 0.0005  # [m] of a push within that
+LEVER = 0.0005  # [m] smallest lever arm: that of a push within `FLAT`
 LEVER_PER_TURN = 0.012  # [m/rad] more, for a cube that is not parallel to the pads
 BOTH_TOUCH = 0.04  # [s] before the fingers are firm: from then on the cube moves with the hand
-MOST_ALONG = 0.027  # [m] along the pads then
+MOST_ALONG = 0.027  # [m] largest offset of a held cube along the pads, when both touch it
 MOST_MOMENT = 5e-4  # [m^2] of a cube in the middle of the pads
-STEEP = 4  # power of the way along the pads by which the moment allowed falls to none
+STEEP = 4  # power of the offset along the pads, with which the allowed moment falls to 0 at `MOST_ALONG`
 HIGH = 0.015  # [m] of the cube's centre over or under the tool centre point
 
 EDGE = 0.003  # [m] of cube under a descending fingertip beyond which the tip does not slide off

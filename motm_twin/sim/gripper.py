@@ -43,7 +43,7 @@ class GripperState:
 
 
 def open_width(state: GripperState, spec: GripperSpec) -> float:
-    """Width [m] to which the fingers open; what they hold, they let go."""
+    """Width [m] to which the fingers open: as commanded, or all the way when they hold a cube."""
     return spec.max_width if state.opening is None or state.held else min(state.opening, spec.max_width)
 
 
@@ -187,7 +187,7 @@ class Gripper:
         item.rotation = product(rotation, state.rotation_in_hand)
         item.yaw = math.atan2(item.rotation[1, 0], item.rotation[0, 0])
 
-    def _lasts(self, state: GripperState) -> float:
+    def _closing_duration(self, state: GripperState) -> float:
         """Time [s] from the command to a firm hold."""
         return self.spec.closing_time
 
@@ -210,7 +210,7 @@ class Gripper:
                 state.width, state.phase = 0.0, "closed"
             return
         item = cubes[name]
-        passed, lasts = now - state.began, self._lasts(state)
+        passed, lasts = now - state.began, self._closing_duration(state)
         done = passed >= lasts - EPSILON
         share = 1.0 if done else min(1.0, passed / self.spec.closing_time)
         state.width = state.start_width + (item.side - state.start_width) * share

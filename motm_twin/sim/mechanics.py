@@ -146,7 +146,7 @@ class DriveCommand(NamedTuple):
     more_lag: float  # [s] of the base
     grip: float  # share of the wheels' motion that moves the base
     rates: Array  # of the joints [rad/s], shape (7,)
-    stuck: bool  # the fingers are
+    stuck: bool  # the fingers do not move
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -180,7 +180,7 @@ class Surroundings(Protocol):
 
 
 class Mechanics(Protocol):
-    """Motion of everything."""
+    """Mechanics of a plant: moves robot, objects and agents, one substep at a time."""
 
     solid: bool  # bodies press on each other, and may rest against each other
 
@@ -189,7 +189,7 @@ class Mechanics(Protocol):
         ...
 
     def grip(self, state: PlantState, now: float, frames: Array) -> None:
-        """Take the gripper's command, which has just changed [s]."""
+        """Start the gripper command that changed at ``now`` [s]; ``frames`` of the arm."""
         ...
 
     def frames(self, state: PlantState) -> Array:
@@ -205,7 +205,7 @@ class Mechanics(Protocol):
         ...
 
     def felt(self, state: PlantState, judged: Sequence[Contact]) -> PhysicsTruth | None:
-        """Forces so far, beside the referee's contacts; None without any."""
+        """Contact forces so far, compared with the referee's contacts; None for mechanics without forces."""
         ...
 
     def edited(self, state: PlantState, scenery: Scenery) -> Mapping[str, Array] | None:
@@ -262,12 +262,12 @@ class Kinematics:
         )
 
     def prepare(self, state: PlantState, scenery: Scenery) -> None:
-        """Nothing beside the state has to fit it."""
+        """Do nothing: kinematics keep no data outside the state."""
 
     def felt(self, state: PlantState, judged: Sequence[Contact]) -> PhysicsTruth | None:
         """Kinematics have no forces."""
         return None
 
     def edited(self, state: PlantState, scenery: Scenery) -> Mapping[str, Array] | None:
-        """Nothing beside the state knows of it."""
+        """No links to report: kinematics keep no data outside the state."""
         return None

@@ -101,7 +101,7 @@ class SimulatedPlant(Stateful[PlantState]):
         arm = ArmState(q=np.array(arm_start, dtype=float), dq=np.zeros(7))
         agents = [start_agent(agent, rank, added=False) for rank, agent in enumerate(scene.agents)]
         tallest = max((agent.height for agent in scene.agents), default=0.0)
-        self._show(build_scenery(self._furnishings, Layout(), tallest), agents)
+        self._refresh_caches(build_scenery(self._furnishings, Layout(), tallest), agents)
         self._state = s = PlantState(
             substep=0,
             command=at_rest,
@@ -133,7 +133,7 @@ class SimulatedPlant(Stateful[PlantState]):
         return self._faults.late(s.faults, self._reported(), s.substep)
 
     def _reported(self) -> Observation:
-        """The observation, with late motion reports applied."""
+        """The observation with the faults of pose, odometry and gripper, before any delay of the motion report."""
         s = self._state
         return Observation(
             time=self.time,
@@ -149,7 +149,7 @@ class SimulatedPlant(Stateful[PlantState]):
         )
 
     def command(self, actuation: Actuation) -> None:
-        """Set the command that acts from now on, or once a late command has arrived."""
+        """Set the command that acts from now on, or after the command delay of the scene's mismatch."""
         s = self._state
         if self._command_delay:
             s.commands = (*s.commands, (s.substep + self._command_delay, actuation))
@@ -172,7 +172,7 @@ class SimulatedPlant(Stateful[PlantState]):
     def restore(self, state: PlantState) -> None:
         """Continue from a snapshot."""
         super().restore(state)
-        self._show(self._effects.scenery(self._state, self._scenery), self._state.agents)
+        self._refresh_caches(self._effects.scenery(self._state, self._scenery), self._state.agents)
         self._mechanics.prepare(self._state, self._scenery)
 
     def rehearsal(self) -> Rehearsal:
@@ -184,7 +184,7 @@ class SimulatedPlant(Stateful[PlantState]):
         s = self._state
         check_edit(self._furnishings, s, self._scenery, edit)
         effect, scenery = self._effects.apply(s, self._scenery, edit)
-        self._show(scenery, s.agents)
+        self._refresh_caches(scenery, s.agents)
         world = self._world(links=self._mechanics.edited(s, scenery))
         self._referee.edited(s.referee, world, moved=effect.moved, disturbed=effect.disturbed)
         if effect.pushed:
@@ -198,7 +198,7 @@ class SimulatedPlant(Stateful[PlantState]):
         """Give the referee the announced places of furniture, where the robot's map has it."""
         s = self._state
         s.layout = msgspec.structs.replace(s.layout, announced=tuple(announced.items()))
-        self._show(self._effects.scenery(s, self._scenery), s.agents)
+        self._refresh_caches(self._effects.scenery(s, self._scenery), s.agents)
 
     def truth(self) -> Truth:
         """Ground truth, for readers of Ticks."""
@@ -251,7 +251,7 @@ class SimulatedPlant(Stateful[PlantState]):
         s = self._state
         if s.faults.on:
             expire(s.faults, s.substep)
-        self._faults.timed(s.faults, s.substep)
+        self._faults.inject_due(s.faults, s.substep)
         if s.substep % self._lidar_period == 0 and not s.faults.active("lidar_off"):
             segments, discs = self._at_lidar_height()
             previous, localised = s.lidar.scan, self._faults.localised(s.faults, s.localisation, s.substep)
@@ -303,7 +303,7 @@ class SimulatedPlant(Stateful[PlantState]):
         velocity = (base.v * math.cos(base.pose[2]), base.v * math.sin(base.pose[2]))
         return RobotShadow(corners=corners, first=_SHADOW_FIRST, discs=discs, velocity=velocity)
 
-    def _show(self, scenery: Scenery, agents: Sequence[AgentState]) -> None:
+    def _refresh_caches(self, scenery: Scenery, agents: Sequence[AgentState]) -> None:
         """Update what is derived from the state: a cache, not part of it."""
         self._scenery = scenery
         self._bodies = tuple((item.agent.name, item.agent.radius, item.agent.height) for item in agents)

@@ -151,7 +151,7 @@ def _positions(world: World) -> Array:
     return np.array(positions) if positions else np.zeros((0, 3))
 
 
-SUPPORT_CLEAR = 0.005  # [m] after which a held cube no longer rests on what it was taken from, and as deep in it
+SUPPORT_CLEAR = 0.005  # [m] away from its old support, or deep in it: then a held cube no longer rests there
 NEVER_SELF = ("base", "panda_link0", "panda_link1")  # fixed to the own base, or always beside it
 _NEVER, _CONTACT, _ARM, _BASE, _HELD = range(5)  # kinds of pairs: which distance makes an exact measurement worth it
 
@@ -233,7 +233,7 @@ class Referee:
         counts = state.counts
         for name in (*world.slides, *world.riders):
             state.edits[name] = appeared(world.time)
-        if not world.solid:  # what drives can do is the kinematic plant's promise; bodies that collide do otherwise
+        if not world.solid:  # only kinematics must keep the limits: bodies that collide may exceed them
             self.check.step(state.check, world)
         for kind, text in world.faults:
             state.check.faults.setdefault(kind, text)
@@ -285,7 +285,7 @@ class Referee:
         return known
 
     def _kinds(self, around: Surroundings) -> NDArray[np.int64]:
-        """For each pair which limit tells that it must be measured exactly, shape (shapes, columns)."""
+        """Kind of every pair: the limit below which its distance is measured exactly, shape (shapes, columns)."""
         kind = np.full((len(self.robot.bodies), len(around.names)), _ARM, dtype=np.int64)
         kind[:, (around.own_base, around.floor)] = _CONTACT
         kind[self._base_shape] = _BASE
@@ -301,7 +301,7 @@ class Referee:
         around = self._look_around(world)
         if state.gaps.shape != self._kind.shape:
             state.gaps = np.full(self._kind.shape, -1.0)
-        self._take_or_leave(state, world, placed, around)
+        self._attach_held(state, world, placed, around)
         for name in world.slides:
             state.gaps[:, [other == name for other in around.names]] = -1.0
         cubes = array_of(shove.places) if shove.moved else state.cubes_at
@@ -331,8 +331,8 @@ class Referee:
         state.ee_obstacle = clearance(x, y, around.unmapped_corners, around.unmapped_first, around.unmapped_discs)
         state.min_ee_obstacle = min(state.min_ee_obstacle, state.ee_obstacle)
 
-    def _take_or_leave(self, state: RefereeState, world: World, placed: Array, around: Surroundings) -> None:
-        """An object that is held is part of the robot and none of its surroundings."""
+    def _attach_held(self, state: RefereeState, world: World, placed: Array, around: Surroundings) -> None:
+        """Make a newly held object a part of the robot instead of its surroundings, and the reverse on release."""
         if world.held != state.carried:
             state.gaps[:, [name == state.carried for name in around.names]] = -1.0
             state.gaps[-1] = -1.0
@@ -346,7 +346,7 @@ class Referee:
             self.robot.shapes[-1], self.robot.radii[-1] = cube(item.side), 0.5 * item.side * math.sqrt(3.0)
 
     def _base_motion(self, state: RefereeState, placed: Array) -> float:
-        """Distance [m] that no point of the base body has moved beyond in the last substep."""
+        """Upper bound [m] on the motion of any point of the base body in the last substep."""
         old, new = state.placed_before[self._base_shape], placed[self._base_shape]
         (old_c, _, _, old_x), (old_s, _, _, old_y) = old[:2].tolist()
         (c, _, _, x), (s, _, _, y) = new[:2].tolist()

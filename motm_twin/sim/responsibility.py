@@ -29,11 +29,11 @@ from motm_twin.sim.referee_geometry import RobotShapes
 PERSON = 0.5  # [s] after a person moved a body or the robot within which a new contact may be their doing
 REACTION = 0.1  # [s] reaction time: from a scan to a command that acts
 FORGOTTEN = 10.0  # [s] after which a motion is irrelevant; longer than any base takes to stop
-OWN_MOTION = 0.03  # [m] that a person's motion must part the two by to explain their contact; less when as far as
-JITTER = 0.01  # [m] the robot went itself in PERSON, but never less than this: a hand that holds something trembles
+OWN_MOTION = 0.03  # [m] of gap without the person's motion that surely explains a contact
+JITTER = 0.01  # [m] least such gap, as a hand trembles; between the two: the robot's own approach in `PERSON`
 TURN_REACH = 0.3  # [m] from its centre: how far a turn moves a body
 MERGED = 0.1  # [s] of a drag that make one step
-NOT_BY_PUSH = ("base", "floor")  # what the robot does not run into by being pushed
+NOT_BY_PUSH = ("base", "floor")  # contacts with these are never excused by a push of the robot
 
 
 class Shift(NamedTuple):
@@ -286,7 +286,7 @@ def carried_along(shape: Array, frame: Array, earlier: Array) -> Array:
     return T
 
 
-DEEPER = 0.02  # [m] into the area at the agent's last chance to stop that takes this chance away
+DEEPER = 0.02  # [m] deeper into an agent's first stopping area, by the robot's motion, that makes a cut-in after all
 PARTED = 1.0  # [s] outside the area after which a new entry counts separately
 LOOKS = 5  # substeps between two looks
 _UPRIGHT = np.eye(3)
@@ -306,7 +306,7 @@ class InWay(NamedTuple):
 
     cut_in: bool  # by its own motion
     last: float  # [s] when it was seen there
-    chance: Area  # the area when the robot entered: the agent's travel, had it braked then
+    chance: Area  # stopping area of the agent when the robot was first seen in it
     depth: float  # [m] of the robot in that area then
 
 

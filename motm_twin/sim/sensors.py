@@ -174,10 +174,10 @@ class Camera:
                 at = _Seen(item.name, item.position, item.yaw, distance)
                 found.append(self._detect(state.rng, frame, T_hand, at))
         if self._false and state.rng.random() < self._false:
-            found.append(self._detect(state.rng, frame, T_hand, self._nothing(state.rng, T_hand)))
+            found.append(self._detect(state.rng, frame, T_hand, self._false_detection(state.rng, T_hand)))
         state.detections = tuple(found)
 
-    def _nothing(self, rng: np.random.Generator, T_hand: Array) -> _Seen:
+    def _false_detection(self, rng: np.random.Generator, T_hand: Array) -> _Seen:
         """A false detection, uniform over distance and solid angle in the view cone."""
         distance = rng.uniform(NEAR, self.spec.range)
         along, turn = rng.uniform(self._cos_half_cone, 1.0), rng.uniform(-math.pi, math.pi)

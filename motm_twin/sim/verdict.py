@@ -54,7 +54,7 @@ class Episode:
     by_person: bool
     was_excused: bool  # it has been a person's doing
     excused_from: float  # [s] when it became that
-    gone_on: float = 0.0  # [m] that the robot went on into what was no longer a person's doing
+    gone_on: float = 0.0  # [m] of the robot's own motion in this contact since the excuse ended
     depth: float = 0.0
     caused: bool = False
     base_towards: bool = field(default=False, metadata=LATER)  # when it began, the base moved towards the other
@@ -110,7 +110,7 @@ class Counts:
     drops: int = 0
 
     def step(self, objects: Sequence[ObjectState], held: str) -> bool:
-        """Count what a substep brought; whether another object, or none, is held now."""
+        """Count the events of a substep; True when another object, or none, is held now."""
         for item in objects:
             if item.state == "falling":
                 self.falling_from.setdefault(item.name, item.bottom)
@@ -132,7 +132,7 @@ class Counts:
         return False
 
     def _settled(self, item: ObjectState) -> None:
-        """An object does not fall, or no longer."""
+        """Count an object that does not fall: placed in a bin, or dropped."""
         fell_from = self.falling_from.pop(item.name, None)
         binned = item.state.startswith("binned:")
         if item.name in self.disturbed:

@@ -236,7 +236,7 @@ class Effects:
 
     @staticmethod
     def _add(state: PlantState, edit: AddObstacle) -> tuple[float | str, ...]:
-        """Shape and size of what is there now."""
+        """Add an obstacle or agent; returns its shape and size."""
         agent = added_agent(edit)
         if agent is None:
             state.layout = state.layout.with_obstacle(edit)
@@ -247,7 +247,7 @@ class Effects:
         return _kind(agent)
 
     def _move(self, state: PlantState, scenery: Scenery, edit: MoveBody) -> dict[str, Shift]:
-        """The solids, bins or agent that are somewhere else now."""
+        """Move a body; returns the displacements of its solids and bins, or of the agent."""
         state.slides.pop(edit.name, None)
         agent, name, item = state.agent(edit.name), edit.name, None
         if agent is not None:
@@ -292,7 +292,7 @@ class Effects:
         state.slides[edit.name] = capped(edit.velocity, FASTEST)
 
     def _remove(self, state: PlantState, name: str) -> dict[str, Shift]:
-        """The body that is gone, if it can come back."""
+        """Remove a body; returns the displacement of an agent or obstacle, which a person may add again."""
         layout, agent, gone = state.layout, state.agent(name), {}
         if agent is not None:
             gone[name] = Shift(_floats(agent.pose), None, _kind(agent.agent))

@@ -141,7 +141,7 @@ def cross(world: World) -> Result:
 
 
 def _result(world: World, **measured: Any) -> Result:
-    """The result of a run; without more of one whose process died."""
+    """The result of a run, with what was ``measured``; the defaults are those of a run whose process died."""
     return {
         "world": world.scene.name, "method": world.method, "success": False, "contacts": 0,
         "contacts_caused_by_robot": 0, "time_s": 0.0, "optimal_s": world.optimal, "metric": 0.0,

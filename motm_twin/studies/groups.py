@@ -39,7 +39,7 @@ Measure = Callable[[list[Result]], float]
 
 
 class Trial(TrialSpec, frozen=True, kw_only=True):
-    """One run, and how it is made otherwise."""
+    """One run, with options beyond those of a `TrialSpec`."""
 
     link: LinkSpec | None = None  # the robot in another process, behind this link, on a shared clock
     beside: bool = False  # run on the kinematic plant, too
@@ -63,7 +63,7 @@ class Group:
     alone: bool = False  # one trial at a time: its wall time is measured
 
     def on(self, plant: str) -> "Group":
-        """The same trials with another plant, beside those that have none of their own."""
+        """The same group on another plant; with the default one, trials keep their own."""
         if plant == PLANTS[0]:
             return self
         return replace(self, trials=tuple(msgspec.structs.replace(trial, plant=plant) for trial in self.trials))
@@ -96,7 +96,7 @@ def _mean_time(results: list[Result], time: Callable[[Result], float] = lambda r
 
 
 def _mean_time_by(key: str) -> Measure:
-    """Mean time as a share of the mean time of the same trials otherwise; nan unless all end."""
+    """Mean time over the mean reference time ``key`` of the same trials; nan unless all are completed."""
     return lambda results: _mean_time(results) / _mean_of(key)(results)
 
 

@@ -87,7 +87,7 @@ def outcomes(
             reason = _short(error)
             if alone is not None:
                 done.add(alone)
-                yield alone, Lost(f"the process died, {losses[alone]} times, alone at last: {reason}")
+                yield alone, Lost(f"the process died {losses[alone]} times, the last time while it ran alone: {reason}")
             else:
                 told(f"a process died: {len(under_way)} trials that were under way are begun again ({reason})")
         waiting = [index for index in waiting if index not in done]

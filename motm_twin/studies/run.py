@@ -283,7 +283,7 @@ def _keep(
     lost = isinstance(outcome, Lost)
     whole = given_up(task.job, outcome.reason, source) if isinstance(outcome, Lost) else outcome
     if whole.source != source and not results.notes:
-        results.notes.append("the source was changed while trials ran: those of the new one are run again next time")
+        results.notes.append("the source changed while trials ran: those run by the new source run again next time")
         bar.say(results.notes[-1])
     key = task.job.key(whole.source)
     result = msgspec.json.decode(msgspec.json.encode(whole.result))  # as it will be when it is read again

@@ -244,7 +244,7 @@ def ours(given: Iterable[str] = ()) -> list[Found]:
     found = [each for each in numbers_of(tuned(FAST.parameters)) if each.ours and not isinstance(each.default, str)]
     for name in given:
         if not any(_within(each, name) for each in found):
-            raise ValueError(f"no number of ours is, or is in, {name!r}: docs/parameters.md lists all")
+            raise ValueError(f"no number or group of numbers of ours is called {name!r}: docs/parameters.md lists all")
     return [each for each in found if not given or any(_within(each, name) for name in given)]
 
 

@@ -93,7 +93,7 @@ class TrialSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     parameters: dict[str, ParameterValue] = {}
     changes: dict[str, Any] = {}
     numbers: dict[str, float | bool] = {}
-    plant: str = "simulated"  # of `sim.plant.PLANTS`
+    plant: str = "simulated"  # one of `plants.PLANTS`
 
 
 class Experiment(msgspec.Struct, frozen=True):
@@ -174,7 +174,7 @@ def with_numbers(method: Method, numbers: Mapping[str, float | bool]) -> Paramet
 
 
 def method_of(job: Job) -> Method:
-    """The method of a job, without its value of a number that the job changes. Raises MethodError."""
+    """The method of a job, without its own values of the numbers that the job changes. Raises MethodError."""
     method, changed = find_method(job.spec.method), job.spec.numbers
     if not changed:
         return method

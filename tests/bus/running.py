@@ -67,7 +67,7 @@ class Running:
         assert not self.thread.is_alive()
 
     def ask(self, command, sender="ann", name="Ann", expires=60.0):
-        """The reason of a refusal, "" when the command was done, what comes after its answer included."""
+        """Send a command and wait for all its effects; the reason of a refusal, "" when it was done."""
         answers, answered = [], threading.Event()
         expires += time.time()
 

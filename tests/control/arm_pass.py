@@ -38,7 +38,7 @@ class Pass(msgspec.Struct, frozen=True, kw_only=True):
 
 @dataclass
 class PassResult:
-    """What came of it."""
+    """Outcome of a pass: pick, place, contacts, and errors of the hand."""
 
     picked: bool = False
     held: bool = False  # by the referee's truth

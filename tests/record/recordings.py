@@ -55,7 +55,7 @@ def cut(path, target, length):
 
 
 def damaged(path, target):
-    """With one byte that is wrong, in the chunk in the middle."""
+    """A copy with one flipped byte, in the middle chunk."""
     data = bytearray(path.read_bytes())
     with path.open("rb") as file:
         chunks = make_reader(file).get_summary().chunk_indexes

@@ -203,7 +203,7 @@ class Visitor:
         self.page.get_by_text(text, exact=exact).first.wait_for(timeout=SHOWN * 1000)
 
     def said(self, text):
-        """Whether a text appears on the page within a moment; it may be gone again before it is seen."""
+        """True when a text appears on the page within `MOMENT`; one that vanishes quickly may be missed."""
         return in_time(self.page.get_by_text(text).first.wait_for)
 
     def state(self, name):
@@ -327,7 +327,7 @@ class Visitor:
         return float(box["x"] + box["width"] * across), float(box["y"] + box["height"] * down)
 
     def overlooks(self):
-        """Whether the camera is where a visitor's begins, and stays as long as they want nothing else."""
+        """True when the camera is in the overview, where that of a visitor begins."""
         scene, box = self.twin.client.scene(), self._canvas()
         if scene is None or box is None:
             return False

@@ -157,7 +157,7 @@ class Person:
 
     def _does(self, widget):
         self.sent.clear()
-        assert not grey_(widget), f"{widget.label!r} is grey"
+        assert not is_disabled(widget), f"{widget.label!r} is grey"
         for callback in widget._impl.update_cb:
             asyncio.run(callback(SimpleNamespace(client_id=0, target=widget)))
 
@@ -171,6 +171,6 @@ def label(widget):
     return getattr(widget._impl.props, "label", "")
 
 
-def grey_(widget):
+def is_disabled(widget):
     """A widget that cannot be used now."""
     return getattr(widget._impl.props, "disabled", False)

@@ -69,7 +69,7 @@ def difference(picture, reference):
 
 
 def alike(difference):
-    """Whether a difference is small enough to be nobody's doing."""
+    """True when a difference is small enough to be rendering noise."""
     return all(mean < MEAN and share < SHARE for mean, share in difference.values())
 
 

@@ -7,7 +7,7 @@ from importlib.util import find_spec
 import msgspec
 import pytest
 import viser
-from person import Person, grey_, label, status
+from person import Person, is_disabled, label, status
 
 from motm_twin.bus import commands as to
 from motm_twin.bus.encode import tick_message
@@ -264,7 +264,7 @@ def test_who_only_looks_has_grey_widgets_and_downloads_the_session(person):
     person.shows(driver="somebody", driver_name="Bob")
     person.presses("Save the session")
     assert person.page.files == [("exp2-random-0-1.0s.json", b"{}")]
-    usable = {label(widget) for widget in person.widgets.values() if not grey_(widget)}
+    usable = {label(widget) for widget in person.widgets.values() if not is_disabled(widget)}
     assert len(person.widgets) - len(usable) > 50
     assert {"Ask for the wheel", "Your name", "Save the session"} <= usable
     person.shows(driver=person.visitor.sender)

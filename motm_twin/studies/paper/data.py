@@ -220,7 +220,7 @@ class Store:
 
 
 def _own(experiment: str, results: Sequence[Result]) -> Sequence[Result]:
-    """Of Experiments 1, 1a and 2 their own trials as shipped: `bench` keeps what they are compared with beside them."""
+    """Trials of Experiments 1, 1a, 2 on their own scene, as shipped; `bench` stores those to compare with, too."""
     if experiment not in SCENES:
         return results
     return [each for each in results if each["scene"] == experiment and not each["parameters"] and not each["changes"]]
@@ -300,7 +300,7 @@ NOT_RECORDED = "not recorded"
 
 @dataclass(frozen=True, kw_only=True)
 class Origin:
-    """Of all trials together; what was not the same for all of them names each with its number of trials."""
+    """Origin of all trials together; a field that differs between trials lists each value with its number of trials."""
 
     sources: tuple[str, ...]  # those of the trials
     plans: tuple[str, ...]  # those that ran them; "not recorded" for `motm-twin bench` and versions before this

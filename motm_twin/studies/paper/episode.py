@@ -109,9 +109,9 @@ class Watcher:
 
 
 def watch_trial(spec: TrialSpec, folder: Path, source: str) -> Episode:
-    """The episode of a trial of motm as shipped: from the folder, as this or else the current source made it, or now.
+    """The episode of a trial: read from the folder, as ``source`` or else the current source made it, or run now.
 
-    ``source``: of the trial. Where that is another one than now and left no episode, the episode is of another run.
+    ``source``: of the trial. When that is not the current source and left no episode, the episode is of another run.
     """
     from motm_twin.trial import run_scene  # the whole twin: only where a trial is run
 

@@ -43,7 +43,7 @@ def grouped(store: Store) -> list[tuple[str, str, list[Result]]]:
 
 
 def group_of(result: Result) -> str:
-    """The name of the group of one trial, of whatever experiment: what differs in its setting is in another."""
+    """Name of the group of a trial of any experiment; trials with different settings are in different groups."""
     own = [name for scene, name, choose in GROUPS if scene == result["scene"] and choose([result])]
     name = own[0] if own else f"{result['scene']}, {result['variant']}"
     return ", ".join(filter(None, (name, setting(result))))
