@@ -16,7 +16,7 @@ PLANTS = ("simulated", MUJOCO)  # by name: kinematic, contact dynamics
 
 def make_plant(scene: Scene) -> SimulatedPlant:
     """The plant of a scene at its start. Raises SceneError when it can not be had."""
-    require_people(scene)
+    require_orca(scene)
     if scene.physics is None:
         return SimulatedPlant(scene)
     require_physics(scene)
@@ -32,7 +32,7 @@ def with_plant(scene: Scene, plant: str) -> Scene:
     return scene
 
 
-def require_people(scene: Scene) -> None:
+def require_orca(scene: Scene) -> None:
     """Raise SceneError for agents by ORCA without pyrvo."""
     if any(agent.behaviour == "orca" for agent in scene.agents):
         require_pyrvo(SceneError)

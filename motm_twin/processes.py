@@ -100,7 +100,7 @@ def end_with_parent() -> None:
 
 
 @contextmanager
-def put_off() -> Iterator[None]:
+def interrupt_deferred() -> Iterator[None]:
     """Ctrl-C waits until the end of the block; processes of `multiprocessing` started in it never hear it."""
     resource_tracker.ensure_running()  # where it begins, it lets signals through
     signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})

@@ -181,7 +181,7 @@ class Twin:
         applied: list[Edit] = []
         self.refused = []
         for edit in edits:
-            if self._taken(edit):
+            if self._apply_or_refuse(edit):
                 self.edits.append(LoggedEdit(index=index, edit=edit))
                 applied.append(edit)
         if self.parameters != before:
@@ -191,7 +191,7 @@ class Twin:
             self._rebuild()
         return self.loop.period(tuple(applied), budget, restarted=restarted)
 
-    def _taken(self, edit: Edit) -> bool:
+    def _apply_or_refuse(self, edit: Edit) -> bool:
         """Apply an edit; the world of an external robot has moved on since it was tried, and may refuse it now."""
         if self._external is None:
             self._apply(edit)
@@ -344,7 +344,7 @@ class Twin:
             self.loop.by_hand.take(edit)
         else:
             if isinstance(edit, InsertTask):
-                self._point_at([task.object for task in edit.tasks if isinstance(task, Pick)])
+                self._correct_beliefs([task.object for task in edit.tasks if isinstance(task, Pick)])
             self.loop.edit_tasks(edit)
             self.plant.expect_tasks(self.loop.sequence.tasks)
 
@@ -357,7 +357,7 @@ class Twin:
         return edits
 
     def _check_twist(self, edit: Drive) -> None:
-        """Raise ValueError for a twist that is none; an older one that still waits no longer counts."""
+        """Raise ValueError unless the twist is finite; remove older twists from the queue."""
         if not (math.isfinite(edit.v) and math.isfinite(edit.w)):
             raise ValueError(f"a twist of {edit.v:g} m/s and {edit.w:g} rad/s: it has to be finite")
         self._queue = [queued for queued in self._queue if not isinstance(queued, Drive)]
@@ -377,7 +377,7 @@ class Twin:
                     raise ValueError(f"{task.object} lies in {where}: the arm does not reach into bins, move it first")
         self._listed = tasks
 
-    def _point_at(self, names: list[str]) -> None:
+    def _correct_beliefs(self, names: list[str]) -> None:
         """Correct the robot's belief about an object that a person adds to the list, if it is off."""
         truth = self.plant.truth()
         if truth is None:

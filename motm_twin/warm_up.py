@@ -235,7 +235,7 @@ def _arm() -> None:
 
 
 def _called_by_other_arms(profile: RobotProfile) -> None:
-    """Kernels that this arm side calls from kernels only, and others from Python: holistic, gymnasium."""
+    """Compile kernels that `Manipulator` calls in kernels only; the holistic arm and gymnasium call them in Python."""
     q, rates = READY.copy(), np.zeros(7)
     base_bounds(np.zeros(2), ARM_STEP, profile)
     joint_bounds(q, rates, ARM_STEP, ArmParameters().qp)

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from motm_twin.cli.serve import _Supervisor
-from motm_twin.processes import put_off
+from motm_twin.processes import interrupt_deferred
 from motm_twin.program import plain_console
 
 PIPE = subprocess.PIPE
@@ -102,7 +102,7 @@ def test_ctrl_c_is_put_off_but_not_lost():
     done = []
     before = signal.signal(signal.SIGINT, signal.default_int_handler)  # a background job ignores it
     try:
-        with pytest.raises(KeyboardInterrupt), put_off():
+        with pytest.raises(KeyboardInterrupt), interrupt_deferred():
             signal.pthread_kill(threading.get_ident(), signal.SIGINT)
             done.append("the block")
     finally:

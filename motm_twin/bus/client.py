@@ -270,7 +270,7 @@ class TwinClient:
             self._catch_up(payload)
 
     def _catch_up(self, status: bytes) -> None:
-        """Fetch the tick of a twin that stands when it was lost: Zenoh drops what finds no room in a queue."""
+        """Fetch the last tick of a paused or ended twin if it was lost: Zenoh drops messages when a queue is full."""
         tick = self._slots[self.keys.tick]
         with suppress(msgspec.DecodeError):
             now = msgspec.json.decode(status, type=_When)
@@ -302,7 +302,10 @@ class TwinClient:
                 self._fetches = [old for old in self._fetches if old.is_alive()] + [thread]
 
     def _fetch_all(self) -> None:
-        """Fetch the last value of every key that has not been received yet: for late joiners."""
+        """Fetch the last value of every followed key, for late joiners.
+
+        Except for the scene, a value that arrives meanwhile is kept.
+        """
         for key, slot in list(self._slots.items()):
             if self.closed:
                 return

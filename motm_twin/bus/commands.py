@@ -216,7 +216,7 @@ def command_name(command: Command) -> str:
 
 MAX_SENDERS = 1000
 MAX_LIFETIME = 60.0  # [s] a later expiry would not bound replay attacks
-ORDER = 16  # a number this far below a sender's last one is refused, seen or not
+ORDER = 16  # a number less than this below a sender's last one is refused, seen or not
 MAX_SEEN = 4096  # numbers of one sender that have not expired
 
 
@@ -314,7 +314,7 @@ class Lease:
             self._until = max(self._until, now + SILENCE)
 
     def give(self, to: str, name: str, now: float) -> None:
-        """After `require`: a sender that changed something drives, or one to whom this is handed over; "": nobody."""
+        """Make this sender the driver, after `require`: it changed something, or was handed the wheel; "": nobody."""
         until = now + SILENCE if to else 0.0
         self._until = max(self._until, until) if to and to == self.driver else until
         self.driver, self.name = to, (name.strip() or to)[:NAME_MAX] if to else ""

@@ -327,7 +327,7 @@ def open_client(endpoint: str) -> zenoh.Session:
     Behind a router the configuration file must say mode "client": a router does not forward between peers. In this
     mode somebody must answer within `PATIENCE`, otherwise it raises ZError.
     """
-    return _let_in(lambda: session_config(listen=[], connect=[endpoint]), PATIENCE, threading.Event())
+    return _open_with_retries(lambda: session_config(listen=[], connect=[endpoint]), PATIENCE, threading.Event())
 
 
 def open_member(endpoint: str, *, wait: float | None = None, stop: threading.Event | None = None) -> zenoh.Session:
@@ -344,14 +344,14 @@ def open_member(endpoint: str, *, wait: float | None = None, stop: threading.Eve
         return made
 
     try:
-        return _let_in(config, wait, stop or threading.Event())
+        return _open_with_retries(config, wait, stop or threading.Event())
     except zenoh.ZError as error:
         raise TimeoutError(
             f"nobody answers at {endpoint}: is the server running there, and does it let you in?"
         ) from error
 
 
-def _let_in(config: Callable[[], zenoh.Config], wait: float | None, stop: threading.Event) -> zenoh.Session:
+def _open_with_retries(config: Callable[[], zenoh.Config], wait: float | None, stop: threading.Event) -> zenoh.Session:
     """A session by attempt after attempt; ``config`` is made anew for each, since it may ask for a password by then.
 
     Zenoh alone gives up at the first attempt, also when the other side is only busy. Raises its ZError after ``wait``

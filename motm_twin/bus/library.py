@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from motm_twin.control.method import Method
     from motm_twin.twin import Twin
 
-Marks = dict[Path, tuple[int, int]]  # time of the last change [ns] and size [bytes] of each file
+FileStates = dict[Path, tuple[int, int]]  # time of the last change [ns] and size [bytes] of each file
 
 
 class FileLibrary:
@@ -45,8 +45,8 @@ class FileLibrary:
         self.own_name = own_listing.name
         self._choices = {item.name: _choice(item) for item in found.values()}
         self._watched: Path | None = None
-        self._seen: Marks = {}
-        self._told: Marks = {}
+        self._seen: FileStates = {}
+        self._told: FileStates = {}
 
     def choices(self) -> list[SceneChoice]:
         """All that can be loaded."""
@@ -58,20 +58,20 @@ class FileLibrary:
             raise ValueError(f"no scene is called {scene[:64]!r}; {hint(scene, self._paths)}")
         path = self._paths[scene]
         file = None if is_made(path) else find_scene(path)[0]
-        marks = {} if file is None else _marks(file)  # before it is read: a change in between must be seen
+        marks = {} if file is None else _file_states(file)  # before it is read: a change in between must be seen
         resolved = load_scene(path, variant, seed)
         self._choices[scene] = _choice(listing(load_document(path)))
         self._watched, self._seen, self._told = file, marks, marks
         return resolved
 
     def changed(self) -> bool:
-        """True when the watched files changed since the last load or the last True, and came to rest.
+        """True when the watched files have changed since the last load or the last True, but not since the last call.
 
-        Asked twice a second. A file that is other than at the last question may be half written: it is told next time.
+        Called twice a second: a file that has changed since the last call may be half written.
         """
         if self._watched is None:
             return False
-        before, self._seen = self._seen, _marks(self._watched)
+        before, self._seen = self._seen, _file_states(self._watched)
         if self._seen != before or self._seen == self._told:
             return False
         self._told = self._seen
@@ -82,7 +82,7 @@ def _choice(item: SceneListing) -> SceneChoice:
     return SceneChoice(name=item.name, title=item.title, variants=list(item.variants))
 
 
-def _marks(file: Path) -> Marks:
+def _file_states(file: Path) -> FileStates:
     """The file and its neighbours, which it may extend."""
     marks = {}
     for path in {file, *file.parent.glob("*.yaml")}:

@@ -64,11 +64,11 @@ class Preview:
                 if isinstance(edit, FreezeBody | SendAgent):  # which releases an agent
                     self._frozen[edit.name] = isinstance(edit, FreezeBody) and edit.frozen
             self._applied += 1
-        truth = self._thawed(self._plant.truth())
+        truth = self._with_frozen_agents(self._plant.truth())
         robot = msgspec.structs.replace(message.robot, true_pose=truth.pose.tolist())
         return msgspec.structs.replace(message, robot=robot, preview=True, **bodies(truth))
 
-    def _thawed(self, truth: Truth) -> Truth:
+    def _with_frozen_agents(self, truth: Truth) -> Truth:
         """The truth with agents frozen or released by the edits."""
 
         def shown(body: BodyTruth) -> BodyTruth:

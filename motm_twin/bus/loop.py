@@ -114,7 +114,7 @@ class TwinLoop:
             shown = max(0.0, self._stood_at + STANDING_INTERVAL - time.monotonic()) if self._outdated else IDLE_WAIT
             self._take_requests(min(self._until_due(), shown))
             self._look_after(time.monotonic())
-            self._guarded(self._show_standing)
+            self._guarded(self._send_preview)
             if self._until_due() == 0.0:
                 self._guarded(self._advance)
 
@@ -146,7 +146,7 @@ class TwinLoop:
                 raise commands.Refused(f"stale: expired {late:.3f} s ago")
             self._wheel.require(envelope, arrived)
             if isinstance(command, commands.Save | commands.Record):
-                self._keep(envelope, command, index, reply)
+                self._write_file(envelope, command, index, reply)
                 return
             work = self._apply(command)
         except Exception as error:
@@ -242,7 +242,7 @@ class TwinLoop:
                 self._set_state("playing" if self._play_on else "paused", "")
         self._outdated = True
 
-    def _keep(
+    def _write_file(
         self, envelope: commands.Envelope, command: commands.Save | commands.Record, index: int, reply: Reply
     ) -> None:
         """Write a file in another thread, which answers. Raises Refused."""
@@ -285,7 +285,7 @@ class TwinLoop:
         seed = 0 if SEED.refusal("seed", scene.seed + 1) else scene.seed + 1
         self._load(msgspec.structs.replace(self._source.loaded, seed=seed), True)()
 
-    def _show_standing(self) -> None:
+    def _send_preview(self) -> None:
         """Send previews after edits and inspections while paused: at once, but rate-limited."""
         now = time.monotonic()
         if not self._outdated or now < self._stood_at + STANDING_INTERVAL:
@@ -372,7 +372,7 @@ class TwinLoop:
         self._real_time.want(self._state == "playing" and self._pacer.at_ease(time.monotonic()))
         self._outdated = False
         began = time.perf_counter()
-        with self.idle.broken(self._live.simulated):  # a robot in another program is mostly waited for
+        with self.idle.suspended(self._live.simulated):  # a robot in another program is mostly waited for
             message, tick = self._live.advance(by_the_clock=self._state == "playing")
         self.took = time.perf_counter() - began
         done = tick.done and not self._live.mirror

@@ -82,7 +82,7 @@ def _kept(path: Path) -> str:
         return file.read(200).decode("ascii", "replace") if private else ""
 
 
-def keep_young() -> None:
+def keep_fresh() -> None:
     """Touch the private files: systems clear old ones out of the folder for temporary files."""
     with suppress(OSError):
         for path in folder().iterdir():

@@ -35,7 +35,7 @@ class Idle(threading.Event):
         self.set()
 
     @contextlib.contextmanager
-    def broken(self, really: bool = True) -> Iterator[None]:
+    def suspended(self, really: bool = True) -> Iterator[None]:
         """The interpreter is busy in this block, if ``really``."""
         if really:
             self.clear()

@@ -188,7 +188,7 @@ def _wrong_name(given: BenchSettings) -> str:
 
 
 def _bench_alone(given: BenchSettings, console: Console) -> int:
-    """The exit code, 2 for names that are none, 1 when a world was not crossed, or a trial or run was no success."""
+    """Run barn, people or tracker; the exit code: 2 for bad input, 1 when a world was not crossed, or a run failed."""
     workers, out = given.workers, given.out
     try:
         if given.groups[0] == barn.NAME:

@@ -56,7 +56,7 @@ def doctor() -> int:
 
 
 def _answers(check: Callable[[], Iterator[Answer]]) -> list[Answer]:
-    """Answers of one check; one that breaks is an answer, too, but for what `_cache` has said."""
+    """Answers of one check; an exception is an answer, too, unless `_cache` has reported its cause already."""
     try:
         return list(check())
     except Exception as error:

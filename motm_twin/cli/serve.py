@@ -15,7 +15,7 @@ from rich.console import Console
 
 from motm_twin.bus.connection import LOOPBACK, VARIABLE, Keys, check_endpoint, free_port, require_free_port
 from motm_twin.bus.library import MethodLibrary
-from motm_twin.bus.private_folder import Running, announce, client_file, forget, keep_young, note, own_credentials
+from motm_twin.bus.private_folder import Running, announce, client_file, forget, keep_fresh, note, own_credentials
 from motm_twin.bus.security import Folder
 from motm_twin.cli.settings import PageSettings, ReplaySettings, ServeSettings
 from motm_twin.model.scene_file import load_scene
@@ -27,7 +27,7 @@ from motm_twin.ui.page_server import check_token, chosen_token
 
 SERVER, PAGE = "twin server", "page"
 WATCH = 0.1  # [s] between looks at the children
-YOUNG = 3600.0  # [s] between two touches of the private files
+TOUCH_INTERVAL = 3600.0  # [s] between two touches of the private files
 
 
 def serve(given: ServeSettings) -> int:
@@ -168,9 +168,9 @@ class _Supervisor:
     def _watch(self) -> int:
         young = time.monotonic()
         while not self._stop.wait(WATCH):
-            if time.monotonic() - young > YOUNG:
+            if time.monotonic() - young > TOUCH_INTERVAL:
                 young = time.monotonic()
-                keep_young()
+                keep_fresh()
             self._tell_events()
             for child in self._children:
                 code = child.exit_code()

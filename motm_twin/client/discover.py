@@ -54,10 +54,10 @@ def running_twins(endpoint: str | None = None) -> list[Found]:
 
 
 def find(endpoint: str | None, twin: str | None, *, how: str = "twin= or endpoint=") -> tuple[str, str]:
-    """Endpoint and name of the twin that is meant; ``how`` a user says which one.
+    """Endpoint and name of the wanted twin; ``how``: options that choose one, for the error message.
 
-    A configuration that leads somewhere (MOTM_ZENOH_CONFIG) counts before what runs on this machine. Raises NoTwin
-    unless there is just one, and ConfigError when that file can not be used.
+    An endpoint configured in MOTM_ZENOH_CONFIG takes precedence over the twins that run on this machine. Raises NoTwin
+    unless there is exactly one twin, and ConfigError when that file can not be used.
     """
     endpoint = endpoint or configured_endpoint()
     if endpoint is not None and twin is not None:

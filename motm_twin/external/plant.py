@@ -189,7 +189,7 @@ class ZenohPlant:
         return "" if self.link.newest("scan") is not None else f": hears its state, no scan yet{self._refused()}"
 
     def _refused(self) -> str:
-        """Of what the robot sends now, the first that does not count, and why; "" when all does."""
+        """Clause about the first key whose messages are refused now, or about an intruder; "" when there is neither."""
         for name in NAMES:
             why = self.link.refusal(name)
             if why:

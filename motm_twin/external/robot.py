@@ -51,8 +51,8 @@ class LinkSpec(msgspec.Struct, frozen=True, kw_only=True):
     latency: float = 0.0  # [s]
     jitter: float = 0.0  # [s] a message takes latency +- jitter, uniform
     loss: float = 0.0  # share of messages that never arrive
-    outage: float = 0.0  # [s] in which none arrives, in both directions: once in every...
-    every: float = 2.0  # [s], at a random time
+    outage: float = 0.0  # [s] length of an outage of both directions: one in every window
+    every: float = 2.0  # [s] length of such a window; its outage is at a random time
     seed: int = 0
 
     def __post_init__(self) -> None:
@@ -83,11 +83,11 @@ class Link(Generic[T]):
         """Give a message to the link."""
         spec = self.spec
         lost, place = self._rng.random(2)
-        if lost >= spec.loss and not self._out(now):
+        if lost >= spec.loss and not self._in_outage(now):
             due = now + spec.latency + spec.jitter * (2.0 * float(place) - 1.0)
             heapq.heappush(self._under_way, (due, next(self._number), item))
 
-    def _out(self, now: float) -> bool:
+    def _in_outage(self, now: float) -> bool:
         """True when there is an outage now [s]; it is one of both directions."""
         spec = self.spec
         if not spec.outage:

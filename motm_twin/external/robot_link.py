@@ -3,9 +3,9 @@
 Zenoh's threads only read, check and store. What can not be used is dropped and counted, and the last reason kept; the
 twin tells it.
 
-A robot that is heard keeps its keys: what another one says there (another life, another robot of the same name, a
-forgery) is kept aside, and told. Once it is silent, the other one is its successor. It counts when whoever reads this
-link turns to it with `live`, between two periods.
+As long as a robot is heard, only its own messages count. Messages of another life on its keys (the robot restarted,
+another robot of the same name, a forgery) are kept aside and reported. Once the robot is silent, the other life is its
+successor. That one counts as soon as the reader of this link switches to it with `live`, between two periods.
 """
 
 import math
@@ -175,7 +175,7 @@ class RobotLink:
             return self._newest.get(name)
 
     def refusal(self, name: str) -> str:
-        """Why what came lately on a key (state, scan, ...) does not count; "" when it does, or nothing came."""
+        """Reason why a recent message on a key (state, ...) was refused; "" when none was, or a newer one counts."""
         why, at = self._refusals.get(name, ("", -1e9))
         return why if time.monotonic() - at < REFUSED_FOR else ""
 

@@ -333,7 +333,7 @@ class Drawer:
         return True
 
     def put(self, channel: ch.Channel, server_time: float, message: object) -> None:
-        """Add a message, whenever it is due."""
+        """Add a message now, without asking whether it is due."""
         self._add(channel, server_time, msgspec.json.encode(message))
 
 

@@ -121,7 +121,7 @@ class Frames(list[Frame]):
             (self._before if self._open is None else self._open[1]).append(sent)
 
     def _close(self) -> None:
-        """The frame that is open is whole."""
+        """Append the open frame, which has all of its messages now."""
         if self._open is None:
             return
         part, sent = self._open
@@ -221,7 +221,7 @@ class Player:
                 work = self._requests.get(timeout=max(0.0, wait))
                 work()
             self._wheel.look_after(time.monotonic())
-            self._send_later(time.monotonic())
+            self._send_due(time.monotonic())
             if self._state == "playing" and time.monotonic() >= self._due:
                 self._advance()
 
@@ -305,7 +305,7 @@ class Player:
 
     def _set(self, state: str) -> None:
         if state != self._state:
-            self._send_later(math.inf)
+            self._send_due(math.inf)
             self._state = state
             self._changed()
 
@@ -328,8 +328,8 @@ class Player:
         else:
             self._set("done")
 
-    def _send_later(self, until: float) -> None:
-        """Send what is due then [s]."""
+    def _send_due(self, until: float) -> None:
+        """Send the waiting messages that are due at ``until`` [s], monotonic."""
         while self._later and self._later[0][0] <= until:
             self._send(self._later.popleft()[1])
 
@@ -338,11 +338,11 @@ class Player:
         now, times = time.monotonic(), [msgspec.json.decode(payload, type=_Timed).time for _, payload, _ in robot]
         for item, at in zip(robot, times, strict=True):
             self._later.append((now + min(PERIOD, max(0.0, at - times[0])) / self._speed, item))
-        self._send_later(now)
+        self._send_due(now)
 
     def _seek(self, number: int) -> None:
         """Show another frame. Forward, all that lies between is sent at once; back, the past stays as it is."""
-        self._send_later(math.inf)  # under the number of its run
+        self._send_due(math.inf)  # under the number of its run
         if self._state == "done":
             self._set("paused")
         if number > self._at:
@@ -350,14 +350,14 @@ class Player:
                 self._show(between)
             return
         frame, before = self._frames[number], self._frames[self._at]
-        self._turn(frame, self._began if frame.run[0] == before.run[0] else self._now(), frame.index, self._run)
+        self._begin_run(frame, self._began if frame.run[0] == before.run[0] else self._now(), frame.index, self._run)
         self._at = number - 1
         if frame.grid >= 0:  # the map that was in force in a frame that did not bring one
             grids = [item for item in self._frames[frame.grid].sent() if item[0] == ch.GRID.topic]
             self._send(grids[-1])
         self._show(number)
 
-    def _turn(self, frame: Frame, began: float, first: int, past: int) -> None:
+    def _begin_run(self, frame: Frame, began: float, first: int, past: int) -> None:
         """A new run begins with this frame."""
         self._run, self._began, self._first, self._past = self._run + 1, began, first, past
         if frame.scene >= 0:
@@ -369,14 +369,14 @@ class Player:
                 self._changed()
 
     def _show(self, number: int) -> None:
-        self._send_later(math.inf)
+        self._send_due(math.inf)
         frame = self._frames[number]
         before = self._frames[self._at] if self._at >= 0 else None
         if before is None:
-            self._turn(frame, self._now(), 0, -1)
+            self._begin_run(frame, self._now(), 0, -1)
         elif frame.run != before.run and number == self._at + 1:
             same = frame.run[0] == before.run[0]
-            self._turn(frame, self._began if same else self._now(), frame.first, self._run if same else -1)
+            self._begin_run(frame, self._began if same else self._now(), frame.first, self._run if same else -1)
         self._at = number
         playing, sent = self._state == "playing", frame.sent()
         later = (ch.SCENE.topic, ch.ROBOT.topic) if playing else (ch.SCENE.topic,)  # sent with its run, or spread

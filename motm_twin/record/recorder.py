@@ -97,8 +97,8 @@ class Stream:
     def take(self, key: str, payload: bytes, attachment: bytes | None, *, asked: bool = False) -> None:
         """Sort one payload in. Raises msgspec.MsgspecError for one that is not of its key.
 
-        A last value that was ``asked`` for may be hours old, of a twin whose time stands. It is logged when it was
-        heard, or the recording would begin where nothing was recorded.
+        A last value that was ``asked`` for may be hours old, if the twin is paused. It is logged at the time at which
+        it arrived; otherwise the recording could seem to begin hours before it did.
         """
         self._earliest = self.now if asked else 0.0
         self._take[key](payload, attachment)

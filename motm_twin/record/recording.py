@@ -149,9 +149,9 @@ def ticks_of(path: str | Path, key: RunKey) -> Iterator[tuple[int, bytes]]:
 def observations_of(path: str | Path, run: Run) -> Iterator[ObservationsMessage]:
     """Reports of the robot of a run, each period once, rising.
 
-    They name their run by its number only, which a server that was started again gives once more: they are of the run
-    of the tick before them. The first may come before any: a recorder that begins just then is sent it, and asks for
-    the tick that it missed.
+    A report names its run by the number only, and a restarted server uses the same numbers again. So each report
+    belongs to the run of the tick before it. The first one may precede every tick: a recorder that starts between tick
+    and report receives the report, and asks for the tick that it missed.
     """
     decode, tick = msgspec.json.Decoder(ObservationsMessage).decode, msgspec.json.Decoder(TickPart).decode
     last, now = -1, None

@@ -46,10 +46,10 @@ class Rerun(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def begin(session: Session, plant: ExternalPlant | None = None, method: Method | None = None) -> Twin:
-    """A twin at the start of the session, of another than the simulated robot when one is given.
+    """A twin at the start of the session; ``plant``: the robot instead of the simulated one.
 
-    ``method``: of a user's file, for a session that was made with one. Raises SessionError when a parameter cannot be,
-    or the method is not here: a name in a session is never a file to run.
+    ``method``: the user's own, for a session that was made with it. Raises SessionError when a parameter is impossible,
+    or when the method is neither shipped nor given: a name in a session is never a file to run.
     """
     if method is not None and method.name != session.method:
         raise SessionError(f"it was made with the method {session.method!r}, not with {method.name!r}")
@@ -145,7 +145,7 @@ _NOT_COMPARED = (
 )  # fmt: skip
 _NOT_COMPARED_OF_PLAN = ("cut_by_clock", "staa_path")
 _ADDED = ("tracks", "encounters", "courtesy")  # older recordings do not have them
-_OF_TRUTH = ("objects", "agents", "obstacles", "furniture", "removed", "faults", "score")  # nobody knows it again
+_OF_TRUTH = ("objects", "agents", "obstacles", "furniture", "removed", "faults", "score")  # recorded robots have none
 MOST_FIELDS = 5
 Json = dict[str, Any]
 
@@ -224,9 +224,9 @@ def _check(sample: Sample, period: int) -> None:
         for name, length in lengths.items():
             values = getattr(part, name)
             if len(values) != length or any(abs(value) > _LARGEST for value in values):
-                raise ValueError(f"period {period}: {name} has {len(values)} numbers, or one that cannot be")
+                raise ValueError(f"period {period}: {name} has {len(values)} numbers, or an impossible one")
     if not abs(sample.time) <= _LARGEST or not abs(sample.gripper_width) <= 1.0:
-        raise ValueError(f"period {period}: its time or the gripper's width cannot be")
+        raise ValueError(f"period {period}: its time or the width of the gripper is impossible")
 
 
 class RunReport(msgspec.Struct, frozen=True, kw_only=True):

@@ -31,7 +31,7 @@ from motm_twin.model.edits import Edit, InsertTask, ParameterValue, SetParameter
 from motm_twin.model.names import MethodError
 from motm_twin.model.plant import PERIODS_PER_SECOND
 from motm_twin.planning.types import SearchBudget
-from motm_twin.processes import at_end_of_input, end_with_parent, put_off
+from motm_twin.processes import at_end_of_input, end_with_parent, interrupt_deferred
 from motm_twin.program import BAD_INPUT, FAILED, OK, THREADS
 from motm_twin.record.replay import begin
 from motm_twin.record.what_if_lines import AS_IT_WAS, CHANGED, Outcome, Sample
@@ -95,7 +95,7 @@ def run_one(
     the recorded time, exactly. Edits that the recorded run took and this one cannot are left out and named in the
     Outcome.
     """
-    side = _Side(session, changes, start, method)
+    side = _WhatIfRun(session, changes, start, method)
     index = 0
     while True:
         tick = side.advance(index)
@@ -108,7 +108,7 @@ def run_one(
         index += 1
 
 
-class _Side:
+class _WhatIfRun:
     """The twin of one run, its edits and its progress."""
 
     def __init__(self, session: Session, changes: Changes, start: int, method: Method | None) -> None:
@@ -251,7 +251,7 @@ def compare(session: Session, changes: Changes, start: int, method: str | None =
             process = context.Process(
                 target=_work, args=(data, values, start, name, method, write), daemon=True, name=name
             )
-            with put_off():
+            with interrupt_deferred():
                 process.start()
                 processes.append(process)
             write.close()

@@ -7,7 +7,7 @@ Mover = tuple[float, float, float, float]  # a Temi or a person: x, y, radius, h
 
 
 class Sample(msgspec.Struct, frozen=True, kw_only=True):
-    """Pose of the robot at one time, and of who moves by themselves."""
+    """Pose of the robot, and places of Temis and persons, at one time."""
 
     run: str  # one of `RUNS`
     time: float  # [s] simulated

@@ -58,7 +58,7 @@ class Requests:
     """Keeps the newest message of each topic, and forwards it from its own thread."""
 
     def __init__(self, client: TwinClient, refuse: Callable[..., None]) -> None:
-        """``refuse`` is told (topic, text, unreadable=) why a message has no effect, or is none."""
+        """``refuse`` is called with (topic, text, unreadable=) when a message has no effect or cannot be read."""
         self._client, self._refuse = client, refuse
         self._newest: dict[Topic, bytes] = {}
         self._changed, self._closed = threading.Condition(), False

@@ -202,9 +202,9 @@ def _write_field(out: bytearray, field: Field, value: Any) -> None:
 
 @cache
 def _flat(base: str) -> Any:
-    """Function, alignment and names by which a message is written at once: most of what is sent are points and poses.
+    """Packing function, alignment and field names with which a message is written at once, such as a point or a pose.
 
-    None unless it is nothing but numbers of one size, or messages that are.
+    None unless its fields are all numbers of one size, or all messages of such numbers.
     """
     names = [field for field in fields(base) if field.base not in DEFINITIONS]
     nested = [(field.name, fields(field.base)) for field in fields(base) if field.base in DEFINITIONS]

@@ -36,7 +36,7 @@ from motm_twin.perception.mapper import MapSettings
 from motm_twin.perception.tracks import IDENTITY, VX, VY
 from motm_twin.perf.period import timed
 from motm_twin.perf.report import Sheet, load_average, machine, number, spread, write_report
-from motm_twin.plants import make_plant, require_people
+from motm_twin.plants import make_plant, require_orca
 from motm_twin.studies.oracle import NAME as ORACLE
 from motm_twin.studies.oracle import oracle, require_known_future
 from motm_twin.studies.pool import told_outcomes
@@ -105,7 +105,7 @@ def cases(situations: Sequence[str], methods: Sequence[str], trials: int, first:
     known = ((name, seed, FAST.name if method == ORACLE else method) for name, seed, method in named)
     jobs = jobs_of(SITUATIONS[name].spec(seed, method) for name, seed, method in known)
     for job, (_, _, method) in zip(jobs, named, strict=True):
-        require_people(job.scene)
+        require_orca(job.scene)
         if method == ORACLE:
             require_known_future(job.scene)
     return [Case(situation=name, job=job, method=method) for (name, _, method), job in zip(named, jobs, strict=True)]

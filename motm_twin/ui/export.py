@@ -1,8 +1,8 @@
 """The last seconds as one HTML file that plays without a server: ``python -m motm_twin.ui.export INPUT OUTPUT``.
 
-A separate process draws the periods of the history as the page does, into a private Viser server, and keeps what that
-would have sent. In the file, web_assets/page/player.js sends it, and the page looks as the live one does, with timeline
-and legend. The page that is looked at is not disturbed.
+A separate process draws the periods of the history into a private Viser server, as the viewer does, and records the
+messages that this server would send. In the file, web_assets/page/player.js replays them, and the page looks like the
+live one, with timeline and legend. The live page is not disturbed.
 """
 
 import base64
@@ -45,7 +45,7 @@ RATE = 10.0  # [Hz] frames of the recording: the page glides between them
 TIMEOUT = 180.0  # [s] for the whole export
 NICENESS = 10  # more than the viewer's: it is not interactive
 LONGEST_GAP = 60_000  # cells
-FINEST, LARGE = 2.0**-13, 16384  # [m] or of a quaternion; [bytes] arrays that are meshes and stay as they are
+FINEST, LARGE = 2.0**-13, 16384  # rounding step of numbers; [bytes] larger arrays (meshes) stay exact
 PLAYED = ("smooth.js", "view.js", "overlay.js", "player.js")  # scripts of a page without a server, in this order
 _PROGRESS = "progress "
 
@@ -88,7 +88,7 @@ def export_html(
     with tempfile.TemporaryDirectory(prefix="motm-export-") as folder:
         source, result = Path(folder) / "recording", Path(folder) / "page.html"
         source.write_bytes(msgspec.msgpack.encode(recording))
-        _draw_elsewhere(source, result, progress, timeout)
+        _draw_in_subprocess(source, result, progress, timeout)
         return result.read_bytes()
 
 
@@ -111,7 +111,7 @@ def record(history: History, scene: Scene, seconds: float, rate: float) -> Recor
     return Recording(msgspec.json.encode(scene), frames, grids)
 
 
-def _draw_elsewhere(source: Path, result: Path, progress: Callable[[float], None] | None, timeout: float) -> None:
+def _draw_in_subprocess(source: Path, result: Path, progress: Callable[[float], None] | None, timeout: float) -> None:
     command = [sys.executable, "-m", "motm_twin.ui.export", str(source), str(result), str(timeout)]
     told: list[str] = []
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True) as process:  # noqa: S603
@@ -202,9 +202,9 @@ def page(serializer: StateSerializer, scene: Scene, ticks: list[TickMessage]) ->
 
 
 class Packer:
-    """Messages as JSON takes them, and the arrays that they refer to, each once.
+    """Converts messages of Viser to JSON, and collects the arrays that they refer to, each once, in `buffers`.
 
-    Numbers of updates are rounded to `FINEST`, which nobody sees and makes a page a third smaller.
+    Floating-point numbers are rounded to `FINEST`: the difference is invisible, and the page is a third smaller.
     """
 
     def __init__(self, serializer: StateSerializer) -> None:
@@ -223,7 +223,7 @@ class Packer:
         return self.plain(message)
 
     def plain(self, value: Any) -> Any:
-        """A value of a message."""
+        """A value of a message in a form for JSON: arrays and bytes become numbers of entries in `buffers`."""
         if isinstance(value, np.ndarray):
             return {"__binary_index": self._number(value.tobytes()), "dtype": value.dtype.str}
         if isinstance(value, bytes | memoryview):
@@ -248,13 +248,13 @@ class Packer:
 
 
 class Ground:
-    """Pictures of the ground, each as the cells in which it differs from the one before.
+    """Pictures of the ground, each stored as the cells that differ from the picture before.
 
-    As pictures they are two thirds of a page.
+    Stored as whole pictures they would be two thirds of the page.
     """
 
     def __init__(self) -> None:
-        self.steps: list[tuple[Array, Array]] = []  # gaps between such cells, exclusive or of both values
+        self.steps: list[tuple[Array, Array]] = []  # of each: gaps between changed cells, XOR of both values
         self.palette = ground_table()
         self._codes = self.palette.view("<u4")[:, 0]
         self._order = np.argsort(self._codes, kind="stable")

@@ -161,7 +161,7 @@ class History:
         packed = zlib.compress(payload, LEVEL)
         entry = _Entry(part.index, part.time, packed, tuple(part.events), np.array(sample(part)))
         with self._lock:
-            self._turn(part)
+            self._switch_run(part)
             self._cut(part.index, part.time + 1e-9)
             self._entries.append(entry)
             self._bytes += len(packed)
@@ -257,7 +257,7 @@ class History:
             return None
         return self._entries[max(0, bisect.bisect_right(self._entries, index, key=_INDEX) - 1)]
 
-    def _turn(self, part: Part) -> None:
+    def _switch_run(self, part: Part) -> None:
         """Start another run: a branch or its undoing continues from the shared past; anything else has none."""
         if (part.run, part.began) == (self._run, self._began):
             return
@@ -266,19 +266,19 @@ class History:
         self._maps = [kept for kept in self._maps if kept.info.run < part.run]
         goes_on, aside = newer and 0 <= self._run and part.began == self._began, self._aside
         if goes_on and aside is not None and part.past == aside.run:
-            self._aside = self._take_off(aside.index, aside.time)
+            self._aside = self._cut_tail(aside.index, aside.time)
             self._entries += aside.entries  # what lies before them is the past that they had
             self._bytes += sum(len(entry.payload) for entry in aside.entries)
             self._maps += aside.maps
         elif goes_on and part.past in (-1, self._run):
-            self._aside = self._take_off(part.first, part.time - (part.index - part.first) * PERIOD - 1e-9)
+            self._aside = self._cut_tail(part.first, part.time - (part.index - part.first) * PERIOD - 1e-9)
         else:
             self._entries, self._bytes, self._maps, self._aside = [], 0, [], None
         self._run, self._began = part.run, part.began
         self._maps += ahead
         self._map_bytes = sum(len(kept.cells) for kept in self._maps)
 
-    def _take_off(self, index: int, time: float) -> _Tail:
+    def _cut_tail(self, index: int, time: float) -> _Tail:
         """Cut, and return the end that was cut off."""
         start = bisect.bisect_left(self._entries, index, key=_INDEX)
         later = self._maps[bisect.bisect_right(self._maps, time, key=_STAMP) :]
@@ -315,7 +315,7 @@ def unpacked(info: bus.GridInfo, cells: bytes) -> Grid:
     return Grid(info=info, cells=flat.reshape(info.height, info.width))
 
 
-class Looking(Protocol):
+class ShownPeriod(Protocol):
     """Holds the period shown; None is the newest."""
 
     at: int | None
@@ -324,7 +324,7 @@ class Looking(Protocol):
 class Playback:
     """Moves ``view.at`` through the history, for all visitors."""
 
-    def __init__(self, view: Looking) -> None:
+    def __init__(self, view: ShownPeriod) -> None:
         self._view = view
         self._speed, self._place, self._last = 0.0, 0.0, 0.0
 
@@ -436,7 +436,7 @@ class EventMarks:
 
 
 def without_brief_stops(events: list[bus.NumberedEvent]) -> list[bus.NumberedEvent]:
-    """The events in order of time, without goes, and without stops that soon end."""
+    """Events without those of kind "go", and without stops shorter than `BRIEF`; ``events`` are in order of time."""
     found: list[bus.NumberedEvent] = []
     stop: bus.NumberedEvent | None = None
     for event in events:

@@ -31,7 +31,7 @@ PLACES, LIDAR, STAA = "places", "lidar", "staa"
 
 
 class Layer(msgspec.Struct, frozen=True):
-    """One chip."""
+    """A layer of the scene, which a chip of the legend shows or hides."""
 
     key: str
     title: str
@@ -43,7 +43,7 @@ class Layer(msgspec.Struct, frozen=True):
 
 
 LAYERS = (
-    Layer("grid", "Ground", "what the robot takes for occupied: brown, and lighter the margin round it",
+    Layer("grid", "Ground", "brown: what the robot takes for occupied; lighter brown: the margin around it",
           colours.ground_css(), "area", ("/map",)),
     Layer(PLACES, "Where the base could stand", "each dot is a place for the current target, its nose the heading: "
           "yellow costs little time, violet much, grey is impossible; click one to read its costs",
@@ -61,7 +61,7 @@ LAYERS = (
     Layer("people", "People and Temis", "followed by the robot: number, arrow to where each will be in 1 s, ellipses "
           "of where it may be in 1 s and 2 s, and its trail; bold ring: the robot waits for it, or passes it",
           colours.css(colours.PEOPLE), "line", ("/bodies/trails", "/tracks")),
-    Layer(LIDAR, "Lidar", "what the beams of the newest sweep have met", colours.css(colours.LIDAR), "dots",
+    Layer(LIDAR, "Lidar", "points that the beams of the newest sweep have hit", colours.css(colours.LIDAR), "dots",
           ("/lidar",), on=False),
     Layer(STAA, "STAA* path", "path of the unmodified STAA*, for comparison", colours.css(colours.STAA_PATH),
           "dashed", ("/plan/staa_path",), on=False),
@@ -81,8 +81,8 @@ NOTE_TIME = 6.0  # [s] a note stays on the page
 BLIND = 20.0  # [s] a page may need until it shows the scene
 NOTES = 2  # at a time: they lie over the scene
 WAITING = 100  # commands that may wait to be sent
-ASKED = (to.Load, to.Pause, to.Play, to.Reset, to.Seed, to.Speed)  # that a person has clicked, with notes
-PATIENT = (*ASKED, to.HandOver, to.Inspect, to.TakeWheel)  # hold for whatever is being loaded
+ASKED = (to.Load, to.Pause, to.Play, to.Reset, to.Seed, to.Speed)  # clicks: a note tells their sender to wait
+PATIENT = (*ASKED, to.HandOver, to.Inspect, to.TakeWheel)  # valid for any scene: they wait for the end of a load
 LOOK = 0.1  # [s] between looks at what the server is doing
 PROMPT, PATIENCE = 5.0, 20.0  # [s] for the twin to answer, for immediate commands and for the `PATIENT`
 KEEP_WHEEL = 3.0  # [s] between renewals of the lease by actions on the page alone
@@ -106,7 +106,7 @@ class Visitor:
 
     @property
     def looks(self) -> bool:
-        """True for a page that shows the scene; one that does not tell is believed to after a while."""
+        """True when the page shows the scene: it has said so, or it has been open for more than `BLIND` [s]."""
         return self.drawn or time.monotonic() - self.since > BLIND
 
     def show(self, note: viser.NotificationHandle, text: str) -> None:

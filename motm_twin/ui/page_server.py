@@ -1,13 +1,13 @@
-"""The server of the page: Viser's, with a door for those who may load it, and scripts of our own (web_assets/page).
+"""The server of the page: Viser's, with a guard that checks every request, and our own scripts (web_assets/page).
 
 Viser has no login and checks no origin, so its listener is wrapped here. The names in Host and Origin are checked, so
 that no other web page can reach the twin through the visitor's browser, and none may show it in a frame. With a token,
 nothing is served without it. Viser's public tunnel is off for good.
 
-The documentation is served beside it, under /docs. `make docs` builds it as a site. A checkout without that has its
-texts, which a browser shows as they are written; an installed wheel has neither, and then no term is a link.
+The documentation is served under /docs: the site that `make docs` builds, or else the Markdown files of a checkout as
+plain text. An installed wheel has neither; then no term is a link.
 
-One page must not cost the others theirs: the number of pages is limited, and the data that each may send. A page sends
+No page may use up the resources of the others: the number of pages and the data rate of each are limited. A page sends
 its camera at most sixty times a second, and a picture of some megabytes when asked for one. Faster messages wait in the
 browser, held back by TCP flow control.
 """
@@ -61,7 +61,7 @@ TERMS = {  # page, and the heading on it
 
 
 @functools.cache
-def _place() -> tuple[Path, str] | None:
+def _documentation_folder() -> tuple[Path, str] | None:
     """Folder of the documentation and the ending of its pages; None without any."""
     root = web_assets_dir().parent
     found = ((root / "build" / "site", ".html"), (root / "docs", ".md"))
@@ -70,16 +70,16 @@ def _place() -> tuple[Path, str] | None:
 
 def link(term: str) -> str:
     """Address of what is said about one of `TERMS`; "" where there is no documentation."""
-    place = _place()
+    place = _documentation_folder()
     page, heading = TERMS[term]
     return "" if place is None else f"{PATH}{page}{place[1]}#{heading}"
 
 
 def documentation(path: str) -> Response | None:
-    """The file under `PATH` that a browser asks for; None for what is none of its business."""
+    """Response to a request below `PATH`: a file of the documentation, or 404; None for any other path."""
     if not path.startswith(PATH):
         return None
-    if (place := _place()) is not None:
+    if (place := _documentation_folder()) is not None:
         folder = place[0].resolve()
         wanted = (folder / (unquote(path.removeprefix(PATH)) or "index.html")).resolve()
         if wanted.is_relative_to(folder) and wanted.is_file():
@@ -134,7 +134,7 @@ FILE = "page-token"  # in the user's private folder
 COOKIE = "motm_token"  # and the port, as a browser sends the cookies of one port to all others of a name
 HEALTH_PATH = "/healthz"
 MIN_TOKEN = 32  # characters; 128 bits when they are hexadecimal
-CLOSED = {  # headers of every answer: no framing, no referrer
+SECURITY_HEADERS = {  # headers of every answer: no framing, no referrer
     "Content-Security-Policy": "frame-ancestors 'none'",
     "X-Frame-Options": "DENY",
     "Referrer-Policy": "no-referrer",
@@ -291,7 +291,7 @@ class Guard:
         return None
 
     def _serves(self, host: str) -> bool:
-        """The page may be asked for under this name; an IP address always passes: it is nobody's domain."""
+        """True for a host name under which the page is served; beyond loopback, any IP address passes as well."""
         try:
             name = urlsplit(f"//{host}").hostname or ""
         except ValueError:
@@ -321,7 +321,7 @@ def open_page(
     def serve(handler: Any, host: str, *args: Any, process_request: Callable[..., Any], **options: Any) -> Any:
         def process(connection: Any, request: Request) -> Response | None:
             refused = guard.check(request) or documentation(urlsplit(request.path).path)
-            return _closed(refused or with_scripts(process_request(connection, request)))
+            return _with_security_headers(refused or with_scripts(process_request(connection, request)))
 
         wrapped.append(1)
         places: Any = ["::", "0.0.0.0"] if host == "::" else host  # noqa: S104 - asyncio takes "::" for IPv6 alone
@@ -344,11 +344,11 @@ def page_url(host: str, port: int, token: str | None) -> str:
     return f"http://{name}:{port}/" + (f"?token={token}" if token else "")
 
 
-def _closed(response: Response | None) -> Response | None:
-    """The answer with the headers `CLOSED`; Viser may keep one answer for several requests."""
+def _with_security_headers(response: Response | None) -> Response | None:
+    """The answer with the headers `SECURITY_HEADERS`; Viser may keep one answer for several requests."""
     if response is None:
         return None
-    headers = Headers([*response.headers.raw_items(), *CLOSED.items()])
+    headers = Headers([*response.headers.raw_items(), *SECURITY_HEADERS.items()])
     return Response(response.status_code, response.reason_phrase, headers, response.body)
 
 

@@ -27,7 +27,7 @@ from motm_twin.record.what_if_lines import RUNS, Mover, Outcome, Sample
 ERROR_LINES = 12  # of the standard error of the process that are kept
 WATCH_SPEED = 3.0  # times real time
 WATCH_END = 3.0  # [s] the ends are shown before both follow the twin again
-BEHIND = 0.3  # [s] from which on robots that are not yet computed up to what is shown say where they are
+BEHIND = 0.3  # [s] lag of the computed runs beyond which the labels of their robots show their time
 EARLIER = " (run before)"  # robots of a comparison that began before a branch or reset
 MOST_SAMPLES = 72_000  # of one run, two hours; what comes after is left out
 Values = Mapping[str, ParameterValue]
@@ -152,8 +152,8 @@ class WhatIf:
     def others(self, time: float, run: int = -1) -> list[Other]:
         """The robots to be shown beside the twin's at a time [s] of its run of this number, at most two.
 
-        Both are shown at the same time, also while one run is further than the other, or somebody watches them alone;
-        only then with who else is about in them.
+        Both are shown at one common time, even while one run has been computed further. Their dynamic bodies are shown
+        only while both runs are watched alone.
         """
         with self._lock:
             if self.state.phase in ("idle", "failed"):
@@ -187,7 +187,7 @@ class WhatIf:
         return None if self._watch_from is None else min(time, common)
 
     def start(self, values: Values, from_index: int, run: int = -1) -> None:
-        """Compare the run so far, and how it goes on, with the same from a period on with these values.
+        """Compare the run so far, continued to its end, with the same run under these values from a period on.
 
         ``run``: number of the twin's run, to tell it from later ones. Returns at once; `state` tells the rest.
         Raises ValueError while another comparison runs.

@@ -241,7 +241,7 @@ def test_a_folder_of_somebody_else_is_a_sentence(monkeypatch):
 def test_private_files_do_not_grow_old_while_a_twin_is_served(private, monkeypatch):
     own_credentials()
     os.utime(private / FILE, (0, 0))
-    monkeypatch.setattr(cli_serve, "YOUNG", 0.0)
+    monkeypatch.setattr(cli_serve, "TOUCH_INTERVAL", 0.0)
     supervisor = cli_serve._Supervisor(Console(), "frankie", connection.free_port())
     threading.Timer(0.3, supervisor._stop.set).start()
     assert supervisor._watch() == cli_serve.OK

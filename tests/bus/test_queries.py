@@ -48,7 +48,7 @@ def test_queries_wait_until_it_is_quiet_and_then_all_are_answered(pair, monkeypa
     waiting = DeferredQueryable(server, ["test/waiting"], echo, idle)
     prompt = DeferredQueryable(server, ["test/prompt"], echo, Idle())
     linked(client, "test/waiting", "test/prompt")
-    with idle.broken():
+    with idle.suspended():
         asked = [ask(client, "test/waiting") for _ in range(module.TOGETHER + 5)]
         until(lambda: len(list(client.get("test/prompt"))) == 1, "the other key is not answered")  # sent after those
         assert all(thread.is_alive() and not answers for thread, answers in asked)
@@ -64,7 +64,7 @@ def test_nobody_waits_for_ever_where_it_is_never_quiet(pair):
     idle = Idle()
     queryable = DeferredQueryable(server, ["test/never"], echo, idle)
     linked(client, "test/never")
-    with idle.broken():
+    with idle.suspended():
         thread, answers = ask(client, "test/never")
         thread.join(20.0)
         assert answers == [b"yes"]
@@ -102,7 +102,7 @@ def test_what_was_asked_before_undeclare_is_answered(pair, monkeypatch):
     queryable = DeferredQueryable(server, ["test/last"], echo, idle)
     linked(client, "test/last")
     idle.wait = told
-    with idle.broken():
+    with idle.suspended():
         thread, answers = ask(client, "test/last")
         assert taken.wait(20.0)
         ending = threading.Thread(target=queryable.undeclare)
@@ -143,7 +143,7 @@ def test_it_is_quiet_except_while_a_period_is_computed():
         def advance(self, budget=None):
             seen.append(running.loop.idle.is_set())
             if self.index == 3:
-                raise RuntimeError("broken")
+                raise RuntimeError("suspended")
             return super().advance(budget)
 
     running = Running(Watched)

@@ -334,7 +334,7 @@ def kind(request, tmp_path, monkeypatch):
     if folder != DOCS:
         (folder / "method.html").write_text("<title>The method</title>", encoding="utf-8")
         (tmp_path / "secret.html").write_text("secret", encoding="utf-8")
-    monkeypatch.setattr(page_server, "_place", lambda: (folder, ENDINGS[request.param]))
+    monkeypatch.setattr(page_server, "_documentation_folder", lambda: (folder, ENDINGS[request.param]))
     return request.param
 
 
@@ -362,5 +362,5 @@ def test_pages_are_served_and_nothing_beside_them(kind):
 
 
 def test_without_documentation_no_term_is_a_link(monkeypatch):
-    monkeypatch.setattr(page_server, "_place", lambda: None)
+    monkeypatch.setattr(page_server, "_documentation_folder", lambda: None)
     assert link("method") == "" and documentation(f"{PATH}method.html").status_code == 404

@@ -257,7 +257,7 @@ def test_the_floor_covers_the_map_and_goes_over_into_the_ground_around():
 
 def test_what_shines_by_itself_is_seen_as_wanted():
     wanted = np.repeat(np.array([40.0, 120.0, 200.0, 226.0])[:, None], 3, axis=1)
-    code = light.shining(wanted) / 255.0
+    code = light.before_tone_curve(wanted) / 255.0
     linear = np.where(code < 0.04045, code / 12.92, ((code + 0.055) / 1.055) ** 2.4)
     assert np.abs(light.on_screen(linear) - wanted).max() < 1.0
 

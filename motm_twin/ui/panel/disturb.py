@@ -81,7 +81,7 @@ def kind_of(shape: str) -> str:
 def new_body(
     kind: str, scene: Scene, tick: TickMessage, grid: Grid | None, view: Visibility | None = None
 ) -> tuple[AddObstacle, str]:
-    """A new body on free floor in front of the robot and in ``view``, with its own name; and a word on its place."""
+    """Command that adds a body with an unused name at a place from `free_place`, and a description of the place."""
     bodies = (*tick.agents, *tick.obstacles)
     size = SIZES[kind]
     place = free_place(
@@ -272,7 +272,7 @@ class DisturbTab(Block):
         gui.add_html(card(heading("Push the robot by 10 cm, or turn it by 15°")))
         for turns in (False, True):
             ways = tuple(way for way, (_, _, turn) in PUSHES.items() if bool(turn) == turns)
-            self.row(ways, self._push, hint="its pose jumps; its wheels notice nothing")
+            self.row(ways, self._push, hint="its pose jumps; its odometry does not register it")
         self._grip = self.row(("Take the cube from the gripper",), lambda _: self._take_cube())
         gui.add_html(card(heading("Let something fail for a while")))
         labels = tuple(FAULTS)

@@ -45,7 +45,7 @@ class DriveTab(Block):
             self._scene = self.choice("Scene", ("",), lambda _: self._offer_variants())
             self._variant = self.choice("Variant", ("",))
             self._seed = self.driven(gui.add_number("Seed", 0, min=0, max=2**31 - 1, step=1))
-            hint = "who decides how the base drives and the arm reaches"
+            hint = "decides how the base drives and how the arm moves"
             self._method = self.choice("Method", ("",), hint=hint)
             self._about = gui.add_html("")
             self.button("Load", self._load_scene, icon=viser.Icon.REFRESH)
@@ -90,7 +90,7 @@ class DriveTab(Block):
         return "" if newest is None else newest.state
 
     def _show_status(self, status: StatusMessage) -> None:
-        choosing = self._chosen() != self._filled  # a person is, and a late word of an earlier load must not undo that
+        choosing = self._chosen() != self._filled  # a late status of an earlier load must not undo a person's choice
         if status.scenes != self._choices:
             self._choices = status.scenes
             self._scene.options = tuple(choice.name for choice in status.scenes) or ("",)

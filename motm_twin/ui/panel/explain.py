@@ -172,7 +172,7 @@ def _constraint(name: str, step: ArmMessage, q: Sequence[float]) -> tuple[str, s
         return "gripper", _GRIPPER[name]
     body = _BODY.match(name)
     if body is not None:
-        other = {"lidar": LIDAR, "own base": "the own base", "own column": "the own column"}
+        other = {"lidar": LIDAR, "own base": "its own base", "own column": "its own column"}
         return body[1], f"kept off {other.get(body[2], body[2])}"
     joint = _JOINT.match(name)
     if joint is not None:
@@ -193,7 +193,7 @@ def _joint_bound(k: int, step: ArmMessage, q: Sequence[float]) -> str:
 
 
 def _listed(names: Iterable[str]) -> str:
-    """Names in a row: joints share their word, none comes twice."""
+    """Names as one text, each once, with the joints together: "wrist, joints 1, 3"."""
     unique = list(dict.fromkeys(names))
     joints = sorted(found[1] for name in unique if (found := _JOINT.match(name)))
     others = [name for name in unique if not _JOINT.match(name)]
@@ -261,7 +261,7 @@ def unmapped(tick: TickMessage, scene: Scene) -> Iterator[Unmapped]:
 
 
 def _known(piece: Piece, tick: TickMessage) -> bool:
-    """True for a piece that stands where it was announced, else where the scene has it."""
+    """True for a piece that stands where the robot's map has it: where it was announced last, else at home."""
     home = (*piece.centre, 0.0)
     here = furniture_poses(tick).get(piece.name, home)
     x, y, turn = tick.announced.get(piece.name, home)
@@ -275,7 +275,7 @@ def gripper(tick: TickMessage, scene: Scene) -> shapely.Point:
 
 
 def _met(tick: TickMessage) -> str:
-    """The track that the robot waits for, makes way for or passes, by the name of the body that it is of."""
+    """Phrase about the track that the robot waits for, makes way for or passes, with its body's name; "" for none."""
     found = met(tick)
     if found is None:
         return ""

@@ -44,7 +44,7 @@ TIMING_WINDOW = 10.0  # [s]
 _PERIOD_NAME = f"Computing, last {TIMING_WINDOW:.0f} s"
 _PERIOD_WORDS = "Time from the sensors to the commands of one control period of 50 ms."
 _SCALE = 1.2 * BUDGET  # [ms] length of the bars
-_LOOKS = {  # of the stages: name and colour
+_STAGE_STYLES = {  # of the stages: name and colour
     "map": ("map from the scan", "#0d9488"),
     "place": ("places to stand", "#65a30d"),
     "plan": ("way and plan", "#2563eb"),
@@ -158,7 +158,7 @@ def timing_card(samples: NDArray[np.float64]) -> str:
     bars += _stack("slowest", [(name, float(values[worst])) for name, values in stages])
     cells: list[tuple[str, ...]] = [tuple(f'<span class="mu">{name}</span>' for name in _COLUMNS)]
     for name, values in stages:
-        title, colour = _LOOKS[name]
+        title, colour = _STAGE_STYLES[name]
         dot = f'<span style="color:{colour}">&#9632;</span> {title}'
         low, high = np.nanpercentile(values, (50, 99))
         cells.append((dot, f"{low:.1f}", f"{high:.1f}", f"{np.nanmax(values):.1f}"))
@@ -170,7 +170,7 @@ def _stack(label: str, stages: list[tuple[str, float]]) -> str:
     parts, at = [], 0.0
     for name, value in stages:
         if np.isfinite(value):
-            parts.append(piece(at / _SCALE, (at + value) / _SCALE, _LOOKS[name][1]))
+            parts.append(piece(at / _SCALE, (at + value) / _SCALE, _STAGE_STYLES[name][1]))
             at += value
     content = bar(*parts, mark(BUDGET / _SCALE, RED), height=12)
     return f'<div class="row"><span class="mu" style="width:48px">{label}</span><div class="fill">{content}</div></div>'

@@ -1,9 +1,9 @@
 """The panel of one visitor: state of the twin, who drives, tabs to drive, disturb, explain, tune and look back; keys.
 
-One is made for every browser page when it connects, and dropped when the page closes. Viser's palette lists the
-commands (the icon on top). The script web_assets/page/overlay.js, which lays a timeline, the legend, names and a cover
-over the scene, finds what it shows in widgets that nobody sees, as JSON behind a mark, and asks for things through one
-of them, as a JSON list: a number that rises, a name of `Overlay`'s table, and arguments.
+Each browser page gets a panel when it connects, which is dropped when the page closes. Viser's command palette (the
+icon on top) lists the commands. The script web_assets/page/overlay.js draws a timeline, the legend, names and a cover
+over the scene. It reads its data from hidden widgets, as JSON behind a mark. It sends its requests through another
+hidden widget, as a JSON list: a rising number, a name in the table of `Overlay`, and the arguments.
 """
 
 import json
@@ -197,7 +197,7 @@ class Panel:
         self._driving: bool | None = None
 
     def update(self, shown: Shown) -> None:
-        """Show this."""
+        """Bring the widgets of the panel up to date."""
         driving = self._hub.drives(self.visitor)
         aiming = driving and bool(shown.view.placing or shown.view.sending)
         says = "" if shown.tick is None else headline(shown.tick, shown.scene)
@@ -321,7 +321,7 @@ EVENTS = 200  # on the timeline
 
 
 class Overlay(Block):
-    """One visitor's."""
+    """Data for overlay.js on the page of one visitor, and the requests that come from it."""
 
     def __init__(
         self, visitor: Visitor, hub: Hub, scene: SceneView, drive: DriveTab, disturb: DisturbTab, replay: ReplayTab
@@ -347,9 +347,9 @@ class Overlay(Block):
             "page": (False, replay.export),
             "picture": (False, replay.screenshot),
             "go": (True, lambda: scene.clicks.drive(visitor)),
-            "stay": (True, self._stay),
+            "stay": (True, self._cancel_drive),
             "temi": (True, lambda: disturb.add("temi")),
-            "ahead": (True, self._ahead),
+            "ahead": (True, self._compare_without_next),
             "hide": (False, self._hide),
             "camera": (False, lambda name: scene.cameras.choose(visitor.client, name)),
             "turned": (False, lambda: scene.cameras.turned(visitor.client)),
@@ -396,13 +396,13 @@ class Overlay(Block):
         await guard(lambda *_: act(*more))(event)
 
     def _step(self, periods: int) -> None:
-        """One period back, or on: of the past, or of a twin that waits for it."""
+        """Step the twin on from the newest period; otherwise show the period that is so many later, or earlier."""
         if periods > 0 and self.hub.view.at is None:
             self.send(Step())
         else:
             self._replay.step(int(periods))
 
-    def _stay(self) -> None:
+    def _cancel_drive(self) -> None:
         """Do not drive to the proposed place; without one, undo the drive that was confirmed last."""
         view, newest = self.hub.view, None if self.shown is None else self.shown.newest
         index = drive_index(newest, view.sent_to)
@@ -411,7 +411,7 @@ class Overlay(Block):
         elif index is not None and self.hub.live(self.visitor):
             self.send(RemoveTask(index=index))
 
-    def _ahead(self) -> None:
+    def _compare_without_next(self) -> None:
         """Compare the run with one that does not count what comes after the next target."""
         if self.shown is not None and self.shown.newest is not None:
             self.hub.what_if.start({NEXT_WEIGHT: 0.0}, 0, self.shown.newest.run)

@@ -34,11 +34,11 @@ class ReplayTab(Block):
         self._exporting = False
         gui.add_html('<div class="motm-stacked"></div>')
         self._position = self.driven(
-            gui.add_slider("Recording [s]", 0.0, SPAN_LEAST, PERIOD, 0.0, visible=False, hint="where it is played"),
+            gui.add_slider("Recording [s]", 0.0, SPAN_LEAST, PERIOD, 0.0, visible=False, hint="current position"),
             self._seek,
         )
         self._line = gui.add_html("")
-        hint = "of what is looked back at; Play is below the scene"
+        hint = "when looking back; the play button is below the scene"
         self._speed: viser.GuiDropdownHandle[str] = gui.add_dropdown(
             "Playback speed", tuple(SPEEDS), initial_value="1x", hint=hint
         )

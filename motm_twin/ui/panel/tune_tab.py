@@ -82,7 +82,7 @@ class TuneTab(Block):
             self._relabel(entry.name)
 
     def _ship(self, status: StatusMessage) -> None:
-        """As shipped means the method that drives."""
+        """Take the shipped values of the driving method; update hints, marks and labels to them."""
         names = self._values.ship(shipped_with(status))
         for name in names:
             entry, shipped = parameter(name), self._values.shipped[name]

@@ -128,7 +128,7 @@ def held_up(tick: bus.TickMessage, scene: Scene | None = None) -> str:
 
 
 def _reasons(tick: bus.TickMessage, scene: Scene | None) -> list[tuple[str, bool]]:
-    """As of `explain.waiting`, without the end of a run that the headline tells."""
+    """Reasons of `explain.waiting`, without the one that the headline of an ended run already gives."""
     said = explain.doing(tick).lower() if tick.done else ""
     return [(why, holds) for why, holds in explain.waiting(tick, limited_by(tick, scene)) if why.lower() != said]
 
@@ -179,14 +179,14 @@ def task_card(tick: bus.TickMessage) -> str:
     number = f" Candidate no. {placement.chosen + 1} of {len(placement.poses)}." if chosen else ""
     colour = {"goal": GREEN, "aborted": BLUE, "braking": RED}.get(plan.status, MUTED)
     cut = explained(", time was over", _CUT, "end of search") if plan.cut_by_clock else ""
-    shy = "full" if plan.k > _FREELY else "none: it is there" if plan.k < _SLIGHTLY else "less: it is nearly there"
+    fading = "full" if plan.k > _FREELY else "none: it is there" if plan.k < _SLIGHTLY else "less: it is nearly there"
     words = chip(explain.PLANS.get(plan.status, plan.status), colour)
     rows = [
         (f"task {tick.task_index + 1} of {len(tick.tasks)}", f"<b>{name}</b>{tries}"),
         (explained("where the base is to stand", _PLACE + number, "place"), mode),
         (explained("plan of the next seconds", _LOCAL, "plan"), words),
         (explained("time to get there", _T_H, "plan"), seconds(plan.t_h)),
-        (explained("penalty near obstacles", f"{_K}: {plan.k:.2f}.", "penalty"), shy),
+        (explained("penalty near obstacles", f"{_K}: {plan.k:.2f}.", "penalty"), fading),
         (explained("motions tried", _NODES, "plan"), f"{plan.expansions}{cut}"),
     ]
     return card(heading("Task in hand"), pairs(rows))

@@ -57,7 +57,7 @@ class Block:
         self.hub.tell(self.visitor, text, title, colour)
 
     def driven(self, widget: Any, act: Callable[[Any], object] | None = None) -> Any:
-        """Take in a widget of the driver; ``act`` gets the value that a person has chosen."""
+        """Register a widget that only the driver may use; ``act`` is called with each value that a person chooses."""
         if act is not None:
             widget.on_update(self.hub.driving(lambda event, _: act(event.target.value)))
         self._driven.append(widget)

@@ -28,7 +28,7 @@ ROOT = "/bodies"
 TRAIL_LENGTH = 48  # points
 TRAIL_GAP = 0.06  # [m] between two of them
 FASTEST = 3.0  # [m/s] a faster body was moved by hand: none drives or is thrown this fast
-TRAIL_PAUSE = 1.0  # [s] longer than this, nobody knows how it came there
+TRAIL_PAUSE = 1.0  # [s] longest gap that may explain a jump; a farther one begins a new trail
 MESHES = {"temi": 0.97, "person": 1.75}  # [m] height of the mesh
 FROZEN = "frozen"
 
@@ -265,5 +265,5 @@ def _arrow(place: NDArray[np.float64], velocity: NDArray[np.float64]) -> NDArray
 
 
 def _tone(share: float) -> NDArray[np.float64]:
-    """So much of the colour of people, on the floor."""
+    """Colour of people with this share, blended with the floor's colour; linear light, 0 to 255."""
     return colours.linear(np.array(colours.PEOPLE) * share + FLOOR * (1.0 - share))

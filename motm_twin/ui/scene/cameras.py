@@ -2,7 +2,7 @@
 
 Moves are eased, never cut. Manual control always wins: in a fixed view it makes the camera free; in one that
 rides along, the ride pauses while the view is turned, and continues from the new angle. The page says when mouse,
-finger or key may turn the view; what it reports of its camera then, and was not sent there, is the visitor's.
+finger or key may turn the view. A camera pose that it reports then, and that was not sent to it, is the visitor's.
 """
 
 import itertools
@@ -299,7 +299,7 @@ class Cameras:
         number, eye = client.client_id, _Eye()
         eye.sent.append(np.array(client.camera.position))  # the page tells it again when its size changes
         with self._lock:
-            if self._scene is not None:  # it may have told where it was before it began where it should
+            if self._scene is not None:  # its camera may be reported before it has moved to the overview
                 position, eye.look_at = overview(self._scene)
                 eye.sent.append(position)
             self._eyes[number] = eye
@@ -321,7 +321,7 @@ def _eased(eye: _Eye, now: float) -> float:
 
 
 def _between(start: float, goal: float, part: float) -> float:
-    """Field of view [rad] between two, of which the distances that show the same go on evenly."""
+    """Field of view [rad] at a share of a move; the camera distance at which sizes stay the same changes linearly."""
     return 2.0 * math.atan(1.0 / (1.0 / math.tan(start / 2) * (1.0 - part) + part / math.tan(goal / 2)))
 
 
@@ -340,7 +340,10 @@ def _widened(client: viser.ClientHandle, before: float, now: float) -> View | No
 
 
 def _step(sent: Array, position: Array) -> int | None:
-    """Index of the pose of (n, 3) that a page shows, or goes on from: the last one if it is there; None if at none."""
+    """Index of the sent position, of (n, 3), that a page is at, or has left on the way to the next; None for none.
+
+    The last one is preferred, then the earliest.
+    """
     step = np.diff(sent, axis=0, append=sent[-1:])
     square = np.maximum((step**2).sum(axis=1), 1e-12)
     part = np.clip(((position - sent) * step).sum(axis=1) / square, 0.0, 1.0)

@@ -297,7 +297,7 @@ class SelectionView:
         self._radius, self._name, self._place = 0.0, "", (0.0, 0.0)
 
     def update(self, name: str, tick: TickMessage, surroundings: Surroundings, *, live: bool) -> None:
-        """Mark this; an empty or unknown name: nothing."""
+        """Mark the thing of this name; hide the marks when there is none. ``live``: show the knob to turn it by."""
         spot = spot_of(name, tick, surroundings) if name else None
         self._name = name
         turns = spot is not None and spot.turns and live

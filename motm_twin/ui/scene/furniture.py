@@ -200,7 +200,7 @@ def _placed(parts: list[Part], centre: tuple[float, float], yaw: float) -> list[
 
 
 def _outline(solid: Solid, rounding: float) -> shapely.Polygon:
-    """Of a box with corners of this radius [m], of anything else as it is."""
+    """Outline of a solid; the corners of a box are rounded with at most this radius [m]."""
     shape = outline(solid.shape)
     return _rounded(shape, min(rounding, 0.45 * min(solid.shape.size))) if isinstance(solid.shape, Box) else shape
 

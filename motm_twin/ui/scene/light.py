@@ -107,8 +107,8 @@ def _greys() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     return on_screen(np.repeat(linear[:, None], 3, axis=1))[:, 0], code
 
 
-def shining(wanted: NDArray[np.float64]) -> NDArray[np.uint8]:
-    """Pixel values of an emissive picture that look as ``wanted`` (sRGB 0-255, near grey)."""
+def before_tone_curve(wanted: NDArray[np.float64]) -> NDArray[np.uint8]:
+    """Pixel values of an unlit picture that look like ``wanted`` after the tone curve (sRGB 0-255, near grey)."""
     return np.round(np.interp(wanted, *_greys())).astype(np.uint8)
 
 
@@ -195,7 +195,7 @@ def sky_glb(centre: tuple[float, float]) -> bytes:
 
 
 def _shining_glb(points: np.ndarray, faces: np.ndarray, uv: np.ndarray, picture: NDArray[np.float64]) -> bytes:
-    return unlit_glb(points, faces, uv, Image.fromarray(shining(np.round(picture))))
+    return unlit_glb(points, faces, uv, Image.fromarray(before_tone_curve(np.round(picture))))
 
 
 def floor(scene: Scene) -> tuple[NDArray[np.float64], Bounds]:

@@ -27,7 +27,7 @@ from motm_twin.ui.hub import PLACES, Hub, Visitor
 SELECTABLE = ("object", "bin", "body", "piece")
 SLACK, SLACK_LEAST = 0.006, 0.015  # [rad], [m] by which a small thing may be missed: some seven pixels of a laptop
 CANDIDATE_HEIGHT = 0.035  # [m]
-CANDIDATES, RING = 192, 72  # that are drawn at most; of the smallest ring, whose impossible ones are drawn as well
+CANDIDATES, RING = 192, 72  # drawn at most; of the smallest ring, drawn even when rejected
 SAME_PLACE = 0.4  # [m] from the place that the first click proposed, the second confirms it
 _ROBOT = ((0.36, 0.0, 0.4), (0.2, 0.4, 1.0))  # radius, lower and upper end [m] of base and arm
 _NO_HIT = math.inf
@@ -197,10 +197,10 @@ def body_outline(body: BodyMessage) -> shapely.Polygon:
 class Clicks:
     """Turns clicks into choices and commands. An orbit drag is no click: the page tells them apart by motion.
 
-    Candidate: its costs and paths. Body, furniture, bin, cube: it is selected, or let go when it is; but a cube stays
-    picked up, for a bin after a cube means that it is to be delivered there. Floor: a body that was just added is
-    put there, an agent is sent there, what is selected is let go, or else a drive there is proposed, which a second
-    click confirms. Any click takes a wheel that is free.
+    A click on a candidate shows its costs and paths, or hides them. A click on a body, a piece of furniture, a bin or a
+    cube selects it, or deselects it; a cube stays selected, because a click on a bin after a cube delivers the cube
+    there. A click on the floor puts a body that was just added there, sends an agent there, or deselects. Otherwise it
+    proposes a drive there, which a second click confirms. Any click takes the wheel if it is free.
     """
 
     def __init__(self, server: viser.ViserServer, hub: Hub) -> None:

@@ -36,7 +36,7 @@ MOST = 2  # robots of a comparison
 MOST_MOVERS = 16  # of each run that are drawn
 COLOUR_NAMES = ("orange", "green")  # of `colours.OTHERS`
 _ROUND = 20  # corners of a cylinder
-_WITHIN = 0.96  # where both runs have one at the same place, that of the second is within that of the first
+_WITHIN = 0.96  # scale of the second run's movers: inside those of the first where they coincide
 _LABEL_HEIGHT = 1.15  # [m]
 _LABEL_STEP = 0.3  # [m] that the second label stands higher
 _SAME, _NEAR = 0.15, 1.1  # [m] between two robots that stand at one place, and whose labels would touch
@@ -63,7 +63,7 @@ def add_lines(
 
 
 def put_batch(handles: Sequence[viser.BatchedMeshHandle], count: int, links: dict[int, Array]) -> None:
-    """Place the parts of link batches at their transforms, by number of the robot, shape (links, 4, 4); others away."""
+    """Place the links of each robot number at its transforms, shape (links, 4, 4); robots not in ``links`` vanish."""
     positions = np.tile(np.array(AWAY, dtype=np.float32), (len(handles), count, 1))
     turns = np.tile(np.array([1.0, 0.0, 0.0, 0.0], dtype=np.float32), (len(handles), count, 1))
     for number, T in links.items():

@@ -35,7 +35,7 @@ APART = 0.028  # [m] a candidate is shifted along its heading, so that both head
 OFF = 0.01  # [m] a belief must be wrong by this much to be shown
 MOST_BELIEFS, MOST_DRIVES = 16, 8
 Points = list[list[float]]
-_LOOKS = {  # of paths: colour, height and width [m], dashed
+_PATH_STYLES = {  # of paths: colour, height and width [m], dashed
     "global_path": (colours.WAY_THERE, 0.022, 0.032, False),
     "next_path": (colours.WAY_ON, 0.018, 0.028, False),
     "bezier": (colours.PLAN_LIGHT, 0.026, 0.02, False),
@@ -96,7 +96,7 @@ class PlanView:
 
     def __init__(self, server: viser.ViserServer) -> None:
         add = server.scene
-        self._lines = {name: add_lines(add, f"{PLAN}/{name}", look[0], look[2]) for name, look in _LOOKS.items()}
+        self._lines = {name: add_lines(add, f"{PLAN}/{name}", look[0], look[2]) for name, look in _PATH_STYLES.items()}
         self.candidates = CandidateView(server)
         self.on, self.staa_on = True, False
         self.picked: int | None = None
@@ -115,7 +115,7 @@ class PlanView:
             "inspected_next": inspected.next_path if inspected else [],
         }
         for name, points in paths.items():
-            line, (_, height, _, dashed) = self._lines[name], _LOOKS[name]
+            line, (_, height, _, dashed) = self._lines[name], _PATH_STYLES[name]
             line.visible = len(points) > 1 and (self.on or name.startswith("inspected"))
             if line.visible:
                 flat = np.asarray(points, dtype=np.float32)
@@ -184,7 +184,7 @@ class MarksView:
         )  # fmt: skip
 
     def update(self, tick: TickMessage, surroundings: Surroundings) -> None:
-        """Mark what this tick is about."""
+        """Mark the target of a tick, the points to drive to, and wrong beliefs."""
         spot = target_spot(tick, surroundings)
         self._target.visible = spot is not None
         if spot is not None:
@@ -318,7 +318,7 @@ class SceneView:
         self.cameras.update(np.array(tick.robot.true_pose), self._robot.hand, dt, ride=fresh, target=target)
 
     def _forget_candidate(self, tick: TickMessage) -> None:
-        """Of another task: the number of the one that was clicked stands for another place there."""
+        """Forget the clicked candidate when run or task has changed: its number then stands for another pose."""
         job, view = (tick.run, tick.task_index), self._hub.view
         if job != self._job and view.picked is not None:
             view.picked = None
@@ -369,7 +369,7 @@ def hits(scan: ScanMessage, height: float) -> Array:
 
 
 class MapView:
-    """The occupancy grid as a soft ground: clear where it is free, green to red towards obstacles."""
+    """The occupancy grid as the ground: transparent where it is free, light to dark brown towards obstacles."""
 
     def __init__(self, server: viser.ViserServer) -> None:
         self._scene, self._table = server.scene, colours.ground_table()
