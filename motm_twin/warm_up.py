@@ -19,7 +19,7 @@ import numpy as np
 from numba.core import event
 
 from motm_twin.control.arm.controller import Manipulator
-from motm_twin.control.arm.geometry import reach_radius, rotation_error
+from motm_twin.control.arm.geometry import reach_radius, room_at, rotation_error
 from motm_twin.control.arm.grasp_room import height_over
 from motm_twin.control.arm.monitor import ArmMonitor
 from motm_twin.control.arm.parameters import ArmParameters
@@ -212,6 +212,7 @@ def _perception() -> None:
 def _arm() -> None:
     known = known_world(load_scene("exp1a"))
     reach_radius(0.4, 0.3, 0.7)
+    room_at(np.zeros(3), np.zeros(3), 0.0, np.zeros((0, 3)))
     manipulator, monitor, arm_monitor = Manipulator(known), Monitor(known.robot), ArmMonitor(known)
     for k in range(PERIODS):
         observation = _observation(known.robot.lidar, ARM_STEP * k)

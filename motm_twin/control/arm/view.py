@@ -13,12 +13,11 @@ from motm_twin.control.arm.types import ArmGoal, ArmInputs, Overlap, Phase
 from motm_twin.model.arm_kernels import TCP, factor, fk_arm, point_jacobian
 from motm_twin.model.compiler import njit
 from motm_twin.model.exact import hypot, times
-from motm_twin.model.geometry import Array, frozen
+from motm_twin.model.geometry import Array
 from motm_twin.model.reason import Reason
 from motm_twin.model.state import LATER
 
 _NOTHING, _PICK, _PLACE = 0, 1, 2
-NOTHING_TAKEN = frozen(np.zeros((0, 3)))
 _GOALS = {"pick": _PICK, "place": _PLACE}
 
 
@@ -199,7 +198,7 @@ def taken(goal: ArmGoal, turned: float) -> Array:
     ``turned``: 0 takes all objects as parallel to the bin's axes, 1 as turned by 45 deg, the worst case.
     """
     if goal.kind != "place" or not len(goal.neighbours):
-        return NOTHING_TAKEN
+        return np.zeros((0, 3))
     apart = 0.5 * (goal.neighbours[:, 4] + goal.side) * (1.0 + turned * (math.sqrt(2.0) - 1.0))
     return np.column_stack([goal.neighbours[:, :2], apart])
 
