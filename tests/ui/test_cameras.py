@@ -248,6 +248,14 @@ def test_a_view_fits_the_picture_that_the_page_tells(entered, pixels, aspect):
     assert np.allclose(page.camera.position, overview(SCENE, aspect)[0])
 
 
+@pytest.mark.parametrize("aspect", [math.nan, math.inf, -1.0, 0.0])
+def test_a_picture_of_an_impossible_shape_has_a_view_all_the_same(entered, aspect):
+    page, cameras = entered
+    cameras.tell_aspect(page, aspect)
+    pictures(cameras)
+    assert np.isfinite(page.camera.position).all()
+
+
 def test_a_page_that_has_drawn_the_scene_is_sent_its_view_once_more(entered):
     page, cameras = entered
     pictures(cameras)

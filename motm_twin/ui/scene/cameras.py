@@ -165,7 +165,7 @@ class Cameras:
         """Take the width / height of a page's picture, once its panel is docked."""
         with self._lock:
             if eye := self._eyes.get(client.client_id):
-                eye.told = min(max(float(aspect), ASPECTS[0]), ASPECTS[1])
+                eye.told = max(ASPECTS[0], min(ASPECTS[1], float(aspect)))  # in this order nan is the most
 
     def drawn(self, client: viser.ClientHandle) -> None:
         """Send a fixed view once more to a page that has drawn the scene: what came before may have been lost."""
