@@ -7,8 +7,11 @@ import numpy as np
 import pytest
 
 from motm_twin.control.arm.controller import Manipulator, _gave_way
-from motm_twin.control.arm.parameters import ArmParameters
-from motm_twin.control.arm.types import ArmGoal, ArmInputs, ArmObstacles
+from motm_twin.control.arm.geometry import planar_joints
+from motm_twin.control.arm.motion import hand_motion
+from motm_twin.control.arm.parameters import ArmParameters, numbers
+from motm_twin.control.arm.types import ArmGoal, ArmInputs, ArmObstacles, Phase
+from motm_twin.control.arm.view import ManipulatorState
 from motm_twin.model.arm_kernels import CAPSULE_RADII, capsule_segments, fk_arm
 from motm_twin.model.geometry import compose, inverse
 from motm_twin.model.kinematics import Frankie
@@ -45,6 +48,28 @@ def inputs_of(plant: SimulatedPlant, *, base_twist=(0.0, 0.0), obstacles=None, t
         obstacles=obstacles or ArmObstacles(points=np.zeros((0, 2)), static=np.zeros(0, dtype=bool)),
         T_odom_world=compose(observation.odometry, inverse(observation.pose)),
     )
+
+
+@pytest.mark.parametrize("above", [0.03, 0.12])
+def test_a_hand_whose_target_went_out_of_reach_rises_before_it_withdraws(above):
+    """Held back by the forearm over the lidar, it was laid on its side and swept its palm over the table."""
+    plant, manipulator = SimulatedPlant(SCENE), Manipulator(known_world(SCENE))
+    inputs, mount = inputs_of(plant, time_to_range=1.5), SCENE.robot.arm.mount_z
+    height, p = CUBE.position[2] + above, manipulator.parameters
+    q = planar_joints(0.8, height - mount, 0.6)
+    observation = msgspec.structs.replace(inputs.observation, q=q, odometry=np.zeros(3))
+    inputs = msgspec.structs.replace(
+        inputs,
+        observation=observation,
+        goal=msgspec.structs.replace(inputs.goal, position=np.array([1.1, 0.2, CUBE.position[2]])),
+        T_odom_world=np.zeros(3),
+    )
+    view = manipulator.look(inputs)
+    velocity = hand_motion(ManipulatorState(phase=Phase.TRANSIT), view, inputs, p, numbers(p)).velocity
+    if above < p.hover_height:
+        assert velocity[2] > 0.1 and np.abs(velocity[:2]).max() < 0.3
+    else:
+        assert velocity[0] < -0.5
 
 
 def straight(v: float, lateral: float) -> Pass:

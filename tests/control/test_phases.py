@@ -108,3 +108,35 @@ def test_an_object_is_let_go_beside_what_lies_in_the_bin_while_there_is_room(oth
     )
     rules = SimpleNamespace(parameters=P, profile=SimpleNamespace(gripper=SimpleNamespace(opening_time=0.2)))
     assert phases.lands_inside(ManipulatorState(side=0.04), view, rules) == lets_go
+
+
+def closing(**changes: object) -> SimpleNamespace:
+    """A hand whose fingers stand at the width of a cube, 0.1 m from where they began to close."""
+    goal = SimpleNamespace(name="it", position=CUBE, side=0.04)
+    view = SimpleNamespace(
+        time=1.6, dt=0.01, p=CUBE + np.array([0.0, 0.1, 0.0]), target=CUBE, width=0.04, gripper_moving=False, goal=goal,
+        sure=lambda _: True,
+    )  # fmt: skip
+    vars(view).update(changes)
+    return view
+
+
+def after_closing(view: SimpleNamespace) -> Phase:
+    state = ManipulatorState(phase=Phase.CLOSING, since=1.0, side=0.04, gripper="close", anchor=CUBE.copy())
+    gripper = SimpleNamespace(closing_time=0.5, max_width=0.08)
+    phases._close(state, view, SimpleNamespace(parameters=P, profile=SimpleNamespace(gripper=gripper)))
+    return state.phase
+
+
+@pytest.mark.parametrize(
+    ("changes", "phase"),
+    [
+        ({}, Phase.LIFT),
+        ({"width": 0.06, "gripper_moving": True}, Phase.RETRY),  # open, beside the object
+        ({"width": 0.0}, Phase.RETRY),
+        ({"width": 0.06, "gripper_moving": True, "sure": lambda _: False}, Phase.CLOSING),
+    ],
+)
+def test_fingers_that_have_the_object_keep_it_wherever_the_hand_is(changes, phase):
+    """Reports came half a second late, the base braked, and a cube in the fingers was let go beyond its table."""
+    assert after_closing(closing(**changes)) == phase

@@ -15,6 +15,7 @@ from motm_twin.control.arm.geometry import (
     reach_radius,
     rotation_error,
     tilt_for,
+    tilt_of,
     tool_rotation,
 )
 from motm_twin.control.arm.grasp_room import height_over
@@ -254,6 +255,13 @@ def _transit_swing(arm: Arm, way: _Way, lowest: float, parameters: Numbers) -> _
         radius, radius_rate = n.swing_radius + turned * (radius - n.swing_radius), turned * radius_rate
     if arm.p[2] < z - 0.03 and now < n.foot_radius + 0.02:  # first up, then out
         radius, radius_rate = min(radius, n.foot_radius), 0.0
+    elif now >= n.foot_radius + 0.02:  # first up, then on or back
+        if early > 0.0 and radius < now:  # the edge of the palm clears them, too
+            z += PALM[0] * math.sin(max(tilt_of(arm.R) - n.close_tilt, 0.0))
+        climb = min(max((z - 0.03 - arm.p[2]) / 0.03, 0.0), 1.0)
+        upright = min(now, reach_radius(arm.p[2] - mount[2], _largest_tilt(place, parameters), n.stretch))
+        radius, azimuth = radius + climb * (upright - radius), azimuth + climb * (heading - azimuth)
+        radius_rate, azimuth_rate = (1.0 - climb) * radius_rate, (1.0 - climb) * azimuth_rate
     if arm.p[2] < way.top_between + 0.5 * n.transit_clearance:  # and then over
         radius, radius_rate = min(radius, now), 0.0
     return _Swing(max(radius, n.swing_radius), azimuth, z, radius_rate, azimuth_rate, n.k_transit, gain)

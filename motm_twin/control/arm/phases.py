@@ -343,13 +343,16 @@ def grasp_point(view: View, p: ArmParameters) -> Array:
 
 def _close(state: ManipulatorState, view: View, rules: PhaseRules) -> Outcome:
     p = rules.parameters
+    if not view.sure(p):  # nothing is let go of before it is known what the fingers have
+        return "", _UNSURE
     elapsed = view.time - state.since
     closing_time = rules.profile.gripper.closing_time
+    has_it = not view.gripper_moving and abs(view.width - state.side) <= p.held_tolerance
     if view.width < state.side - p.held_tolerance or elapsed > closing_time + p.longest_closing:
         return _miss(state, view, rules, Kind.CLOSED_ON_NOTHING)
-    if norm(view.p - state.anchor) > p.left_error:
+    if not has_it and norm(view.p - state.anchor) > p.left_error:
         return _miss(state, view, rules, Kind.LEFT_OBJECT)
-    if math.hypot(*(state.anchor[:2] - view.target[:2])) > p.pushed_away:
+    if not has_it and math.hypot(*(state.anchor[:2] - view.target[:2])) > p.pushed_away:
         return _miss(state, view, rules, Kind.PUSHED_AWAY)
     if not view.gripper_moving and _firm(state, view, rules, elapsed):
         state.late = _lateness(state, view, rules)
