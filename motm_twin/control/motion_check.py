@@ -13,6 +13,7 @@ from motm_twin.model.number import OWN, Number
 from motm_twin.model.plant import LONGEST_PERIOD, PERIOD, Actuation, Observation
 from motm_twin.model.profile import Q_MAX, Q_MIN, BaseLimits, RobotProfile
 from motm_twin.model.reason import Kind, Reason
+from motm_twin.model.state import LATER
 from motm_twin.perception.finding import Finding
 
 JOINTS = 7
@@ -70,6 +71,8 @@ class MotionState:
     lag: Array = field(default_factory=lambda: np.zeros(2))  # [s] more than the profile says, as far as it can be told
     base: str = ""  # "" | base_stuck | base_late
     still: Array = field(default_factory=lambda: np.zeros(JOINTS))  # [s] that each joint has stood although told
+    doubted: int = field(default=-1, metadata=LATER)  # a joint that went astray, counted from 0: not counted on ...
+    doubt: float = field(default=0.0, metadata=LATER)  # ... until it has moved for so long [s]
     idle: float = 0.0  # [s] that nothing was asked of the stuck joint
     joint: int = -1  # the stuck one, counted from 0
     gripper: str = "open"
@@ -166,8 +169,15 @@ def check_joints(state: MotionState, now: Observation, dt: float, settings: Moti
     rates = state.rates
     state.astray = _astray(state, now)
     at_end = np.where(rates > 0.0, Q_MAX - now.q, now.q - Q_MIN) < settings.joint_room
-    asked = (np.abs(rates) > settings.joint_asked) & ~at_end
-    stands = np.abs(now.dq) < settings.stands * np.abs(rates)
+    worst = int(np.argmax(np.abs(state.astray)))
+    if abs(state.astray[worst]) > settings.joint_asked:
+        state.doubted, state.doubt = worst, settings.stuck_after
+    elif state.doubted >= 0 and state.still[state.doubted] == 0.0:
+        state.doubt = max(state.doubt - dt, 0.0)
+        state.doubted = state.doubted if state.doubt > 0.0 else -1
+    tried = np.arange(JOINTS) == state.doubted  # at a small rate only
+    asked = ((np.abs(rates) > settings.joint_asked) | tried) & ~at_end
+    stands = np.abs(now.dq) < np.where(tried, 0.5, settings.stands) * np.abs(rates)
     state.still = np.where(asked & stands, state.still + dt, np.where(stands & ~at_end, state.still, 0.0))
     if state.joint >= 0:
         k = state.joint
@@ -179,6 +189,12 @@ def check_joints(state: MotionState, now: Observation, dt: float, settings: Moti
         return
     if float(state.still.max()) > settings.stuck_after:
         state.joint, state.idle = int(np.argmax(state.still)), 0.0
+
+
+def failing_joint(state: MotionState) -> int | None:
+    """The stuck joint; before one is named, that which left its commands last; counted from 0."""
+    joint = state.joint if state.joint >= 0 else state.doubted
+    return None if joint < 0 else joint
 
 
 def _astray(state: MotionState, now: Observation) -> Array:

@@ -161,9 +161,8 @@ class SelfCheck(Stateful[SelfCheckState]):
 
     @property
     def stuck_joint(self) -> int | None:
-        """The joint that does not follow its commands, counted from 0."""
-        joint = self._state.motion.joint
-        return None if joint < 0 else joint
+        """The joint that does not follow its commands, or has just left them, counted from 0."""
+        return motion_check.failing_joint(self._state.motion)
 
     @property
     def astray(self) -> Array:

@@ -11,6 +11,7 @@ from motm_twin.control.motion_check import (
     check_base,
     check_fingers,
     check_joints,
+    failing_joint,
     findings,
     joint_shares,
     told,
@@ -124,6 +125,21 @@ def test_a_joint_that_brakes_is_astray_at_once_and_none_for_a_lag():
             assert np.abs(state.astray).max() == 0.0
         told(state, asked(rates=rates), observation(k * DT))
     assert state.astray[3] == pytest.approx(-0.2) and np.abs(np.delete(state.astray, 3)).max() == 0.0
+
+
+def test_a_joint_that_leaves_its_commands_is_not_counted_on_before_it_is_named():
+    """For a quarter of a second the program still went by a joint that stood, and put a finger on the table."""
+    state, rates, given = MotionState(), np.full(7, 0.8), []
+    follow = np.ones(7)
+    for k in range(60):
+        follow[3] = max(0.0, 1.0 - 0.2 * max(k - 10, 0))  # brakes and stands
+        seen = observation(k * DT, dq=follow * rates)
+        check_joints(state, seen, DT, SETTINGS)
+        given.append((failing_joint(state), state.joint))
+        rates[3] = 0.8 if failing_joint(state) is None else 0.05
+        told(state, asked(rates=rates.copy()), seen)
+    assert given[10] == (None, -1) and given[13] == (3, -1)
+    assert all(failing == 3 for failing, _ in given[13:]) and given[45][1] == 3
 
 
 def test_joints_that_follow_or_are_not_asked_are_not_named():
