@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from motm_twin.control.arm import phases
+from motm_twin.control.arm.geometry import stretch
 from motm_twin.control.arm.motion import _point
 from motm_twin.control.arm.parameters import ArmParameters
 from motm_twin.control.arm.types import Phase
@@ -140,3 +141,16 @@ def after_closing(view: SimpleNamespace) -> Phase:
 def test_fingers_that_have_the_object_keep_it_wherever_the_hand_is(changes, phase):
     """Reports came half a second late, the base braked, and a cube in the fingers was let go beyond its table."""
     assert after_closing(closing(**changes)) == phase
+
+
+@pytest.mark.parametrize("radius", [0.45, 0.6, 0.7, 0.74])
+def test_a_hand_that_searches_rises_only_as_far_as_it_can_look_down(radius):
+    """At 0.73 m it rose until the reach tilted it by 44 deg, and looked past the cube below it for 13 s."""
+    view = over_cube(0.0, 0.06, 0.04)
+    vars(view).update(time=9.0, radius=radius, mount=np.array([CUBE[0] - radius, 0.0, 0.38]), seen=lambda _: False)
+    height = _point(ManipulatorState(phase=Phase.FINAL, since=1.0), view, P)[2]
+    risen = height - CUBE[2] - P.hover_height
+    full = stretch(radius, CUBE[2] + P.hover_height + P.search_rise - 0.38, P.pick_tilt) <= P.stretch
+    assert full == (radius < 0.65)
+    assert risen == pytest.approx(P.search_rise) if full else 0.0 <= risen < P.search_rise
+    assert stretch(radius, height - 0.38, P.pick_tilt) <= P.stretch + 1e-9 or risen == 0.0

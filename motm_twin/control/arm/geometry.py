@@ -61,6 +61,13 @@ def reach_radius(height: float, tilt: float, longest: float) -> float:
     return max(0.0, TOOL * s + WRIST * c + math.sqrt(max(0.0, longest * longest - z * z)))
 
 
+def reach_height(radius: float, tilt: float, longest: float) -> float:
+    """Greatest height [m] over the mount at which `stretch` is at most ``longest``; of level reach if there is none."""
+    c, s = math.cos(tilt), math.sin(tilt)
+    out = radius - TOOL * s - WRIST * c
+    return SHOULDER + WRIST * s - TOOL * c + math.sqrt(max(0.0, longest * longest - out * out))
+
+
 def planar_joints(radius: float, height: float, tilt: float) -> Array:
     """Joints [rad] of an arm in one plane at azimuth 0: tool centre point at radius and height [m], tilted outwards.
 

@@ -12,6 +12,7 @@ from motm_twin.control.arm.geometry import (
     from_polar,
     polar,
     pose_at,
+    reach_height,
     reach_radius,
     rotation_error,
     tilt_for,
@@ -131,7 +132,8 @@ def _final_point(state: ManipulatorState, view: View, p: ArmParameters) -> Array
     """The grasp point, raised while the hand is not centred over the object or the object is not seen well enough.
 
     The hand also stays above neighbouring objects that it would touch, and higher by the drop of its palm's edge when
-    it is tilted too much to close. It rises while it waits to see the object: from higher up the camera sees more.
+    it is tilted too much to close. It rises while it waits to see the object: from higher up the camera sees more, until
+    the reach would tilt the hand.
     """
     point = grasp_point(view, p)
     seen = view.seen(p)
@@ -139,7 +141,9 @@ def _final_point(state: ManipulatorState, view: View, p: ArmParameters) -> Array
         point[2] = view.target[2] + p.hover_height
         if not seen:
             waited = max(0.0, view.time - state.since - p.search_after)
-            point[2] += min(p.search_rise, p.search_speed * waited)
+            highest = view.mount[2] + reach_height(view.radius, p.pick_tilt, p.stretch)
+            rise = min(p.search_rise, p.search_speed * waited)
+            point[2] = max(point[2], min(point[2] + rise, highest))
         return point
     point[2] += min(max((view.distance - p.funnel_radius) * p.funnel_slope, 0.0), p.hover_height)
     point[2] += PALM[0] * math.sin(max(view.tilt - p.close_tilt, 0.0))
