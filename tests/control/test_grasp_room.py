@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 
+from motm_twin.control.arm.geometry import tool_rotation
 from motm_twin.control.arm.grasp_room import BLOCKED, GraspRoom, height_over
 from motm_twin.control.arm.parameters import AvoidanceParameters
 from motm_twin.control.arm.types import ArmGoal
@@ -168,13 +169,14 @@ def test_the_choice_is_the_same_in_every_odometry_frame():
 )
 def test_the_hand_comes_down_only_where_no_finger_comes_down_on_an_object(place, yaw, low):
     target = goal((0.055, 0.0, 0.0))
-    height = height_over(np.array([*place, TOP + 0.1]), yaw, 0.08, target)
+    height = height_over(np.array([*place, TOP + 0.1]), tool_rotation(yaw, 0.0, 0.0), 0.08, target)
     assert (height < TOP + 0.02) == low
     assert height < TOP + 0.02 + 0.06, "hovering it is over all of them"
 
 
 def test_an_object_that_nobody_has_seen_does_not_keep_the_hand_up():
-    assert height_over(np.array([0.0, 0.0, TOP + 0.1]), 0.0, 0.08, goal((0.0, 0.055, 0.0), seen=0.0)) == -math.inf
+    over, down = np.array([0.0, 0.0, TOP + 0.1]), tool_rotation(0.0, 0.0, 0.0)
+    assert height_over(over, down, 0.08, goal((0.0, 0.055, 0.0), seen=0.0)) == -math.inf
 
 
 @pytest.mark.parametrize(
@@ -195,3 +197,18 @@ def test_the_hand_knows_the_top_of_what_is_on_its_way_to_the_target(piece, top):
     if top is not None:
         past = np.array([-0.2, 0.0, 0.95])
         assert room.top_between(past, target, NO_TURN) == -math.inf
+
+
+@pytest.mark.parametrize(("outward", "higher"), [(math.pi, True), (0.0, False)])
+def test_a_tilted_palm_clears_an_object_that_is_higher_than_its_target(outward, higher):
+    """Tilted by 9 deg, the palm came down 4 mm into a cube 1 cm higher than the one between the fingers."""
+    target = goal((0.1, 0.0, 0.0))
+    target.neighbours[0, 2:5] = (TOP + 0.025, 0.0, 0.05)
+    grasp, quarter = np.array([0.0, 0.0, TOP + 0.02]), math.pi / 2
+    level, tilted = (
+        height_over(grasp, tool_rotation(quarter, tilt, outward), 0.055, target) - grasp[2]
+        for tilt in (0.0, math.radians(9.0))
+    )
+    assert 0.0 < level < 0.008, "level, the palm has room a little above the middle of the target"
+    assert (tilted > level + 0.07 * math.sin(math.radians(9.0))) == higher
+    assert not GraspRoom(known(), AvoidanceParameters()).room(target, quarter, 0.055, NO_TURN, 0.0).blocked

@@ -154,3 +154,35 @@ def test_a_hand_that_searches_rises_only_as_far_as_it_can_look_down(radius):
     assert full == (radius < 0.65)
     assert risen == pytest.approx(P.search_rise) if full else 0.0 <= risen < P.search_rise
     assert stretch(radius, height - 0.38, P.pick_tilt) <= P.stretch + 1e-9 or risen == 0.0
+
+
+@pytest.mark.parametrize(
+    ("others", "changes", "phase"),
+    [
+        ([], {}, Phase.STOW),
+        ([-0.06, 0.0, 0.06], {}, Phase.RELEASE),
+        ([-0.06, 0.0, 0.06], {"p": np.array([0.0, 0.0, 0.8])}, Phase.STOW),
+        ([-0.06, 0.0, 0.06], {"time": 3.0}, Phase.STOW),  # it cannot rise
+        ([], {"gripper_moving": True}, Phase.RELEASE),
+        ([], {"gripper_moving": True, "time": 3.0}, Phase.STOW),  # fingers that never report that they stand
+    ],
+)
+def test_the_hand_rises_first_from_an_object_that_it_let_go_on_a_pile(others, changes, phase):
+    """The object lay on others, still between the fingers, and the hand left sideways: 13 mm into it."""
+    there = np.array([[x, 0.0, 0.6, 0.0, 0.04, 1.0] for x in others]).reshape(-1, 6)
+    goal = SimpleNamespace(
+        kind="place", position=np.array([0.0, 0.0, 0.7]), yaw=0.0, side=0.04, release_half_width=0.07, neighbours=there
+    )
+    view = SimpleNamespace(
+        time=1.5, dt=0.01, goal=goal, p=np.array([0.0, 0.0, 0.755]), target=np.array([0.0, 0.0, 0.755]), width=0.08,
+        gripper_moving=False, sure=lambda _: True,
+    )  # fmt: skip
+    vars(view).update(changes)
+    state = ManipulatorState(
+        phase=Phase.RELEASE, holding=True, side=0.04, gripper="open", released=1.0, anchor=view.target.copy()
+    )
+    gripper = SimpleNamespace(opening_time=0.2)
+    phases._release(state, view, SimpleNamespace(parameters=P, profile=SimpleNamespace(gripper=gripper)))
+    assert state.phase == phase
+    if others and phase == Phase.RELEASE:
+        assert state.anchor[2] > view.p[2] + 0.05

@@ -23,7 +23,7 @@ from motm_twin.control.arm.bodies import (
     placed,
     solid_distance,
 )
-from motm_twin.control.arm.geometry import QUARTER, cube_yaw, tool_rotation
+from motm_twin.control.arm.geometry import QUARTER, cube_yaw, hand_yaw, tool_rotation
 from motm_twin.control.arm.limits import YIELDS
 from motm_twin.control.arm.parameters import AvoidanceParameters
 from motm_twin.control.arm.types import ArmGoal
@@ -194,20 +194,21 @@ def over_middle(side: float, tilt: float) -> float:
     return min(max(top + _UNDER_PALM - PALM[2], 0.0), _MOST_OVER_MIDDLE)
 
 
-def height_over(position: Array, yaw: float, width: float, goal: ArmGoal) -> float:
+def height_over(position: Array, R: Array, width: float, goal: ArmGoal) -> float:
     """Height [m] of the tool centre point below which the open hand, as it is now, would be in an object; -inf: none.
 
-    ``position`` (3,) and ``yaw`` [rad] of the hand in the frame of the goal. The goal's own object counts for the
-    fingers, others that were seen for the palm, too.
+    ``position`` (3,) and rotation ``R`` (3, 3) of the hand in the frame of the goal. The goal's own object counts for
+    the fingers, others that were seen for the palm, too, which is lower on one side when the hand is tilted.
     """
     own = np.array([[*goal.position, goal.yaw, goal.side, 1.0]])
-    return _height_over(position, yaw, width, np.concatenate((own, goal.neighbours)))
+    return _height_over(position, hand_yaw(R), R[:, 2].copy(), width, np.concatenate((own, goal.neighbours)))
 
 
 @njit(cache=True)
-def _height_over(position: Array, yaw: float, width: float, items: Array) -> float:
-    """`height_over` the objects (n, 6), of which the goal's own is the first."""
+def _height_over(position: Array, yaw: float, axis: Array, width: float, items: Array) -> float:
+    """`height_over` the objects (n, 6), of which the goal's own is the first; ``axis`` (3,): that of the tool."""
     low, height = np.array([position[0], position[1], -np.inf]), -np.inf  # so low that every part counts
+    palm = low - PALM[2] * axis
     for n in range(items.shape[0]):
         item = items[n]
         top = item[2] + 0.5 * item[4] + _HIGHER
@@ -215,16 +216,26 @@ def _height_over(position: Array, yaw: float, width: float, items: Array) -> flo
             continue
         if _fingers_gap(low, yaw, width, item) < _BESIDE:
             height = max(height, top - _PARTS[0][3])
-        elif n > 0 and _object_gap(low, yaw, width, item) < _BESIDE:
-            height = max(height, top - PALM[2])
+        elif n > 0 and _part_gap(palm, yaw, 0.0, PALM[0], PALM[1], item) < _BESIDE:
+            height = max(height, top - _underside(position, yaw, axis, item))
     return height
+
+
+@njit(cache=True)
+def _underside(position: Array, yaw: float, axis: Array, item: Array) -> float:
+    """Height [m] of the palm over the tool centre point where it is lowest over an item, of a tool along ``axis``."""
+    c, s = math.cos(yaw), math.sin(yaw)
+    edge = PALM[0] * abs(s * axis[0] - c * axis[1]) + PALM[1] * abs(c * axis[0] + s * axis[1])
+    near = axis[0] * (item[0] - position[0]) + axis[1] * (item[1] - position[1])
+    near -= 0.71 * item[4] * hypot(axis[0], axis[1])
+    return (PALM[2] + max(near, -edge)) / -axis[2]
 
 
 @njit(cache=True)
 def _object_gap(position: Array, yaw: float, width: float, item: Array) -> float:
     """Gap [m] between the open hand over a position and an upright cube; negative: they overlap seen from above."""
     gap = _fingers_gap(position, yaw, width, item)
-    if item[2] + 0.5 * item[4] + _HIGHER > position[2] + PALM[2]:
+    if item[2] + 0.5 * item[4] + _HIGHER > position[2] + PALM[2] + _MOST_OVER_MIDDLE:
         gap = min(gap, _part_gap(position, yaw, 0.0, PALM[0], PALM[1], item))
     return gap
 

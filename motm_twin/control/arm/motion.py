@@ -132,8 +132,8 @@ def _final_point(state: ManipulatorState, view: View, p: ArmParameters) -> Array
     """The grasp point, raised while the hand is not centred over the object or the object is not seen well enough.
 
     The hand also stays above neighbouring objects that it would touch, and higher by the drop of its palm's edge when
-    it is tilted too much to close. It rises while it waits to see the object: from higher up the camera sees more, until
-    the reach would tilt the hand.
+    it is tilted too much to close. It rises while it waits to see the object, for a wider view, as far as it can
+    look straight down.
     """
     point = grasp_point(view, p)
     seen = view.seen(p)
@@ -147,8 +147,7 @@ def _final_point(state: ManipulatorState, view: View, p: ArmParameters) -> Array
         return point
     point[2] += min(max((view.distance - p.funnel_radius) * p.funnel_slope, 0.0), p.hover_height)
     point[2] += PALM[0] * math.sin(max(view.tilt - p.close_tilt, 0.0))
-    yaw = math.atan2(view.R[1, 0], view.R[0, 0])
-    point[2] = max(point[2], height_over(view.p, yaw, view.width, view.goal))
+    point[2] = max(point[2], height_over(view.p, view.R, view.width, view.goal))
     return point
 
 

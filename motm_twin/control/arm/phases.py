@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from motm_twin.control.arm.geometry import planar_joints, pose_at, room_at, tilt_of
-from motm_twin.control.arm.grasp_room import GraspRoom
+from motm_twin.control.arm.grasp_room import GraspRoom, height_over
 from motm_twin.control.arm.parameters import ArmParameters
 from motm_twin.control.arm.types import ArmInputs, ArmTiming, Phase
 from motm_twin.control.arm.view import ManipulatorState, View, taken
@@ -334,10 +334,11 @@ def _approach(state: ManipulatorState, view: View, rules: PhaseRules) -> Outcome
 
 
 def grasp_point(view: View, p: ArmParameters) -> Array:
-    """Grasp point of the tool centre point: the cube's centre, or as much higher as the finger tips need."""
+    """Grasp point of the tool centre point: the cube's centre, or as much higher as finger tips and palm need."""
     x, y, z = view.R[2].tolist()
     low = p.tip_half_depth * abs(x) + (0.5 * view.width + p.tip_thickness) * abs(y) + p.tip_length * abs(z)
     rise = low + p.avoidance.fingers_d_s - 0.5 * view.goal.side
+    rise = max(rise, height_over(view.p, view.R, view.width, view.goal) - float(view.target[2]))
     return view.target + np.array([0.0, 0.0, min(max(rise, 0.0), p.highest_grasp)])
 
 
@@ -417,9 +418,12 @@ def _release(state: ManipulatorState, view: View, rules: PhaseRules) -> Outcome:
     if not view.sure(p) and view.width < state.side + p.held_tolerance:  # the hand may be elsewhere when it opens
         state.gripper, state.released = "close", None
         return "", _UNSURE
-    opened = view.width > state.side + p.held_tolerance
-    away = gripper.opening_time + _falling_time(state.side, p)
-    if opened and view.time - state.released >= away - 0.5 * view.dt and not view.gripper_moving:
+    over = view.time - state.released - gripper.opening_time - _falling_time(state.side, p) + 0.5 * view.dt
+    open_now = view.width > state.side + p.held_tolerance and (not view.gripper_moving or over > p.longest_closing)
+    if over >= 0.0 and open_now:
+        if over < p.search_after and _on_a_pile(state, view, p):
+            state.anchor[2] = view.target[2] + p.transit_clearance
+            return NOTHING
         state.holding, state.reported, state.released = False, False, None
         state.clear_z = float(view.goal.position[2]) + p.transit_clearance
         enter(state, Phase.STOW, view.time)
@@ -448,6 +452,12 @@ def _free(view: View, point: Array, p: ArmParameters) -> bool:
     goal, there = view.goal, taken(view.goal, 0.5)
     most, room = (room_at(place, goal.position, goal.yaw, there) for place in (view.target, point))
     return room >= 0.0 or (most < 0.0 and room >= most - p.approach_distance)
+
+
+def _on_a_pile(state: ManipulatorState, view: View, p: ArmParameters) -> bool:
+    """Is the hand still so low that what it let go, on top of other objects, may be between its fingers?"""
+    full = room_at(view.target, view.goal.position, view.goal.yaw, taken(view.goal, 0.5)) < 0.0
+    return full and view.p[2] < view.target[2] + 0.5 * state.side + p.tip_length
 
 
 def _in_square(state: ManipulatorState, view: View, rules: PhaseRules, point: Array) -> bool:
