@@ -45,7 +45,8 @@ class Targets:
         solids = known_solids(known)
         outlines = [outline(solid.shape) for solid in solids]
         self._edges = np.concatenate([np.hstack([c, np.roll(c, -1, axis=0)]) for c in outlines] or [np.zeros((0, 4))])
-        self._tops = np.repeat([solid.z_max for solid in solids], [len(c) for c in outlines]).astype(float)
+        heights = np.array([(solid.z_min, solid.z_max) for solid in solids], dtype=float).reshape(-1, 2)
+        self._bottoms, self._tops = np.repeat(heights, [len(c) for c in outlines], axis=0).T
 
     def base_target(self, task: Task | None, observation: Observation, dwell: float | None) -> Target | None:
         """A task as the base sees it, in the world frame; dwell [s] as the arm reports it, or the usual one."""
@@ -87,15 +88,15 @@ class Targets:
 
     def _walls(self, position: Array, height: float) -> tuple[Array, Array]:
         """Edges x, y, x, y [m] of walls near a target, and of those that the arm never reaches over; (k, 4) each."""
-        edges, tops = self._edges, self._tops
-        high = tops > height + OVER_TARGET
+        edges, tops, never = self._edges, self._tops, max(height + TALL_TARGET, self._tall)
+        high = (tops > height + OVER_TARGET) & (self._bottoms < never)  # the arm passes below what begins higher
         if not high.any():
             return edges[:0], edges[:0]
         x, y = position.tolist()
         edges, tops = edges[high], tops[high]
         low, far = np.minimum(edges[:, :2], edges[:, 2:]), np.maximum(edges[:, :2], edges[:, 2:])
         near = (low[:, 0] < x + NEAR) & (far[:, 0] > x - NEAR) & (low[:, 1] < y + NEAR) & (far[:, 1] > y - NEAR)
-        return edges[near], edges[near & (tops > max(height + TALL_TARGET, self._tall))]
+        return edges[near], edges[near & (tops > never)]
 
     def arm_goal(self, task: Task | None, held: str, observation: Observation, T_odom_world: Array) -> ArmGoal:
         """Goal of the hand for a task, in the odometry frame."""

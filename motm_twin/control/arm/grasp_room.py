@@ -209,13 +209,15 @@ def _height_over(position: Array, yaw: float, axis: Array, width: float, items: 
     """`height_over` the objects (n, 6), of which the goal's own is the first; ``axis`` (3,): that of the tool."""
     low, height = np.array([position[0], position[1], -np.inf]), -np.inf  # so low that every part counts
     palm = low - PALM[2] * axis
+    across = math.sin(yaw) * axis[0] - math.cos(yaw) * axis[1]  # the axis along which the fingers close, downwards
+    sink = (0.5 * width + 2.0 * _PARTS[0][0]) * abs(across)  # [m] of the lower finger
     for n in range(items.shape[0]):
         item = items[n]
         top = item[2] + 0.5 * item[4] + _HIGHER
         if item[5] == 0.0:
             continue
         if _fingers_gap(low, yaw, width, item) < _BESIDE:
-            height = max(height, top - _PARTS[0][3])
+            height = max(height, top - _PARTS[0][3] + sink)
         elif n > 0 and _part_gap(palm, yaw, 0.0, PALM[0], PALM[1], item) < _BESIDE:
             height = max(height, top - _underside(position, yaw, axis, item))
     return height

@@ -74,6 +74,7 @@ class _Way(NamedTuple):
     goal: int  # index into `_GOALS`
     clear_z: float
     top_between: float
+    lowest: float  # [m] of the tool centre point over what is beside the target
     anchor: Array
     yaw: float  # [rad], nan: as the arm has it
     fastest: float  # [m/s]
@@ -89,11 +90,17 @@ def hand_motion(
     way = _Way(
         kind, state.anchor if phase in _ANCHORED else view.target, inputs.plan_times, inputs.plan_poses,
         view.radius, view.azimuth, view.distance, view.time_to_range, _GOALS.index(view.goal.kind), state.clear_z,
-        state.top_between, state.anchor, math.nan if state.yaw is None or phase == Phase.RELEASE else state.yaw,
+        state.top_between, _lowest(state, view, parameters), state.anchor, math.nan if state.yaw is None or phase == Phase.RELEASE else state.yaw,
         parameters.hold_speed if phase == Phase.CLOSING else parameters.hand_speed,
     )  # fmt: skip
     error, velocity = _motion(view.arm, way, numbers, reference)
     return Motion(reference, error, velocity)
+
+
+def _lowest(state: ManipulatorState, view: View, p: ArmParameters) -> float:
+    """Least height [m] of a hand on its way to a pick, over the objects around it; -inf far from them."""
+    near = state.phase == Phase.TRANSIT and view.goal.kind == "pick" and view.distance < p.sink_distance
+    return height_over(view.p, view.R, view.width, view.goal) if near else -math.inf
 
 
 @njit(cache=True)
@@ -243,7 +250,7 @@ def _transit_swing(arm: Arm, way: _Way, lowest: float, parameters: Numbers) -> _
     z = target[2] + over
     if place and distance >= n.sink_distance:
         z = max(z, lowest)  # clears objects beside the pick place, so that none is swept off the table
-    z = max(z, way.top_between + n.transit_clearance)
+    z = max(z, way.top_between + n.transit_clearance, way.lowest)
     hover = reach_radius(z - mount[2], _largest_tilt(place, parameters), n.stretch)
     if radius > hover:
         radius, radius_rate = hover, 0.0

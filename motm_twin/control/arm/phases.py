@@ -408,7 +408,8 @@ def _release(state: ManipulatorState, view: View, rules: PhaseRules) -> Outcome:
             enter(state, Phase.TRANSIT, view.time)
             return "", Reason(kind=Kind.OUT_OF_REACH, subject=view.goal.name)
         strayed = math.hypot(*(view.p[:2] - state.anchor[:2])) > 2.0 * p.approach_distance
-        if strayed or not _in_square(state, view, rules, state.anchor):  # the robot was pushed, or the bin moved
+        fits = _in_square(state, view, rules, state.anchor) and _free(view, state.anchor, p)
+        if strayed or not fits:  # the robot was pushed, the bin moved, or something is seen to lie there
             state.anchor = view.target.copy()
         if not view.sure(p):
             return "", _UNSURE
@@ -419,7 +420,7 @@ def _release(state: ManipulatorState, view: View, rules: PhaseRules) -> Outcome:
         state.gripper, state.released = "close", None
         return "", _UNSURE
     over = view.time - state.released - gripper.opening_time - _falling_time(state.side, p) + 0.5 * view.dt
-    open_now = view.width > state.side + p.held_tolerance and (not view.gripper_moving or over > p.longest_closing)
+    open_now = view.width > state.side + p.held_tolerance and (not view.gripper_moving or over > p.search_after)
     if over >= 0.0 and open_now:
         if over < p.search_after and _on_a_pile(state, view, p):
             state.anchor[2] = view.target[2] + p.transit_clearance
