@@ -98,9 +98,11 @@ def hand_motion(
 
 
 def _lowest(state: ManipulatorState, view: View, p: ArmParameters) -> float:
-    """Least height [m] of a hand on its way to a pick, over the objects around it; -inf far from them."""
-    near = state.phase == Phase.TRANSIT and view.goal.kind == "pick" and view.distance < p.sink_distance
-    return height_over(view.p, view.R, view.width, view.goal) if near else -math.inf
+    """Least height [m] of a hand that comes to a pick, over the objects on its way and beside it; -inf far from it."""
+    if state.phase != Phase.TRANSIT or view.goal.kind != "pick" or view.distance > 2.0 * p.sink_distance:
+        return -math.inf
+    there = (view.p + share * (view.target - view.p) for share in (0.0, 0.5, 1.0))
+    return max(height_over(place, view.R, view.width, view.goal) for place in there)
 
 
 @njit(cache=True)
