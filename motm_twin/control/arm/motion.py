@@ -87,10 +87,11 @@ def hand_motion(
     phase = state.phase
     kind = _SWINGS.get(phase, _FIXED)
     reference = _point(state, view, parameters) if kind == _FIXED else np.empty(3)
+    yaw = math.nan if state.yaw is None or phase == Phase.RELEASE else state.yaw
     way = _Way(
         kind, state.anchor if phase in _ANCHORED else view.target, inputs.plan_times, inputs.plan_poses,
         view.radius, view.azimuth, view.distance, view.time_to_range, _GOALS.index(view.goal.kind), state.clear_z,
-        state.top_between, _lowest(state, view, parameters), state.anchor, math.nan if state.yaw is None or phase == Phase.RELEASE else state.yaw,
+        state.top_between, _lowest(state, view, parameters), state.anchor, yaw,
         parameters.hold_speed if phase == Phase.CLOSING else parameters.hand_speed,
     )  # fmt: skip
     error, velocity = _motion(view.arm, way, numbers, reference)
