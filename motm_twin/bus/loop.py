@@ -153,6 +153,8 @@ class TwinLoop:
             reply(commands.reason_of(error), index)
             return
         self._wheel.turn(envelope, arrived)
+        if work is not None:
+            self._set_state("loading", "")  # before the answer: an error that is told after it is a new one
         reply("", index)
         if work is not None:
             self._guarded(work)

@@ -180,9 +180,9 @@ class Twin(Commanding[commands.Answer]):
         answer = self.client.command(command, timeout, name=self._name)
         if not answer.ok:
             raise commands.Refused(answer.reason)
+        run = max((each.run for each in (before, shown) if each is not None), default=-1)  # a status may come late
         if begins_run(command, before):
-            run = -1 if before is None else before.run
-            self._wait_run(run, None if shown is None else shown.run, LOADING)
+            self._wait_run(run, answer.server_time)
         elif isinstance(command, commands.Step):
             self.wait_until(lambda tick: tick.index >= answer.index + command.count, timeout=STEPPING)
         return answer
@@ -284,22 +284,29 @@ class Twin(Commanding[commands.Answer]):
             if not self.client.closed and (message := read()) is not None:
                 yield message
 
-    def _wait_run(self, run: int, shown: int | None, timeout: float) -> None:
-        """Wait for a run after ``run`` other than ``shown``: a status that comes late names the run before that."""
+    def _wait_run(self, run: int, since: float) -> None:
+        """Wait for a run after ``run``; ``since`` as of `_told`."""
         settled: list[float] = []  # [s] when the run of an external robot was seen to have begun
 
         def began() -> bool:
-            status, tick = self.client.status(), self.client.tick()
+            status, tick = self._told(since), self.client.tick()
             if status is not None and status.run > run and status.state in ("playing", "paused"):
                 settled.append(time.monotonic())
                 if status.plant in ("zenoh", "mirror") and settled[-1] > settled[0] + FIRST_TICK:
                     return True
-            if status is not None and status.state == "error" and status.run >= run:
-                raise commands.Refused(status.text)
-            return tick is not None and tick.run > run and tick.run != shown
+            return tick is not None and tick.run > run
 
-        if not self._within(timeout, began):
-            raise TimeoutError(f"the run did not begin within {timeout:g} s")
+        if not self._within(LOADING, began):
+            raise TimeoutError(f"the run did not begin within {LOADING:g} s")
+
+    def _told(self, since: float) -> messages.StatusMessage | None:
+        """The newest status, if it is of after ``since`` [s] on the server's clock. Raises Refused for an error."""
+        status = self.client.status()
+        if status is None or status.server_time <= since:
+            return None
+        if status.state == "error":
+            raise commands.Refused(status.text)
+        return status
 
     def _within(self, timeout: float, condition: Callable[[], bool]) -> bool:
         deadline = time.monotonic() + timeout

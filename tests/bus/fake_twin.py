@@ -259,8 +259,8 @@ def fake_tick(twin, edits):
     )  # fmt: skip
 
 
-def fake_server(*, first=None, playing=True, methods=None, **options):
+def fake_server(*, first=None, playing=True, methods=None, make_twin=FakeTwin, **options):
     """A server of the fake twin."""
     first = first or Load(scene="fake")
-    setup = TwinSetup(library=FakeLibrary(), make_twin=FakeTwin, first=first, playing=playing, methods=methods)
+    setup = TwinSetup(library=FakeLibrary(), make_twin=make_twin, first=first, playing=playing, methods=methods)
     return TwinServer(setup, **options)

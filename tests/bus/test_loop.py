@@ -78,6 +78,19 @@ def test_an_error_in_a_period_stops_time_and_is_told_and_reset_recovers(capsys):
     assert "told to fail" in capsys.readouterr().err
 
 
+def test_an_error_is_over_before_the_answer_to_who_leaves_it(capsys):
+    """A status of the old error that is told after the answer was taken for one of the new run."""
+    with Running(lambda scene, method: FakeTwin(scene, method=method, fail_at=5), playing=True) as running:
+        until(lambda: running.loop.status().state == "error", "the error is not told")
+        for number, command in enumerate((Reset(), Load(scene="other"))):
+            told = []
+            envelope = Envelope(sender="ann", seq=number, expires=time.time() + 60.0, command=command)
+            running.loop.request(envelope, lambda *_, told=told: told.append(running.loop.status().state))
+            assert until(lambda told=told: told, "no answer") == ["loading"]
+            until(lambda: running.loop.status().state != "loading", "it does not begin")
+    assert "told to fail" in capsys.readouterr().err
+
+
 def test_a_run_ends_after_settling_and_play_starts_it_again():
     with Running(lambda scene, method: FakeTwin(scene, method=method, periods=3)) as running:
         running.ask(Step(count=3 + SETTLE_PERIODS))

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import msgspec
 import pytest
-from fake_twin import fake_server
+from fake_twin import FakeTwin, fake_server
 from waiting import until, until_paused
 
 from motm_twin.bus.client import TwinClient
@@ -62,6 +62,38 @@ def test_a_run_whose_status_comes_late_is_not_taken_for_the_next(twin, monkeypat
     monkeypatch.setattr(twin.client, "status", lambda: next(told))
     twin.reset()
     assert twin.latest_tick().run == run + 1
+
+
+@pytest.fixture
+def failing(tmp_path, capsys):
+    """A twin that has failed in its period 2, and a dictionary of when the next one fails."""
+    fails = {"fail_at": 2}
+
+    def make(scene, *, method):
+        return FakeTwin(scene, method=method, **fails)
+
+    with fake_server(make_twin=make, data=tmp_path) as running, connect(running.endpoint) as handle:
+        until(lambda: handle.status().state == "error", "no error")
+        yield handle, fails
+    assert "told to fail" in capsys.readouterr().err
+
+
+def test_a_run_that_begins_after_an_error_is_not_refused_with_that_error(failing, monkeypatch):
+    """Whoever left the error was told the old one, while the new run began."""
+    twin, fails = failing
+    fails["fail_at"] = None
+    told = itertools.chain(3 * [twin.status()], iter(twin.client.status, None))
+    monkeypatch.setattr(twin.client, "status", lambda: next(told))
+    twin.load("other")
+    assert (twin.latest_tick().index, twin.latest_tick().run, twin.scene().name) == (0, 2, "other")
+
+
+def test_a_run_that_fails_as_the_last_one_did_is_refused_with_the_error(failing):
+    twin, fails = failing
+    fails["fail_at"] = 0
+    for leave in (lambda: twin.load("fake"), twin.reset):
+        with pytest.raises(Refused, match="told to fail"):
+            leave()
 
 
 def test_a_load_names_the_method(twin):
