@@ -161,7 +161,7 @@ class Twin(Commanding[commands.Answer]):
         self._name = (name or Path(sys.argv[0]).name.removeprefix("-c") or "program")[: commands.NAME_MAX]
         self._readers: weakref.WeakSet[EventReader] = weakref.WeakSet()
         atexit.register(self._close_at_exit, weakref.ref(self.client))
-        if not self._within(timeout, lambda: self.client.status() is not None):
+        if not self._within(timeout, lambda: self.client.status() is not None, self.client.keys.status):
             self.close()
             raise silent(twin, endpoint)
 
@@ -171,10 +171,11 @@ class Twin(Commanding[commands.Answer]):
         return self.client.keys.twin
 
     def send(self, command: commands.Command, timeout: float = 2.0) -> commands.Answer:
-        """Send a command; return when its new run has begun or its steps are done. Raises Refused and TimeoutError.
+        """Send a command; return when its new run has begun, or its steps are done, the last ones of a run also.
 
-        Other commands hold from the period after ``index`` of the answer. ``timeout`` [s] is for the answer. A run that
-        waits for an external robot counts as begun, without a first period.
+        Raises Refused, also for a run that stops with an error meanwhile, and TimeoutError. Other commands hold from
+        the period after ``index`` of the answer. ``timeout`` [s] is for the answer. A run that waits for an external
+        robot counts as begun, without a first period.
         """
         before, shown = self.client.status(), self.client.tick()
         answer = self.client.command(command, timeout, name=self._name)
@@ -184,7 +185,7 @@ class Twin(Commanding[commands.Answer]):
         if begins_run(command, before):
             self._wait_run(run, answer.server_time)
         elif isinstance(command, commands.Step):
-            self.wait_until(lambda tick: tick.index >= answer.index + command.count, timeout=STEPPING)
+            self._wait_steps(run, answer.index + command.count, answer.server_time)
         return answer
 
     def latest_tick(self) -> messages.TickMessage | None:
@@ -296,8 +297,20 @@ class Twin(Commanding[commands.Answer]):
                     return True
             return tick is not None and tick.run > run
 
-        if not self._within(LOADING, began):
+        if not self._within(LOADING, began, self.client.keys.status):
             raise TimeoutError(f"the run did not begin within {LOADING:g} s")
+
+    def _wait_steps(self, run: int, last: int, since: float) -> None:
+        """Wait for period ``last``, or the end of ``run`` if that comes first; ``since`` as of `_told`."""
+
+        def made() -> bool:
+            status, tick = self._told(since), self.client.tick()
+            if status is not None and status.state == "done":
+                return True
+            return tick is not None and (tick.index >= last or tick.run > run)
+
+        if not self._within(STEPPING, made, self.client.keys.tick):
+            raise TimeoutError(f"the steps were not made within {STEPPING:g} s")
 
     def _told(self, since: float) -> messages.StatusMessage | None:
         """The newest status, if it is of after ``since`` [s] on the server's clock. Raises Refused for an error."""
@@ -308,14 +321,15 @@ class Twin(Commanding[commands.Answer]):
             raise commands.Refused(status.text)
         return status
 
-    def _within(self, timeout: float, condition: Callable[[], bool]) -> bool:
+    def _within(self, timeout: float, condition: Callable[[], bool], key: str) -> bool:
+        """True as soon as a condition holds, False after ``timeout`` [s]; it is tested when a ``key`` comes."""
         deadline = time.monotonic() + timeout
         count = 0
         while not condition():
             left = deadline - time.monotonic()
             if left <= 0.0 or self.client.closed:
                 return False
-            count = self.client.wait(self.client.keys.status, count, min(left, 0.05))
+            count = self.client.wait(key, count, min(left, 0.05))
         return True
 
     @staticmethod

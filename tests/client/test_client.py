@@ -8,6 +8,7 @@ import subprocess
 import sys
 import threading
 import time
+from contextlib import contextmanager
 from pathlib import Path
 
 import msgspec
@@ -64,18 +65,34 @@ def test_a_run_whose_status_comes_late_is_not_taken_for_the_next(twin, monkeypat
     assert twin.latest_tick().run == run + 1
 
 
-@pytest.fixture
-def failing(tmp_path, capsys):
-    """A twin that has failed in its period 2, and a dictionary of when the next one fails."""
-    fails = {"fail_at": 2}
+@contextmanager
+def served(folder, playing=True, **about):
+    """A twin that is made so; ``about`` may be changed for the next one."""
 
     def make(scene, *, method):
-        return FakeTwin(scene, method=method, **fails)
+        return FakeTwin(scene, method=method, **about)
 
-    with fake_server(make_twin=make, data=tmp_path) as running, connect(running.endpoint) as handle:
+    with fake_server(make_twin=make, playing=playing, data=folder) as running, connect(running.endpoint) as handle:
+        until(handle.latest_tick, "it does not begin")
+        yield handle, about
+
+
+@pytest.fixture
+def failing(tmp_path):
+    """A twin that has failed, and when the next one fails."""
+    with served(tmp_path, fail_at=2) as (handle, about):
         until(lambda: handle.status().state == "error", "no error")
-        yield handle, fails
-    assert "told to fail" in capsys.readouterr().err
+        yield handle, about
+
+
+def test_steps_past_the_end_of_a_run_or_into_an_error_are_not_waited_for(tmp_path, monkeypatch):
+    """Both ended only after a minute, with a timeout."""
+    monkeypatch.setattr("motm_twin.client.twin.STEPPING", 20.0)
+    with served(tmp_path, playing=False, periods=3) as (twin, _):
+        assert twin.step(1000).ok
+        assert (twin.status().state, twin.latest_tick().done) == ("done", True)
+    with served(tmp_path, playing=False, fail_at=5) as (twin, _), pytest.raises(Refused, match="told to fail"):
+        twin.step(1000)
 
 
 def test_a_run_that_begins_after_an_error_is_not_refused_with_that_error(failing, monkeypatch):
