@@ -91,6 +91,27 @@ def test_an_error_is_over_before_the_answer_to_who_leaves_it(capsys):
     assert "told to fail" in capsys.readouterr().err
 
 
+def fails(*_):
+    raise MemoryError("no memory")
+
+
+@pytest.mark.parametrize("part", ["request", "wheel", "session"])
+def test_an_error_between_two_periods_is_told_and_does_not_end_the_loop(running, monkeypatch, capsys, part):
+    """The thread of the loop ended, and the twin still said that it plays."""
+    loop = running.loop
+    assert running.ask(Play()) == ""
+    with monkeypatch.context() as broken:
+        if part == "request":
+            loop._put(fails)
+        else:
+            broken.setattr(*{"wheel": (loop._wheel, "look_after"), "session": (loop._sessions, "serve")}[part], fails)
+        until(lambda: loop.status().state == "error", "the error is not told")
+    assert loop.status().text == "MemoryError: no memory"
+    assert running.ask(Reset()) == ""
+    running.step()
+    assert "no memory" in capsys.readouterr().err
+
+
 def test_a_run_ends_after_settling_and_play_starts_it_again():
     with Running(lambda scene, method: FakeTwin(scene, method=method, periods=3)) as running:
         running.ask(Step(count=3 + SETTLE_PERIODS))
