@@ -83,6 +83,7 @@ class FakeTwin:
     """Same surface as the twin, for errors and pacing; it knows no session and explains nothing."""
 
     parameters: typing.ClassVar = {}
+    next_parameters: typing.ClassVar = {}
     announced: typing.ClassVar = {}
     refused: typing.ClassVar = []
 
