@@ -29,7 +29,7 @@ LOOK = 2.0  # [s] without an event after which the history is checked for lost o
 
 
 class EventsLost(Exception):
-    """Events are lost: the reader fell behind by more than the server's history. Reading can go on."""
+    """Events are lost: the reader fell behind by more than the server's history. ``events(last + 1)`` goes on."""
 
     def __init__(self, first: int, last: int) -> None:
         self.first, self.last = first, last
@@ -70,15 +70,15 @@ class EventReader:
                 self._epoch, self._expected = event.numbered_since, 1
             if event.seq == self._expected:
                 self._ready.append(event)
-            elif event.seq > self._expected and not self._fetch(taken):
-                self._live.appendleft(event)  # no answer: later
+            elif event.seq > self._expected and (taken or not self._fetch()):
+                self._live.appendleft(event)  # what came before first; no answer: later
                 return taken
 
     def look(self) -> list[NumberedEvent]:
         """As `take`, but always queries the history: the newest event may have been lost."""
         taken = self.take()
         if not taken:
-            self._fetch(taken)
+            self._fetch()
         return taken or self.take()
 
     def wait(self, timeout: float) -> bool:
@@ -112,17 +112,16 @@ class EventReader:
             self._changed.notify_all()
         self._tell()
 
-    def _fetch(self, taken: list[NumberedEvent]) -> bool:
-        """Put what is missing into `_ready`; False when the server does not answer."""
+    def _fetch(self) -> bool:
+        """Put what is missing into `_ready`; False when the server does not answer. Raises EventsLost."""
         if self._client.closed or (history := self._client.events(self._expected)) is None:
             return False
         if history.numbered_since != self._epoch:
             self._epoch, self._expected = history.numbered_since, 1
-            return self._fetch(taken)
+            return self._fetch()
         self._ready.extend(history.events)
         if history.oldest > self._expected and history.newest >= self._expected:
             first, self._expected = self._expected, history.oldest
-            self._ready.extendleft(reversed(taken))
             raise EventsLost(first, history.oldest - 1)
         return True
 
@@ -403,9 +402,10 @@ class AsyncTwin(Commanding[Awaitable[Answer]]):
         try:
             quiet = False
             while not self.twin.client.closed:
-                for event in await asyncio.to_thread(reader.look if quiet else reader.take):
+                found = await asyncio.to_thread(reader.look if quiet else reader.take)
+                for event in found:
                     yield event
-                quiet = not await _woken(wake, LOOK)
+                quiet = not found and not await _woken(wake, LOOK)
         finally:
             self._wakes.discard(wake)
             reader.close()

@@ -1,6 +1,7 @@
 """The client of other programs: typed commands, newest state, events that are not lost, a clean end."""
 
 import asyncio
+import collections
 import inspect
 import itertools
 import re
@@ -251,6 +252,23 @@ def test_a_reader_that_was_slower_than_the_history_is_told(twin, server):
     assert numbers == list(range(numbers[0], numbers[0] + 1000))
     assert lost
     assert lost[0][1] + 1 == numbers[0]
+
+
+def test_an_iterator_gives_what_came_before_lost_events_and_another_one_what_came_after(twin, server):
+    """What came before was lost without being named, as the iterator had ended with the error."""
+    reader, log = EventReader(twin.client, None), server._publisher.event_log
+    for number in range(1200):
+        log.add(run=0, index=0, time=0.0, kind="edit", text=f"n {number}")
+    until(lambda: reader._live, "events do not come")
+    history = twin.client.events(0)
+    first = msgspec.structs.replace(history.events[0], seq=reader._expected, text="first")
+    reader._live = collections.deque([first, history.events[-1]])  # as if the network had lost the others
+    events = iter(reader)
+    assert next(events).text == "first"
+    with pytest.raises(EventsLost) as lost:
+        next(events)
+    assert (lost.value.first, lost.value.last) == (first.seq + 1, history.oldest - 1)
+    assert next(twin.events(lost.value.last + 1)).seq == lost.value.last + 1
 
 
 def test_iterators_end_when_the_twin_is_closed(server):
