@@ -121,6 +121,15 @@ class Twin:
         return self._told.parameters
 
     @property
+    def next_parameters(self) -> dict[str, ParameterValue]:
+        """`parameters` as the queued edits will leave them."""
+        told = Told(self.scene, self.parameters)
+        for edit in self._queue:
+            if isinstance(edit, SetParameter):
+                self._set_parameter(told, edit)
+        return told.parameters
+
+    @property
     def announced(self) -> dict[str, PlanarPose]:
         """Furniture that the robot was told of: reference point x, y [m], turn [rad]."""
         return self._told.map[0]
@@ -335,9 +344,7 @@ class Twin:
         if isinstance(edit, WorldEdit):
             self.plant.apply(edit)
         elif isinstance(edit, SetParameter):
-            default = parameter(edit.name).default
-            value = self._start.get(edit.name, default) if edit.value is None else check(edit.name, edit.value)
-            self._told.set_parameter(edit.name, value, default)
+            self._set_parameter(self._told, edit)
         elif isinstance(edit, Announce):
             self._announce(edit.name)
         elif isinstance(edit, Drive):
@@ -347,6 +354,12 @@ class Twin:
                 self._correct_beliefs([task.object for task in edit.tasks if isinstance(task, Pick)])
             self.loop.edit_tasks(edit)
             self.plant.expect_tasks(self.loop.sequence.tasks)
+
+    def _set_parameter(self, told: Told, edit: SetParameter) -> None:
+        """Tell a parameter; without a value it is that of the start again."""
+        default = parameter(edit.name).default
+        value = self._start.get(edit.name, default) if edit.value is None else check(edit.name, edit.value)
+        told.set_parameter(edit.name, value, default)
 
     def _forget_queue(self) -> tuple[Edit, ...]:
         """Take the queued edits out, with what was found out about them in advance."""

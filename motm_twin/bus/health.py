@@ -1,18 +1,22 @@
 """Health check, for containers: ``python -m motm_twin.bus.health`` ends with 0 when every running twin answers.
 
-A twin is healthy when its server answers on Zenoh in a state other than error, and its page answers.
+A twin is healthy when its server answers on Zenoh in a state other than error, its time runs while it plays, and its
+page answers.
 """
 
 import argparse
 import http.client
 import sys
+import time
 from contextlib import closing, suppress
 
 import msgspec
+import zenoh
 
 from motm_twin.bus.connection import DEFAULT_TWIN, LOOPBACK, LOOPBACK_6, Keys, answers, open_client
 from motm_twin.bus.messages import StatusMessage
 from motm_twin.bus.private_folder import all_running
+from motm_twin.model.plant import PERIOD
 
 TIMEOUT = 3.0  # [s]
 HEALTH_PATH = "/healthz"
@@ -28,14 +32,31 @@ def page_answers(port: int) -> bool:
     return False
 
 
+def _status(session: zenoh.Session, key: str) -> StatusMessage | None:
+    answer = next(answers(session.get(key, timeout=TIMEOUT), key), None)
+    return None if answer is None else msgspec.json.decode(answer.payload.to_bytes(), type=StatusMessage)
+
+
+def _stands(before: StatusMessage, now: StatusMessage) -> bool:
+    """Time has not run since, though the twin plays and waits for no robot, which its text would say."""
+    waits = now.plant in ("zenoh", "mirror") and now.text
+    return now.state == "playing" and not waits and (now.run, now.time) == (before.run, before.time)
+
+
 def check(endpoint: str, twin: str, page_port: int | None) -> str:
     """The problem in one sentence; '' when there is none."""
     key = Keys(twin).status
     with open_client(endpoint) as session:
-        answer = next(answers(session.get(key, timeout=TIMEOUT), key), None)
-        if answer is None:
+        status = first = _status(session, key)
+        patient = time.monotonic() + TIMEOUT
+        while first and status and _stands(first, status):
+            if time.monotonic() > patient:
+                return f"the time of the twin at {endpoint} stands, though it plays"
+            time.sleep(PERIOD)
+            status = _status(session, key)
+        if status is None:
             return f"no twin server answers at {endpoint}"
-        if msgspec.json.decode(answer.payload.to_bytes(), type=StatusMessage).state == "error":
+        if status.state == "error":
             return f"the twin at {endpoint} stopped with an error"
     if page_port is not None and not page_answers(page_port):
         return f"no page answers at port {page_port}"

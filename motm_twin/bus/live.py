@@ -16,7 +16,6 @@ from motm_twin.bus.encode import bodies, numbers, tick_message
 from motm_twin.bus.library import MakeTwin
 from motm_twin.bus.messages import InspectedMessage, SessionInfo, TaskMessage, TickMessage
 from motm_twin.control.tick import Tick
-from motm_twin.control.tuning import parameter
 from motm_twin.model.edits import (
     Edit,
     FreezeBody,
@@ -285,7 +284,7 @@ class LiveTwin:
             raise Refused(str(error)) from error
         self._pending.append(edit)
         if isinstance(edit, SetParameter):  # readers see new values also while paused
-            self.parameters = _with(self.parameters, edit)
+            self.parameters = twin.next_parameters
 
     def advance(self, *, by_the_clock: bool) -> tuple[TickMessage, Tick]:
         """Compute one period. The clock bounds a search only while playing: single steps repeat bit for bit."""
@@ -385,14 +384,6 @@ class LiveTwin:
             return None, staa_path
         path, next_path = (numbers(points) for points in paths)
         return InspectedMessage(candidate=wish.candidate, path=path, next_path=next_path), staa_path
-
-
-def _with(parameters: dict[str, ParameterValue], edit: SetParameter) -> dict[str, ParameterValue]:
-    """The changed parameters after one more edit."""
-    others = {name: value for name, value in parameters.items() if name != edit.name}
-    if edit.value is None or edit.value == parameter(edit.name).default:
-        return others
-    return {**others, edit.name: edit.value}
 
 
 SessionReply = Callable[[bytes, bytes, str], None]  # session and SessionInfo as JSON, or why there are none

@@ -111,9 +111,8 @@ class TwinLoop:
         """Load the first scene and run until `stop`."""
         self._guarded(lambda: self._load(self._source.loaded, self._play_at_start)())  # noqa: PLW0108 - it may raise
         while not self._stop.is_set():
-            shown = max(0.0, self._stood_at + STANDING_INTERVAL - time.monotonic()) if self._outdated else IDLE_WAIT
-            self._take_requests(min(self._until_due(), shown))
-            self._look_after(time.monotonic())
+            self._guarded(self._take_requests)
+            self._guarded(self._look_after)
             self._guarded(self._send_preview)
             if self._until_due() == 0.0:
                 self._guarded(self._advance)
@@ -130,7 +129,9 @@ class TwinLoop:
             return 0.0 if self._live.real_time else self._pacer.wait(time.monotonic())
         return 0.0 if self._state == "paused" and (self._steps > 0 or self._first_due) else math.inf
 
-    def _take_requests(self, wait: float) -> None:
+    def _take_requests(self) -> None:
+        shown = max(0.0, self._stood_at + STANDING_INTERVAL - time.monotonic()) if self._outdated else IDLE_WAIT
+        wait = min(self._until_due(), shown)
         try:
             work = self._requests.get(timeout=wait) if wait > 0.0 else self._requests.get_nowait()
             work()
@@ -153,6 +154,8 @@ class TwinLoop:
             reply(commands.reason_of(error), index)
             return
         self._wheel.turn(envelope, arrived)
+        if work is not None:
+            self._set_state("loading", "")  # before the answer: an error that is told after it is a new one
         reply("", index)
         if work is not None:
             self._guarded(work)
@@ -269,7 +272,8 @@ class TwinLoop:
         else:
             self._outdated = True
 
-    def _look_after(self, now: float) -> None:
+    def _look_after(self) -> None:
+        now = time.monotonic()
         self._wheel.look_after(now)
         ended = self._again and self._state == "done" and now >= self._ended + AGAIN
         if ended and not self._wheel.lease.driver:

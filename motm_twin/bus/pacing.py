@@ -40,20 +40,23 @@ class Pacer:
         self._due += PERIOD / self.speed
         if self._since is None:
             self._since = now
+        while len(self._done) > FEWEST and self._done[0] < now - WINDOW:
+            self._done.popleft()
         self._done.append(now)
 
     def actual_speed(self, now: float) -> float:
         """Real-time factor reached over the last second, or over the last `FEWEST` periods when they took longer."""
-        while len(self._done) > FEWEST and self._done[0] < now - WINDOW:
-            self._done.popleft()
-        if len(self._done) <= 1:
+        done = list(self._done)  # first: the loop may restart while another thread reads
+        done = done[-max(FEWEST, sum(at >= now - WINDOW for at in done)) :]
+        if len(done) <= 1:
             return 0.0
-        elapsed = max(self._done[-1], now - PERIOD / self.speed) - self._done[0]
-        return (len(self._done) - 1) * PERIOD / elapsed
+        elapsed = max(done[-1], now - PERIOD / self.speed) - done[0]
+        return (len(done) - 1) * PERIOD / elapsed
 
     def capped(self, now: float) -> bool:
         """True when the machine can not keep up, judged after a full window."""
-        if self._since is None or now - self._since < WINDOW:
+        since = self._since
+        if since is None or now - since < WINDOW:
             return False
         return self.actual_speed(now) < CAPPED_BELOW * self.speed
 

@@ -125,6 +125,7 @@ def lives(pid: int) -> bool:
 
 USER = "here"
 FILE = "zenoh-password"  # in the user's private folder
+_OF_PORT = re.compile(r"zenoh-(\d{1,5})\.json5")  # as `client_file` has it
 _LOCAL = re.compile(r"tcp/(127\.\d+\.\d+\.\d+|localhost|\[::1\]):(\d{1,5})([?#].*)?")
 _LOOK = 0.5  # [s] for a listener on this machine to take a connection
 
@@ -166,8 +167,9 @@ def announce(port: int, endpoint: str, own: Credentials | None) -> None:
         "scouting": {"multicast": {"enabled": False}, "gossip": {"enabled": False}},
         "transport": {"auth": {"usrpwd": dict.fromkeys(Credentials._fields) if own is None else own._asdict()}},
     }
-    for path in folder().glob("zenoh-*.json5"):
-        if _announced(other := int(path.stem.removeprefix("zenoh-"))) is None:  # its process is gone
+    for path in folder().iterdir():
+        found = _OF_PORT.fullmatch(path.name)
+        if found is not None and _announced(other := int(found[1])) is None:  # its process is gone
             forget(other)
     write_private(client_file(port), (json.dumps(settings, indent=2) + "\n").encode())
 
@@ -208,12 +210,12 @@ def _local_port(endpoint: str) -> int | None:
 
 
 def _announced(port: int) -> dict[str, Any] | None:
-    """The file of a port; None when the process that wrote it is gone."""
+    """The file of a port; None when it is none of ours, or the process that wrote it is gone."""
     try:
         found = json.loads(client_file(port).read_bytes())
-    except (OSError, ValueError):
+        return found if lives(found["metadata"]["pid"]) and "usrpwd" in found["transport"]["auth"] else None
+    except (OSError, ValueError, LookupError, TypeError):
         return None
-    return found if lives(found["metadata"]["pid"]) else None
 
 
 def write_private(path: Path, data: bytes, mode: int = 0o600) -> Path:

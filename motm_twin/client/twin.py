@@ -29,7 +29,7 @@ LOOK = 2.0  # [s] without an event after which the history is checked for lost o
 
 
 class EventsLost(Exception):
-    """Events are lost: the reader fell behind by more than the server's history. Reading can go on."""
+    """Events are lost: the reader fell behind by more than the server's history. ``events(last + 1)`` goes on."""
 
     def __init__(self, first: int, last: int) -> None:
         self.first, self.last = first, last
@@ -70,15 +70,15 @@ class EventReader:
                 self._epoch, self._expected = event.numbered_since, 1
             if event.seq == self._expected:
                 self._ready.append(event)
-            elif event.seq > self._expected and not self._fetch(taken):
-                self._live.appendleft(event)  # no answer: later
+            elif event.seq > self._expected and (taken or not self._fetch()):
+                self._live.appendleft(event)  # what came before first; no answer: later
                 return taken
 
     def look(self) -> list[NumberedEvent]:
         """As `take`, but always queries the history: the newest event may have been lost."""
         taken = self.take()
         if not taken:
-            self._fetch(taken)
+            self._fetch()
         return taken or self.take()
 
     def wait(self, timeout: float) -> bool:
@@ -112,17 +112,16 @@ class EventReader:
             self._changed.notify_all()
         self._tell()
 
-    def _fetch(self, taken: list[NumberedEvent]) -> bool:
-        """Put what is missing into `_ready`; False when the server does not answer."""
+    def _fetch(self) -> bool:
+        """Put what is missing into `_ready`; False when the server does not answer. Raises EventsLost."""
         if self._client.closed or (history := self._client.events(self._expected)) is None:
             return False
         if history.numbered_since != self._epoch:
             self._epoch, self._expected = history.numbered_since, 1
-            return self._fetch(taken)
+            return self._fetch()
         self._ready.extend(history.events)
         if history.oldest > self._expected and history.newest >= self._expected:
             first, self._expected = self._expected, history.oldest
-            self._ready.extendleft(reversed(taken))
             raise EventsLost(first, history.oldest - 1)
         return True
 
@@ -161,7 +160,7 @@ class Twin(Commanding[commands.Answer]):
         self._name = (name or Path(sys.argv[0]).name.removeprefix("-c") or "program")[: commands.NAME_MAX]
         self._readers: weakref.WeakSet[EventReader] = weakref.WeakSet()
         atexit.register(self._close_at_exit, weakref.ref(self.client))
-        if not self._within(timeout, lambda: self.client.status() is not None):
+        if not self._within(timeout, lambda: self.client.status() is not None, self.client.keys.status):
             self.close()
             raise silent(twin, endpoint)
 
@@ -171,20 +170,21 @@ class Twin(Commanding[commands.Answer]):
         return self.client.keys.twin
 
     def send(self, command: commands.Command, timeout: float = 2.0) -> commands.Answer:
-        """Send a command; return when its new run has begun or its steps are done. Raises Refused and TimeoutError.
+        """Send a command; return when its new run has begun, or its steps are done, the last ones of a run also.
 
-        Other commands hold from the period after ``index`` of the answer. ``timeout`` [s] is for the answer. A run that
-        waits for an external robot counts as begun, without a first period.
+        Raises Refused, also for a run that stops with an error meanwhile, and TimeoutError. Other commands hold from
+        the period after ``index`` of the answer. ``timeout`` [s] is for the answer. A run that waits for an external
+        robot counts as begun, without a first period.
         """
         before, shown = self.client.status(), self.client.tick()
         answer = self.client.command(command, timeout, name=self._name)
         if not answer.ok:
             raise commands.Refused(answer.reason)
+        run = max((each.run for each in (before, shown) if each is not None), default=-1)  # a status may come late
         if begins_run(command, before):
-            run = -1 if before is None else before.run
-            self._wait_run(run, None if shown is None else shown.run, LOADING)
+            self._wait_run(run, answer.server_time)
         elif isinstance(command, commands.Step):
-            self.wait_until(lambda tick: tick.index >= answer.index + command.count, timeout=STEPPING)
+            self._wait_steps(run, answer.index + command.count, answer.server_time)
         return answer
 
     def latest_tick(self) -> messages.TickMessage | None:
@@ -284,31 +284,51 @@ class Twin(Commanding[commands.Answer]):
             if not self.client.closed and (message := read()) is not None:
                 yield message
 
-    def _wait_run(self, run: int, shown: int | None, timeout: float) -> None:
-        """Wait for a run after ``run`` other than ``shown``: a status that comes late names the run before that."""
+    def _wait_run(self, run: int, since: float) -> None:
+        """Wait for a run after ``run``; ``since`` as of `_told`."""
         settled: list[float] = []  # [s] when the run of an external robot was seen to have begun
 
         def began() -> bool:
-            status, tick = self.client.status(), self.client.tick()
+            status, tick = self._told(since), self.client.tick()
             if status is not None and status.run > run and status.state in ("playing", "paused"):
                 settled.append(time.monotonic())
                 if status.plant in ("zenoh", "mirror") and settled[-1] > settled[0] + FIRST_TICK:
                     return True
-            if status is not None and status.state == "error" and status.run >= run:
-                raise commands.Refused(status.text)
-            return tick is not None and tick.run > run and tick.run != shown
+            return tick is not None and tick.run > run
 
-        if not self._within(timeout, began):
-            raise TimeoutError(f"the run did not begin within {timeout:g} s")
+        if not self._within(LOADING, began, self.client.keys.status):
+            raise TimeoutError(f"the run did not begin within {LOADING:g} s")
 
-    def _within(self, timeout: float, condition: Callable[[], bool]) -> bool:
+    def _wait_steps(self, run: int, last: int, since: float) -> None:
+        """Wait for period ``last``, or the end of ``run`` if that comes first; ``since`` as of `_told`."""
+
+        def made() -> bool:
+            status, tick = self._told(since), self.client.tick()
+            if status is not None and status.state == "done":
+                return True
+            return tick is not None and (tick.index >= last or tick.run > run)
+
+        if not self._within(STEPPING, made, self.client.keys.tick):
+            raise TimeoutError(f"the steps were not made within {STEPPING:g} s")
+
+    def _told(self, since: float) -> messages.StatusMessage | None:
+        """The newest status, if it is of after ``since`` [s] on the server's clock. Raises Refused for an error."""
+        status = self.client.status()
+        if status is None or status.server_time <= since:
+            return None
+        if status.state == "error":
+            raise commands.Refused(status.text)
+        return status
+
+    def _within(self, timeout: float, condition: Callable[[], bool], key: str) -> bool:
+        """True as soon as a condition holds, False after ``timeout`` [s]; it is tested when a ``key`` comes."""
         deadline = time.monotonic() + timeout
         count = 0
         while not condition():
             left = deadline - time.monotonic()
             if left <= 0.0 or self.client.closed:
                 return False
-            count = self.client.wait(self.client.keys.status, count, min(left, 0.05))
+            count = self.client.wait(key, count, min(left, 0.05))
         return True
 
     @staticmethod
@@ -382,9 +402,10 @@ class AsyncTwin(Commanding[Awaitable[Answer]]):
         try:
             quiet = False
             while not self.twin.client.closed:
-                for event in await asyncio.to_thread(reader.look if quiet else reader.take):
+                found = await asyncio.to_thread(reader.look if quiet else reader.take)
+                for event in found:
                     yield event
-                quiet = not await _woken(wake, LOOK)
+                quiet = not found and not await _woken(wake, LOOK)
         finally:
             self._wakes.discard(wake)
             reader.close()

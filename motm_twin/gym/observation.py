@@ -140,11 +140,15 @@ class ObservationReader:
         return {name: _fitted(space, self._entries[name][1](now)) for name, space in self.space.spaces.items()}
 
     def _ranges(self, scan: Scan | None) -> Array:
-        """The nearest return [m] of every sector, from straight behind counter-clockwise."""
+        """The nearest return [m] of every sector, from straight behind counter-clockwise.
+
+        A beam that says nothing to the loop (`CheckedScan`), such as one that is nan, is no return.
+        """
         ranges = np.full(self._beams, self._robot.lidar.range_max)
         if scan is not None:
             sectors, starts = self._sectors_of(scan)
-            ranges[sectors] = np.minimum(np.minimum.reduceat(scan.ranges, starts), ranges[sectors])
+            returns = np.where(scan.ranges >= scan.range_min, scan.ranges, np.inf)
+            ranges[sectors] = np.minimum(np.minimum.reduceat(returns, starts), ranges[sectors])
         return ranges
 
     def _sectors_of(self, scan: Scan) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

@@ -315,8 +315,10 @@ class Player:
     def _step(self, count: int) -> None:
         self._set("paused")
         for _ in range(count):
-            if self._at + 1 < len(self._frames):
-                self._show(self._at + 1)
+            if self._at + 1 == len(self._frames):
+                self._set("done")
+                return
+            self._show(self._at + 1)
 
     def _advance(self) -> None:
         now = time.monotonic()

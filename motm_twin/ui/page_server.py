@@ -24,7 +24,6 @@ import socket
 import time
 import unittest.mock
 from collections.abc import Awaitable, Callable, Mapping, Sequence
-from http.cookies import CookieError, SimpleCookie
 from pathlib import Path
 from typing import Any
 from urllib.parse import parse_qs, parse_qsl, unquote, urlencode, urlsplit
@@ -283,7 +282,7 @@ class Guard:
                 cookie = f"{_cookie_name(host)}={self._token}; Path=/; HttpOnly; SameSite=Strict"
                 more = {"Location": f"/?{query}" if query else "/", "Set-Cookie": cookie}
                 return _response(http.HTTPStatus.SEE_OTHER, "", **more)
-            if not _equal(_cookie(request, _cookie_name(host)), self._token):
+            if not any(_equal(cookie, self._token) for cookie in _cookies(request, _cookie_name(host))):
                 return _response(http.HTTPStatus.UNAUTHORIZED, "open the printed address, which carries the token")
         opens = split.path == "/" or request.headers.get("Upgrade", "").lower() == "websocket"
         if opens and self._limit.full:
@@ -365,17 +364,14 @@ def _cookie_name(host: str) -> str:
     return f"{COOKIE}_{port}" if port.isdecimal() and not host.endswith("]") else COOKIE
 
 
-def _cookie(request: Request, name: str) -> str:
-    cookies: SimpleCookie = SimpleCookie()
-    try:
-        cookies.load("; ".join(request.headers.get_all("Cookie")))
-    except CookieError:
-        return ""
-    return cookies[name].value if name in cookies else ""
+def _cookies(request: Request, name: str) -> list[str]:
+    """Values of all cookies of a name. Those of other programs may be in any form, and hide none."""
+    pairs = (pair.partition("=") for pair in ";".join(request.headers.get_all("Cookie")).split(";"))
+    return [value.strip() for key, _, value in pairs if key.strip() == name]
 
 
 def _equal(offered: str, token: str) -> bool:
-    return hmac.compare_digest(offered.encode(), token.encode())
+    return hmac.compare_digest(offered.encode(errors="surrogateescape"), token.encode())
 
 
 def _response(status: http.HTTPStatus, text: str, **more: str) -> Response:

@@ -83,6 +83,7 @@ class FakeTwin:
     """Same surface as the twin, for errors and pacing; it knows no session and explains nothing."""
 
     parameters: typing.ClassVar = {}
+    next_parameters: typing.ClassVar = {}
     announced: typing.ClassVar = {}
     refused: typing.ClassVar = []
 
@@ -259,8 +260,8 @@ def fake_tick(twin, edits):
     )  # fmt: skip
 
 
-def fake_server(*, first=None, playing=True, methods=None, **options):
+def fake_server(*, first=None, playing=True, methods=None, make_twin=FakeTwin, **options):
     """A server of the fake twin."""
     first = first or Load(scene="fake")
-    setup = TwinSetup(library=FakeLibrary(), make_twin=FakeTwin, first=first, playing=playing, methods=methods)
+    setup = TwinSetup(library=FakeLibrary(), make_twin=make_twin, first=first, playing=playing, methods=methods)
     return TwinServer(setup, **options)

@@ -199,6 +199,21 @@ def test_a_port_is_forgotten_with_its_process(private):
     assert [path.name for path in private.iterdir()] == [FILE]
 
 
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [("zenoh-7447-backup.json5", "{}"), ("zenoh-.json5", "{}"), ("zenoh-x.json5", ""), ("zenoh-7446.json5", "{}"),
+     ("zenoh-7446.json5", "[1]"), ("zenoh-7446.json5", '{"metadata": {"pid": "x"}}'), ("x.json", "{}")],
+)  # fmt: skip
+def test_a_file_of_somebody_else_in_the_folder_is_passed_over(private, name, text):
+    """A copy beside the files of the ports stopped every program that listens, with a traceback."""
+    (private / name).write_text(text)
+    announce(7447, "tcp/127.0.0.1:7447", own_credentials())
+    assert known_at("tcp/127.0.0.1:7447") is not None
+    assert known_at("tcp/127.0.0.1:7446") is None
+    assert running.all_running() == []
+    assert (private / name).exists() == (name != "zenoh-7446.json5")
+
+
 def test_a_port_is_forgotten_with_its_server(private):
     with serving() as server:
         assert client_file(server.port).exists()

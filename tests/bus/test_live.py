@@ -5,9 +5,10 @@ import time
 import pytest
 
 from motm_twin.bus import live
-from motm_twin.bus.commands import AddObstacle, Announce, FreezeBody, MoveBody, Refused, SendAgent
+from motm_twin.bus.commands import AddObstacle, Announce, FreezeBody, MoveBody, Refused, SendAgent, SetParameter
 from motm_twin.bus.live import SESSION_INTERVAL, LiveTwin, SessionDesk
-from motm_twin.methods.registry import MOTM
+from motm_twin.control.tuning import parameter
+from motm_twin.methods.registry import FAST, MOTM
 from motm_twin.model.scene_file import load_scene
 from motm_twin.model.scene_shapes import pieces
 from motm_twin.twin import Twin
@@ -121,6 +122,26 @@ def test_a_body_that_was_added_while_time_stands_is_shown_frozen_and_going_on_be
         standing.post(FreezeBody(name=name, frozen=False))
         assert state(standing, name) == "standing"
         standing.advance(by_the_clock=False)
+
+
+def test_parameters_that_wait_are_shown_as_the_next_period_will_have_them():
+    """One that was set back to its start was shown as the shipped one until the next period."""
+    twin = LiveTwin(Twin, time.time)
+    twin.clear(load_scene("exp1", "trial1", 0))
+    twin.build(twin.scene, FAST)
+    twin.advance(by_the_clock=False)
+    start = twin.status()["parameters"]
+    name, other = "bezier_offset", parameter("bezier_offset").default
+    assert name in start and start[name] != other
+    for value, shown in ((other, {**start, name: None}), (None, start), (0.4, {**start, name: 0.4}), (None, start)):
+        twin.post(SetParameter(name=name, value=value))
+        waiting = twin.status()["parameters"]
+        assert waiting == {key: each for key, each in shown.items() if each is not None}
+    twin.post(SetParameter(name="notches", value=7))
+    twin.post(SetParameter(name="xi", value=0.7))
+    waiting = twin.status()["parameters"]
+    twin.advance(by_the_clock=False)
+    assert twin.status()["parameters"] == waiting != start
 
 
 def test_a_tick_says_where_the_robot_was_told_that_furniture_stands(standing):

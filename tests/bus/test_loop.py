@@ -78,6 +78,40 @@ def test_an_error_in_a_period_stops_time_and_is_told_and_reset_recovers(capsys):
     assert "told to fail" in capsys.readouterr().err
 
 
+def test_an_error_is_over_before_the_answer_to_who_leaves_it(capsys):
+    """A status of the old error that is told after the answer was taken for one of the new run."""
+    with Running(lambda scene, method: FakeTwin(scene, method=method, fail_at=5), playing=True) as running:
+        until(lambda: running.loop.status().state == "error", "the error is not told")
+        for number, command in enumerate((Reset(), Load(scene="other"))):
+            told = []
+            envelope = Envelope(sender="ann", seq=number, expires=time.time() + 60.0, command=command)
+            running.loop.request(envelope, lambda *_, told=told: told.append(running.loop.status().state))
+            assert until(lambda told=told: told, "no answer") == ["loading"]
+            until(lambda: running.loop.status().state != "loading", "it does not begin")
+    assert "told to fail" in capsys.readouterr().err
+
+
+def fails(*_):
+    raise MemoryError("no memory")
+
+
+@pytest.mark.parametrize("part", ["request", "wheel", "session"])
+def test_an_error_between_two_periods_is_told_and_does_not_end_the_loop(running, monkeypatch, capsys, part):
+    """The thread of the loop ended, and the twin still said that it plays."""
+    loop = running.loop
+    assert running.ask(Play()) == ""
+    with monkeypatch.context() as broken:
+        if part == "request":
+            loop._put(fails)
+        else:
+            broken.setattr(*{"wheel": (loop._wheel, "look_after"), "session": (loop._sessions, "serve")}[part], fails)
+        until(lambda: loop.status().state == "error", "the error is not told")
+    assert loop.status().text == "MemoryError: no memory"
+    assert running.ask(Reset()) == ""
+    running.step()
+    assert "no memory" in capsys.readouterr().err
+
+
 def test_a_run_ends_after_settling_and_play_starts_it_again():
     with Running(lambda scene, method: FakeTwin(scene, method=method, periods=3)) as running:
         running.ask(Step(count=3 + SETTLE_PERIODS))

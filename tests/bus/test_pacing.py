@@ -1,6 +1,8 @@
 """Pacing of the loop, and the scheduling of its thread."""
 
+import itertools
 import os
+import sys
 import threading
 
 import pytest
@@ -59,6 +61,37 @@ def test_a_short_delay_is_caught_up_with():
     pacer.started(10.0)
     pacer.started(10.0 + PERIOD + 0.01)
     assert pacer.wait(10.0 + PERIOD + 0.01) == pytest.approx(PERIOD - 0.01)
+
+
+def meanwhile(read, act, step):
+    """Read, and act before so many instructions of it, as another thread may; False when it has fewer."""
+    left = [step]
+
+    def trace(frame, event, _):
+        frame.f_trace_opcodes = True
+        left[0] -= event == "opcode"
+        if event == "opcode" and left[0] == 0:
+            act()
+        return trace
+
+    before = sys.gettrace()
+    sys.settrace(trace)
+    try:
+        read()
+    finally:
+        sys.settrace(before)
+    return left[0] <= 0
+
+
+@pytest.mark.parametrize("name", ["actual_speed", "capped"])
+def test_the_loop_can_restart_at_any_moment_while_another_thread_reads(name):
+    """The status of a loop that began to play was an error at times: what had just been counted was gone."""
+    for step in itertools.count(1):
+        pacer = Pacer()
+        now, _ = run(pacer, 5.0, 0.02)
+        if not meanwhile(lambda pacer=pacer, now=now: getattr(pacer, name)(now), pacer.restart, step):
+            break
+    assert step > 5
 
 
 def test_only_real_time_that_the_machine_keeps_up_with_is_at_ease():

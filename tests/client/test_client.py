@@ -1,6 +1,7 @@
 """The client of other programs: typed commands, newest state, events that are not lost, a clean end."""
 
 import asyncio
+import collections
 import inspect
 import itertools
 import re
@@ -8,11 +9,12 @@ import subprocess
 import sys
 import threading
 import time
+from contextlib import contextmanager
 from pathlib import Path
 
 import msgspec
 import pytest
-from fake_twin import fake_server
+from fake_twin import FakeTwin, fake_server
 from waiting import until, until_paused
 
 from motm_twin.bus.client import TwinClient
@@ -62,6 +64,54 @@ def test_a_run_whose_status_comes_late_is_not_taken_for_the_next(twin, monkeypat
     monkeypatch.setattr(twin.client, "status", lambda: next(told))
     twin.reset()
     assert twin.latest_tick().run == run + 1
+
+
+@contextmanager
+def served(folder, playing=True, **about):
+    """A twin that is made so; ``about`` may be changed for the next one."""
+
+    def make(scene, *, method):
+        return FakeTwin(scene, method=method, **about)
+
+    with fake_server(make_twin=make, playing=playing, data=folder) as running, connect(running.endpoint) as handle:
+        until(handle.latest_tick, "it does not begin")
+        yield handle, about
+
+
+@pytest.fixture
+def failing(tmp_path):
+    """A twin that has failed, and when the next one fails."""
+    with served(tmp_path, fail_at=2) as (handle, about):
+        until(lambda: handle.status().state == "error", "no error")
+        yield handle, about
+
+
+def test_steps_past_the_end_of_a_run_or_into_an_error_are_not_waited_for(tmp_path, monkeypatch):
+    """Both ended only after a minute, with a timeout."""
+    monkeypatch.setattr("motm_twin.client.twin.STEPPING", 20.0)
+    with served(tmp_path, playing=False, periods=3) as (twin, _):
+        assert twin.step(1000).ok
+        assert (twin.status().state, twin.latest_tick().done) == ("done", True)
+    with served(tmp_path, playing=False, fail_at=5) as (twin, _), pytest.raises(Refused, match="told to fail"):
+        twin.step(1000)
+
+
+def test_a_run_that_begins_after_an_error_is_not_refused_with_that_error(failing, monkeypatch):
+    """Whoever left the error was told the old one, while the new run began."""
+    twin, fails = failing
+    fails["fail_at"] = None
+    told = itertools.chain(3 * [twin.status()], iter(twin.client.status, None))
+    monkeypatch.setattr(twin.client, "status", lambda: next(told))
+    twin.load("other")
+    assert (twin.latest_tick().index, twin.latest_tick().run, twin.scene().name) == (0, 2, "other")
+
+
+def test_a_run_that_fails_as_the_last_one_did_is_refused_with_the_error(failing):
+    twin, fails = failing
+    fails["fail_at"] = 0
+    for leave in (lambda: twin.load("fake"), twin.reset):
+        with pytest.raises(Refused, match="told to fail"):
+            leave()
 
 
 def test_a_load_names_the_method(twin):
@@ -202,6 +252,23 @@ def test_a_reader_that_was_slower_than_the_history_is_told(twin, server):
     assert numbers == list(range(numbers[0], numbers[0] + 1000))
     assert lost
     assert lost[0][1] + 1 == numbers[0]
+
+
+def test_an_iterator_gives_what_came_before_lost_events_and_another_one_what_came_after(twin, server):
+    """What came before was lost without being named, as the iterator had ended with the error."""
+    reader, log = EventReader(twin.client, None), server._publisher.event_log
+    for number in range(1200):
+        log.add(run=0, index=0, time=0.0, kind="edit", text=f"n {number}")
+    until(lambda: reader._live, "events do not come")
+    history = twin.client.events(0)
+    first = msgspec.structs.replace(history.events[0], seq=reader._expected, text="first")
+    reader._live = collections.deque([first, history.events[-1]])  # as if the network had lost the others
+    events = iter(reader)
+    assert next(events).text == "first"
+    with pytest.raises(EventsLost) as lost:
+        next(events)
+    assert (lost.value.first, lost.value.last) == (first.seq + 1, history.oldest - 1)
+    assert next(twin.events(lost.value.last + 1)).seq == lost.value.last + 1
 
 
 def test_iterators_end_when_the_twin_is_closed(server):

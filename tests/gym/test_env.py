@@ -4,6 +4,7 @@ import ast
 import re
 from pathlib import Path
 
+import msgspec
 import numpy as np
 import pytest
 
@@ -13,7 +14,9 @@ from gymnasium.utils.env_checker import check_env  # noqa: E402
 
 from motm_twin.gym import ENVIRONMENTS, Expert, MotmEnv, RewardWeights  # noqa: E402
 from motm_twin.gym.env import Score, reward  # noqa: E402
-from motm_twin.model.edits import AddObstacle  # noqa: E402
+from motm_twin.gym.observation import ObservationReader  # noqa: E402
+from motm_twin.model.edits import AddObstacle, InjectFault  # noqa: E402
+from motm_twin.model.faults import KINDS  # noqa: E402
 from motm_twin.twin import Twin  # noqa: E402
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -88,6 +91,25 @@ def driven_at_a_crate(**arguments):
     env.twin.post(AddObstacle(name="crate", shape="box", x=1.5, y=0.0, heading=0.0, size=(0.5, 0.8, 0.6)))
     infos = [env.step(FULL_AHEAD)[4] for _ in range(120)]
     return {info["stop_reason"] for info in infos}, env, infos[-1]
+
+
+def test_what_is_observed_under_any_fault_is_within_the_space():
+    """A beam that was nan made a whole sector nan."""
+    env = begun(seed=1)
+    for kind in KINDS:
+        env.twin.post(InjectFault(fault=kind, seconds=0.1))
+        for _ in range(4):
+            observed, *_ = env.step(zeros(env))
+            assert env.observation_space.contains(observed), kind
+
+
+def test_beams_that_say_nothing_are_no_return_and_hide_none_of_their_sector():
+    env = begun()
+    scan, reader = env.twin.plant.observe().scan, ObservationReader(env.twin.loop.known.robot, 4)
+    ranges = np.full_like(scan.ranges, np.inf)
+    ranges[:2], ranges[-2:] = (np.nan, 3.0), (-1.0, 0.5 * scan.range_min)
+    nearest = reader._ranges(msgspec.structs.replace(scan, ranges=ranges))
+    assert nearest.tolist() == [3.0, *3 * [scan.range_max]]
 
 
 def test_the_monitor_brakes_a_base_that_is_driven_at_an_obstacle():

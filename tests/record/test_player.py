@@ -93,6 +93,16 @@ def test_it_plays_to_its_end_and_again_from_its_start(client):
     until(lambda: client.status().state == "done", "it never ended again")
 
 
+def test_a_step_past_the_end_ends_it_and_no_step_before(client):
+    """The recording stood at its end, and a program waited in vain for the rest of its steps."""
+    assert client.command(Step(count=LAST)).ok
+    until(lambda: client.tick().index == LAST and client.status().time == client.tick().time, "it stands elsewhere")
+    assert client.status().state == "paused"
+    assert client.command(Step(count=2)).ok
+    until(lambda: client.status().state == "done", "it never ended")
+    assert client.tick().index == LAST
+
+
 def test_steps_and_leaps_keep_a_past_that_readers_can_look_back_at(client):
     seen = []
     client.on_tick(seen.append)

@@ -421,7 +421,7 @@ def changed(before, after, by=24.0):
     return float((np.abs(before - after).max(axis=2) > by).mean())
 
 
-EVIL = "<img src=x onerror=window.hacked=1>"
+EVIL = "<img/src=x onerror=window.hacked=1>"
 SHELF, SHELF_TOP = (-1.5, 0.5), 0.5  # [m]
 DRIVES = "".join(f"\n      - drive_to: {{x: {x}, y: -0.3}}" for x in 40 * (0.9, 0.3))  # 3 min: outlasts a test
 TEXT = f"""

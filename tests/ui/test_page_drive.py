@@ -155,6 +155,7 @@ GRAB = 0.15  # [m] height at which the Temi is taken: its body
 OCCUPIED = 255  # of a cell of the grid
 OLD, NEW = SHELF, (-1.5, -0.4)  # [m] where the shelf stands, and is dragged to
 HERE, THERE = (-1.4, 1.2), (-0.5, 1.2)  # [m] free floor, which a box is thrown over; 1.7 m from the table
+STANDS = (-0.6, -1.2)  # [m] who has a hostile name
 HEIGHT = 0.3  # [m] at which a box is taken
 NEAR = 0.1  # [m] from where the hand has let go
 DRAWN = 1e-3  # share of the pixels that a Temi changes at least
@@ -186,7 +187,7 @@ def test_furniture_is_dragged_and_announced_a_box_is_thrown_and_a_hostile_name_i
     with visiting(browser, begun("room", "long", play=False)) as visitor:
         client, dialogs = visitor.twin.client, []
         visitor.page.on("dialog", lambda dialog: (dialogs.append(dialog.message), dialog.dismiss()))
-        evil = AddObstacle(name=EVIL, shape="temi", x=-0.6, y=-1.2)
+        evil = AddObstacle(name=EVIL, shape="temi", x=STANDS[0], y=STANDS[1])
         act(client, evil)  # of another program: the page drives from here on
         visitor.tab("Disturb")
         visitor.page.keyboard.press("Space")
@@ -220,6 +221,8 @@ def furniture_is_moved_and_announced(visitor):
 
 def a_hostile_name_is_only_text(visitor):
     page = visitor.page
+    visitor.hover((*STANDS, 0.5))
+    until(lambda: page.locator("#motm .tip").text_content() == EVIL, 30.0, "the name is not shown under the mouse")
     visitor.choose("Selected", EVIL)
     visitor.press("Send to…")
     visitor.says(f"Click the floor where {EVIL} should go")

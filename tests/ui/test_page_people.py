@@ -31,7 +31,7 @@ def test_a_cube_and_a_bin_are_clicked_and_two_people_share_one_wheel(browser, be
         bea.tab("Why")  # out of the field, or keys would be typed
         bea.tab("Drive")
         take_the_wheel(ann)
-        bea.says("Ann <img src=x")
+        bea.says(f"Ann {EVIL[:10]}")
         bea.says("is driving, you are looking")
 
         take_the_wheel(ann)
@@ -46,7 +46,7 @@ def test_a_cube_and_a_bin_are_clicked_and_two_people_share_one_wheel(browser, be
 
         until(lambda: handed_over(ann, bea), 240.0, "the wheel is not handed over")
         bea.says("You are driving")
-        ann.says("Bea <img src=x")
+        ann.says(f"Bea {EVIL[:10]}")
         bea.close_notes()
         deliver(bea)
         client.command(HandOver(), sender=client.status().driver)  # that silence frees it is shown without a page

@@ -177,6 +177,18 @@ def test_the_cookies_of_two_pages_of_one_machine_are_two(secret):
     other.stop()
 
 
+@pytest.mark.parametrize(
+    "foreign", ['prefs={"a":1}', "u=J\u00fcrgen", "x=a b", "flag", "", "=", 'q="', "motm_token=other", "motm_token"]
+)
+def test_a_cookie_of_another_program_in_any_form_hides_ours_from_no_page(secret, foreign):
+    """One that Python's parser does not take hid ours: the page was refused until the browser forgot it."""
+    name = f"motm_token_{secret.get_port()}"
+    for cookies in (f"{foreign}; {name}={TOKEN}", f"{name}={TOKEN};{foreign}", f"{foreign};{name}={TOKEN} ;{foreign}"):
+        assert get(secret, Cookie=cookies).status == 200
+    for cookies in (foreign, f"{foreign}; x{name}={TOKEN}", f'x="{name}={TOKEN}"', f"{name}=\u00fc", f"{name}"):
+        assert get(secret, Cookie=cookies).status == 401
+
+
 def test_the_public_tunnel_is_switched_off(local, monkeypatch):
     opened, asked, closed = [], threading.Event(), local.request_share_url
     monkeypatch.setattr("viser._viser.ViserTunnel", lambda *args, **_: opened.append(args))

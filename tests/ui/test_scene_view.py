@@ -16,7 +16,7 @@ from motm_twin.bus.messages import BodyMessage, TrackMessage
 from motm_twin.model.kinematics import Frankie
 from motm_twin.model.profile import RobotProfile
 from motm_twin.model.reason import Kind, Reason
-from motm_twin.model.scene import Box, Bump, Cylinder, Prism, Solid
+from motm_twin.model.scene import Bin, Box, Bump, Cylinder, Prism, Solid
 from motm_twin.model.scene_file import list_scenes, load_scene
 from motm_twin.model.scene_shapes import pieces
 from motm_twin.planning.prediction import ellipses
@@ -162,10 +162,40 @@ def test_a_body_comes_moves_is_marked_frozen_and_goes_without_a_trace(view, tick
     assert nodes(view) == before
 
 
+@pytest.mark.parametrize("name", ["crate/lid", "crate/sign", "/crate", "crate/", "crate%2Flid", "../crate"])
+def test_a_name_with_a_slash_is_no_place_in_the_tree_of_nodes(view, tick, name):
+    """The body "crate/lid" was drawn in the frame of "crate" and went with it: then the page showed none at all."""
+    bodies, cubes = ([replace(like, name=each) for each in ("crate", name)] for like in (person(""), tick.objects[0]))
+    show(view, tick)
+    before = nodes(view)
+    show(view, replace(tick, objects=cubes, obstacles=bodies))
+    assert sorted(node.count("/") for node in nodes(view) - before) == [3, 3, 3, 3, 4, 4], "with two shadows"
+    moved = replace(bodies[1], position=[2.0, 2.0, 0.0], state="frozen")
+    show(view, replace(tick, objects=cubes[1:], obstacles=[moved]))
+    (drawn,) = (drawn for drawn in view._bodies._bodies.values() if drawn.sign is not None)
+    assert tuple(drawn.handle.position[:2]) == (2.0, 2.0) and drawn.handle.name in nodes(view)
+    show(view, tick)
+    assert nodes(view) == before
+
+
+@pytest.mark.parametrize("name", ["desk/lid", "desk/mesh", "bin0", "/"])
+def test_furniture_of_any_name_is_a_piece_of_its_own(view, tick, name):
+    """Furniture named as a part of another piece, or as the page calls a bin, took its place or went with it."""
+    desk, table = (next(solid for solid in SCENE.solids if solid.name == each) for each in ("desk", "round table"))
+    scene = replace(SCENE, solids=(desk, replace(table, name=name)), bins=(Bin(name="drop", centre=(6.0, 3.0)),))
+    show(view, tick, scene)
+    handles, drawn = view._server.scene._handle_from_node_name, view._furniture._drawn
+    assert set(drawn) == {"desk", name} and "/furniture/bin0" in handles
+    for piece in drawn.values():
+        assert handles[piece.frame.name] is piece.frame and piece.frame.name.count("/") == 2
+    show(view, replace(tick, removed=["desk"]), scene)
+    assert [drawn["desk"].frame.visible, drawn[name].frame.visible] == [False, True]
+
+
 def test_furniture_stands_where_the_tick_has_it_and_is_hidden_when_gone(view, tick):
     show(view, tick)
     name = next(iter(view._surroundings.pieces))
-    frame = view._server.scene._handle_from_node_name[f"/furniture/{name}"]
+    frame = view._furniture._drawn[name].frame
     body = replace(person(name), kind="furniture", position=[1.0, -2.0, 0.0], yaw=math.pi / 2)
     show(view, replace(tick, furniture=[body]))
     assert tuple(frame.position[:2]) == (1.0, -2.0)
@@ -187,8 +217,9 @@ def test_every_shipped_scene_is_drawn(view):
     for listing in list_scenes():
         scene = load_scene(listing.name)
         show(view, tick_message(Twin(scene).advance(), run=1, server_time=0.0), scene)
-        wanted = {f"/furniture/{piece}" for piece in pieces(scene)}
-        assert wanted <= set(view._server.scene._handle_from_node_name), listing.name
+        drawn = {name: piece.frame.name for name, piece in view._furniture._drawn.items()}
+        assert set(drawn) == set(pieces(scene)), listing.name
+        assert set(drawn.values()) <= set(view._server.scene._handle_from_node_name), listing.name
         assert any(name.startswith("/robot/") for name in nodes(view)), listing.name
 
 

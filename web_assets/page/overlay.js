@@ -344,7 +344,7 @@
     ...(data.names?.bins ?? []).map(([name, ...place]) => [name, place]),
     ...[...known.keys()].filter((name) => /^\/bodies\/(object|body)\/[^/]+$/.test(name)).map((name) => {
       const place = motm.place(name);
-      return place && [name.split("/").pop(), name.includes("/object/") ? place : [place[0], place[1], 0.5]];
+      return place && [decodeURIComponent(name.split("/").pop()), name.includes("/object/") ? place : [place[0], place[1], 0.5]];
     }).filter(Boolean),
   ];
   document.addEventListener("pointermove", (event) => {

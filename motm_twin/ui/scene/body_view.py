@@ -8,6 +8,7 @@ import math
 from collections import deque
 from dataclasses import dataclass, field
 from typing import NamedTuple
+from urllib.parse import quote
 
 import numpy as np
 import viser
@@ -62,8 +63,8 @@ class BodyView:
 
     def update(self, tick: TickMessage) -> None:
         """Draw the bodies of a tick; one that is held here is drawn under the pointer."""
-        drawn = {f"object/{item.name}": item for item in tick.objects}
-        drawn |= {f"body/{body.name}": body for body in (*tick.agents, *tick.obstacles)}
+        drawn = {f"object/{_part(item.name)}": item for item in tick.objects}
+        drawn |= {f"body/{_part(body.name)}": body for body in (*tick.agents, *tick.obstacles)}
         for name, body in drawn.items():
             held, cube = self._drag.held(body.name), name.startswith("object/")
             x, y, z = (*body.position[:2], body.position[2] if cube else 0.0)
@@ -148,6 +149,11 @@ class BodyView:
         for handle in (drawn.sign, drawn.handle, drawn.shadow):
             if handle is not None:
                 handle.remove()
+
+
+def _part(name: str) -> str:
+    """A name as one part of the path of a node, which overlay.js reads: one with "/" is no child of another body."""
+    return quote(name, safe="")
 
 
 def _lengthen(trail: deque, place: tuple[float, float], seconds: float) -> None:

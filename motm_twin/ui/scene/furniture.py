@@ -301,7 +301,10 @@ class FurnitureView:
     def show(self, scene: Scene) -> None:
         """Draw the pieces of this scene instead of those of the last one."""
         self._scene.remove_by_name(MOVABLE)
-        self._drawn = {name: self._add(scene, piece) for name, piece in pieces(scene).items()}
+        self._drawn = {
+            name: self._add(f"{MOVABLE}/piece{number}", scene, piece)
+            for number, (name, piece) in enumerate(pieces(scene).items())
+        }
         for number, box in enumerate(scene.bins):  # that stand on something fixed
             if not any(box.name in drawn.piece.bins for drawn in self._drawn.values()):
                 self._add_bin(f"{MOVABLE}/bin{number}", box, (0.0, 0.0))
@@ -318,8 +321,8 @@ class FurnitureView:
                 drawn.frame.position, drawn.frame.wxyz = (pose[0], pose[1], 0.0), SO3.from_z_radians(pose[2]).wxyz
             drawn.frame.visible = name not in tick.removed
 
-    def _add(self, scene: Scene, piece: Piece) -> _Drawn:
-        path, add = f"{MOVABLE}/{piece.name}", self._scene
+    def _add(self, path: str, scene: Scene, piece: Piece) -> _Drawn:
+        add = self._scene
         solids = [solid for solid in scene.solids if solid.name in piece.solids]
         frame = add.add_frame(path, show_axes=False, position=(*piece.centre, 0.0))
         mesh = add.add_glb(f"{path}/mesh", glb(solids_mesh(solids, piece.centre)), **NO_SHADOW)
