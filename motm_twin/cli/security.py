@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from tyro.conf import FlagCreatePairsOff, Positional, arg
 
+from motm_twin.cli.settings import AddingUp, Words
 from motm_twin.program import BAD_INPUT, OK
 
 if TYPE_CHECKING:
@@ -20,7 +21,7 @@ USES = {  # what each role can do with its file
 
 
 @dataclass(frozen=True, kw_only=True)
-class SecuritySettings:
+class SecuritySettings(AddingUp):
     """The folder, and who may connect.
 
     Args:
@@ -38,12 +39,12 @@ class SecuritySettings:
 
     action: Positional[Literal["make", "add", "remove", "list"]]
     folder: Annotated[Positional[Path], arg(metavar="DIR")]
-    host: tuple[str, ...] = ()
+    host: Words = ()
     port: int = 7448
-    viewer: tuple[str, ...] = ()
-    driver: tuple[str, ...] = ()
-    robot: tuple[str, ...] = ()
-    twin: tuple[str, ...] = ()
+    viewer: Words = ()
+    driver: Words = ()
+    robot: Words = ()
+    twin: Words = ()
     passwords: FlagCreatePairsOff[bool] = False
     days: int = 365
 
