@@ -1,6 +1,7 @@
 """A recording on the bus: it looks like a twin, goes where it is told, and refuses to be changed."""
 
 import json
+import threading
 import time
 
 import msgspec
@@ -11,7 +12,7 @@ from recordings import Recording
 from waiting import asked, until
 
 from motm_twin.bus.client import NoSession, TwinClient
-from motm_twin.bus.commands import AddObstacle, Branch, Load, Pause, Play, Reset, Speed, Step
+from motm_twin.bus.commands import AddObstacle, Branch, Envelope, Load, Pause, Play, Reset, Speed, Step
 from motm_twin.bus.connection import open_client
 from motm_twin.bus.messages import EventsMessage
 from motm_twin.model.plant import PERIOD
@@ -142,6 +143,55 @@ def with_more_states(path, target):
                 file.add(ch.ROBOT, entry.log_time / 1e9 + 1e-6 * (k + 1), json.dumps(robot).encode())
     file.close()
     return target
+
+
+@pytest.mark.parametrize(
+    ("topic", "message"),
+    [
+        (ch.SCAN.topic, [1, 2]),
+        (ch.METRICS.topic, 7),
+        (ch.ROBOT.topic, {"time": "soon"}),
+        (ch.EVENT.topic, {"kind": "picked"}),
+        (ch.SCENE.topic, {"scene": {"name": "of another version"}}),
+    ],
+)
+def test_a_message_that_cannot_be_played_is_refused_as_the_file_is_read(path, topic, message, tmp_path):
+    """It ended the thread of the player when its turn came: the twin stayed "playing" for ever, without a word."""
+    file = McapFile(tmp_path / "bad.mcap")
+    for entry in read(path):
+        file.add(ch.CHANNELS[entry.topic], entry.log_time / 1e9, entry.data)
+    file.add(ch.CHANNELS[topic], entry.log_time / 1e9, json.dumps(message).encode())
+    file.close()
+    with pytest.raises(SessionError, match=f"a message in it is broken or of another version .{topic}.: "):
+        Frames(tmp_path / "bad.mcap")
+
+
+def test_an_error_while_it_plays_is_the_state_and_a_reset_plays_on(path):
+    """The thread of the player ended, and the state stayed as it was."""
+    broken = [False]
+
+    def put(*_):
+        if broken[0]:
+            raise RuntimeError("the disk is gone")
+
+    ways = {"put": put, "now": time.time, "changed": lambda: None}
+    player = Player(Frames(path), name="x", twin="x", playback=Playback(playing=False), **ways)
+    thread = threading.Thread(target=player.run)
+    thread.start()
+    answers = []
+
+    def told(command, state, text):
+        envelope = Envelope(sender="me", seq=1, expires=time.time() + 5.0, command=command)
+        player.request(envelope, lambda reason, _: answers.append(reason))
+        until(lambda: player.status().state == state and text in player.status().text, f"not {state}")
+
+    broken[0] = True
+    told(Step(), "error", "RuntimeError: the disk is gone")
+    broken[0] = False
+    told(Reset(), "paused", "a recording: x, 0.0 of")
+    player.stop()
+    thread.join()
+    assert answers == ["", ""]
 
 
 def test_what_would_change_it_is_refused_with_a_reason(client):
