@@ -214,6 +214,7 @@ class Player:
         self._stopped, self._error = False, ""
         self._state, self._speed = "playing" if playback.playing else "paused", playback.speed
         self._at = -1  # frame that was sent last
+        self._of: RunKey | None = None  # its run in the file
         self._due = time.monotonic()
         self._later: deque[tuple[float, Sent]] = deque()  # due [s], what is sent between two frames
         self._run, self._began, self._first, self._past = 0, 0.0, 0, -1
@@ -379,20 +380,34 @@ class Player:
         self._send_due(math.inf)  # under the number of its run
         if self._state in ("done", "error"):
             self._set("paused")
+        first = number if number <= self._at else max(self._at + 1, number - FILLED)
+        frame, leap = self._frames[first], first != self._at + 1
         if number > self._at:
-            for between in range(max(self._at + 1, number - FILLED), number + 1):
-                self._show(between)
-            return
-        frame, before = self._frames[number], self._frames[self._at]
-        self._begin_run(frame, self._began if frame.run[0] == before.run[0] else self._now(), frame.index, self._run)
-        self._at = number - 1
-        if frame.grid >= 0:  # the map that was in force in a frame that did not bring one
+            self._follow(first)
+        elif number == 0:
+            self._begin_run(frame, self._now(), 0, -1)
+        else:
+            same = frame.run[0] == self._frames[self._at].run[0]
+            self._begin_run(frame, self._began if same else self._now(), frame.index, self._run)
+        if leap and frame.grid >= 0:  # the map that was in force in a frame that did not bring one
             grids = [item for item in self._frames[frame.grid].sent() if item[0] == ch.GRID.topic]
             self._send(grids[-1])
-        self._show(number)
+        for between in range(first, number + 1):
+            self._show(between)
+
+    def _follow(self, number: int) -> None:
+        """Begin a run when a frame is of another one than what was sent last."""
+        frame, of = self._frames[number], self._of
+        if of is None:
+            self._begin_run(frame, self._now(), 0, -1)
+        elif frame.run != of:
+            same = frame.run[0] == of[0]
+            past = self._run if same and number == self._at + 1 else -1  # after a leap it may be the past of another
+            self._begin_run(frame, self._began if same else self._now(), frame.first, past)
 
     def _begin_run(self, frame: Frame, began: float, first: int, past: int) -> None:
         """A new run begins with this frame."""
+        self._of = frame.run
         self._run, self._began, self._first, self._past = self._run + 1, began, first, past
         if frame.scene >= 0:
             payload = next(payload for topic, payload, _ in self._frames[frame.scene].sent() if topic == ch.SCENE.topic)
@@ -404,14 +419,8 @@ class Player:
 
     def _show(self, number: int) -> None:
         self._send_due(math.inf)
-        frame = self._frames[number]
-        before = self._frames[self._at] if self._at >= 0 else None
-        if before is None:
-            self._begin_run(frame, self._now(), 0, -1)
-        elif frame.run != before.run and number == self._at + 1:
-            same = frame.run[0] == before.run[0]
-            self._begin_run(frame, self._began if same else self._now(), frame.first, self._run if same else -1)
-        self._at = number
+        self._follow(number)
+        frame, self._at = self._frames[number], number
         playing, sent = self._state == "playing", frame.sent()
         later = (ch.SCENE.topic, ch.ROBOT.topic) if playing else (ch.SCENE.topic,)  # sent with its run, or spread
         for item in sent:

@@ -16,6 +16,7 @@ from motm_twin.bus.commands import AddObstacle, Branch, Envelope, Load, Pause, P
 from motm_twin.bus.connection import open_client
 from motm_twin.bus.messages import EventsMessage
 from motm_twin.model.plant import PERIOD
+from motm_twin.model.scene_file import load_scene
 from motm_twin.record import channels as ch
 from motm_twin.record.mcap_file import McapFile, read
 from motm_twin.record.player import Frames, Playback, Player
@@ -107,6 +108,35 @@ def test_steps_and_leaps_keep_a_past_that_readers_can_look_back_at(client):
         if index == 10:
             tick = client.tick()
             assert (tick.run, tick.began, tick.first, tick.past) == (run + 1, began, 10, run)
+
+
+def test_a_leap_into_another_run_of_the_file_begins_a_run_with_its_scene_and_map(path, tmp_path, monkeypatch):
+    """What lay more than 30 s ahead was sent under the run, the scene and the map before the leap."""
+    monkeypatch.setattr("motm_twin.record.player.FILLED", 5)
+    grid = next(entry.data for entry in read(path) if entry.topic == ch.GRID.topic)
+    scenes = [load_scene("exp1"), load_scene("exp2")]
+    file = McapFile(tmp_path / "two.mcap")
+    for run, scene in enumerate(scenes, 1):
+        file.add(ch.SCENE, 1.0, msgspec.json.encode(ch.RecordedScene(scene=scene)))
+        file.add(ch.GRID, 1.0, grid)
+        for index in range(20):
+            plan = {"expansions": 1, "cut_by_clock": False}
+            tick = {"run": run, "index": index, "time": index * PERIOD, "began": 1000.0 * run, "plan": plan}
+            file.add(ch.TICK, 1.0, json.dumps(tick).encode())
+    file.close()
+    sent = []
+    ways = {"put": lambda *item: sent.append(item), "now": time.time, "changed": lambda: None}
+    player = Player(Frames(tmp_path / "two.mcap"), name="x", twin="x", playback=Playback(playing=False), **ways)
+    for number, scene, first in ((0, scenes[0], 0), (39, scenes[1], 14), (20, scenes[1], 0), (3, scenes[0], 3)):
+        before, sent[:] = player.status().run, []
+        player._seek(number)
+        status = player.status()
+        assert (status.run, status.scene, status.variant) == (before + 1, scene.name, scene.variant)
+        ticks = [json.loads(payload) for topic, payload, _ in sent if topic == ch.TICK.topic]
+        assert ticks[0]["index"] == first and {tick["run"] for tick in ticks} == {status.run}
+        assert {json.loads(about)["run"] for topic, _, about in sent if topic == ch.GRID.topic} == {status.run}
+        shown = [json.loads(payload)["name"] for topic, payload, _ in sent if topic == ch.SCENE.topic]
+        assert shown == ([scene.name] if number != 20 else [])  # it is shown already
 
 
 def test_while_it_plays_the_states_of_the_robot_come_one_after_the_other_as_they_were(path, tmp_path):
