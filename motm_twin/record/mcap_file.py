@@ -383,11 +383,15 @@ def recover(path: str | Path, out: str | Path | None = None) -> Recovered:
     target = Path(out) if out is not None else path.with_name(f"{path.stem}.recovered.mcap")
     health = Health()
     try:
-        with target.open("xb") as file:
-            messages, first, last = _copy(path, file, health)
-        _verify(target, messages)
+        file = target.open("xb")
     except FileExistsError as error:
         raise SessionError("exists already: choose another name with --out", file=str(target)) from error
+    except OSError as error:
+        raise SessionError(f"cannot be written: {error.strerror or error}", file=str(target)) from error
+    try:
+        with file:
+            messages, first, last = _copy(path, file, health)
+        _verify(target, messages)
     except BaseException as error:
         target.unlink(missing_ok=True)
         if isinstance(error, OSError):
