@@ -80,18 +80,24 @@ class _Raw:
         self._closing = True
         self._written.set()
         self._thread.join()
+        self._force()  # the thread may have been in the middle of it when the end was written
         os.close(self._descriptor)
         if self._problem is not None:
             raise self._problem
 
     def _sync(self) -> None:
-        while not self._closing and self._problem is None:
+        while self._problem is None:
             self._written.wait()
             self._written.clear()
-            try:
-                os.fdatasync(self._descriptor)
-            except OSError as error:
-                self._problem = error
+            if self._closing:
+                return
+            self._force()
+
+    def _force(self) -> None:
+        try:
+            os.fdatasync(self._descriptor)
+        except OSError as error:
+            self._problem = self._problem or error
 
 
 class McapFile:
