@@ -22,7 +22,7 @@ from motm_twin.model.geometry import from_frame
 from motm_twin.model.names import hint
 from motm_twin.model.profile import READY
 from motm_twin.model.scene import Agent, Bin, DriveTo, Pick, Place, Point, Scene, SceneObject, Solid
-from motm_twin.model.scene_shapes import base_outline, bin_solid, outline, rectangle
+from motm_twin.model.scene_shapes import base_outline, bin_solid, outline, rectangle, surface
 from motm_twin.model.scene_yaml import Node
 
 TOUCH = 1e-3  # [m] bodies may overlap by this much: rounding of the numbers in a file
@@ -38,7 +38,7 @@ def check_scene(scene: Scene, root: Node) -> None:
     for item in scene.bins:
         check_bin(scene, item, root.at("bins", item.name))
     for item in scene.objects:
-        check_object(scene, item, object_node(root, item.name))
+        check_object(scene, item, root)
     check_pairs(scene, root)
     check_tasks(scene, root)
     check_start(scene, root)
@@ -49,10 +49,12 @@ def check_scene(scene: Scene, root: Node) -> None:
 
 def object_node(root: Node, name: str) -> Node:
     """Node that defines an object: its own entry, or the slot that holds it."""
+    return root.at("objects", name) if _is_object(root, name) else root.at("slots", name.removeprefix("cube_"))
+
+
+def _is_object(root: Node, name: str) -> bool:
     objects = root.value.get("objects")
-    if objects is not None and name in objects.value:
-        return objects.value[name]
-    return root.at("slots", name.removeprefix("cube_"))
+    return objects is not None and name in objects.value
 
 
 def check_robot(scene: Scene, root: Node) -> None:
@@ -130,19 +132,38 @@ def _overlapping(scene: Scene, shape: BaseGeometry, low: float, high: float) -> 
             yield solid
 
 
-def check_object(scene: Scene, item: SceneObject, node: Node) -> None:
+def _side_node(root: Node, name: str) -> Node:
+    """Node that gives the side of a cube; that of the gripper when it is the usual one."""
+    given = object_node(root, name) if _is_object(root, name) else root.at("deliver")
+    return given.at("side") if "side" in given.value else root.at("robot", "gripper", "max_width")
+
+
+def _surface(scene: Scene, node: Node) -> str:
+    """The surface that an object or slot names, to be told."""
+    name = node.at("surface").value if "surface" in node.value else ""
+    piece = surface(name, scene.solids)
+    if piece is None:
+        return "its surface"
+    return f"its surface '{piece.name}'" + ("" if piece.name == name else f", the highest piece of '{name}'")
+
+
+def check_object(scene: Scene, item: SceneObject, root: Node) -> None:
     """A cube fits the gripper, rests wholly on a surface, and is inside nothing."""
+    node = object_node(root, item.name)
     widest = scene.robot.gripper.max_width - FINGER_ROOM
     if item.side > widest:
-        raise node.error(f"a cube of {item.side:g} m is too wide for the gripper: at most {widest:.3g} m")
+        raise _side_node(root, item.name).error(
+            f"a cube of {item.side:g} m is too wide for the gripper: at most {widest:.3g} m"
+        )
     x, y, z = item.position
     square, bottom, top = cube_outline(item), z - item.side / 2.0, z + item.side / 2.0
     under = [outline(s.shape) for s in scene.solids if abs(s.z_max - bottom) <= TOUCH]
-    surface = unary_union(under).buffer(TOUCH)
-    if bottom > TOUCH and not surface.contains(square):
-        what = "hangs over the edge of" if surface.intersects(square) else "is off"
+    ground = unary_union(under).buffer(TOUCH)
+    if bottom > TOUCH and not ground.contains(square):
+        what = "hangs over the edge of" if ground.intersects(square) else "is off"
         raise node.at("at").error(
-            f"the cube at ({x:g}, {y:g}) {what} its surface (nothing else is {bottom:g} m high there): move it"
+            f"the cube at ({x:g}, {y:g}) {what} {_surface(scene, node)} (nothing else is {bottom:g} m high there): "
+            "move it"
         )
     for solid in _overlapping(scene, square.buffer(-TOUCH), bottom, top):
         raise node.at("at").error(f"the cube is inside '{solid.name}': move one of them")

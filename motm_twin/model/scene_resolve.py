@@ -12,7 +12,7 @@ from motm_twin.model import scene_format as fmt
 from motm_twin.model.names import hint
 from motm_twin.model.profile import DEG, RobotProfile
 from motm_twin.model.scene import PlanarPose, Point, Scene, SceneObject, Solid, Task
-from motm_twin.model.scene_shapes import base_outline, counter_clockwise, is_simple, lane, outline
+from motm_twin.model.scene_shapes import base_outline, counter_clockwise, is_simple, lane, outline, surface
 from motm_twin.model.scene_yaml import Node
 
 MARGIN = 1.5  # [m] of map round everything in the scene
@@ -104,13 +104,11 @@ class Resolver:
 
     def surface(self, name: str, node: Node) -> Solid:
         """The furniture called so; a group stands for its highest piece."""
-        if name in self.solids:
-            return self.solids[name]
-        group = [solid for solid in self.solids.values() if solid.group == name]
-        if not group:
+        found = surface(name, self.solids.values())
+        if found is None:
             groups = {*self.solids, *(solid.group for solid in self.solids.values())}
             raise node.error(f"there is no furniture '{name}'; {hint(name, sorted(groups))}")
-        return max(group, key=lambda solid: solid.z_max)
+        return found
 
     def _work(self) -> tuple[tuple[SceneObject, ...], tuple[Task, ...]]:
         objects = tuple(self._object(key, item) for key, item in self._entries("objects").items())
