@@ -274,8 +274,17 @@ def check_all(name_or_path: str) -> tuple[Scene, ...]:
 
 
 def check_document(document: Document) -> tuple[Scene, ...]:
-    """Every variant of a document, resolved and checked; raises SceneError for the first that is wrong."""
-    return tuple(_resolve(document, variant, None) for variant in document.variants() or [None])
+    """Every variant of a document, resolved and checked; raises SceneError for the first that is wrong.
+
+    Slots that another seed would draw are checked, too.
+    """
+    scenes = []
+    for variant in document.variants() or [None]:
+        scenes.append(_resolve(document, variant, None))
+        root, chosen = with_variant(document, variant)
+        for drawn in Resolver(root, None).draws():
+            check_scene(Resolver(root, None, drawn).scene(document.name, chosen), root)
+    return tuple(scenes)
 
 
 def _resolve(document: Document, variant: str | None, seed: int | None) -> Scene:

@@ -311,3 +311,28 @@ def test_a_cube_is_refused_that_the_hand_cannot_get_over(tmp_path, height, good)
     else:
         with pytest.raises(SceneError, match=f"{height:.2f} m high, the arm reaches up to 1.1"):
             load_scene(str(tmp_path / "high.yaml"))
+
+
+ON_AN_EDGE = "  B: {surface: table, at: [1.5, -0.3]}"
+BESIDE = "  B: {surface: table, at: [1.63, 0.3]}\n  C: {surface: table, at: [2.3, 0.3]}"  # B is partly where A is
+
+
+@pytest.mark.parametrize(
+    ("slots", "number", "says"),
+    [
+        (ON_AN_EDGE, 1, "slots.B.at: the cube at (1.5, -0.3) hangs over the edge"),
+        (ON_AN_EDGE, 2, "slots.B.at: the cube at (1.5, -0.3) hangs over the edge"),
+        (BESIDE, 2, ".at: it overlaps the object 'cube_"),
+        (BESIDE, 1, ""),  # they are never there together
+    ],
+)
+def test_every_slot_that_a_seed_may_draw_is_checked(scene, slots, number, says):
+    """Only those that the seed of the file draws were: a run with another seed was refused."""
+    text = GOOD.replace("  B: {surface: table, at: [1.6, -0.3]}", slots)
+    text = text.replace("slots: [A, B]", f"slots: {{random: {number}}}")
+    for seed in range(4):
+        scene.write_text(text.replace("seed: 3", f"seed: {seed}"), encoding="utf-8")
+        if says:
+            assert says in refusal(scene)
+        else:
+            check_all(str(scene))
