@@ -2,7 +2,7 @@
 
 The start is free, agents do not drive through furniture, and every target can be reached. Reach is a necessary
 condition only: the base as its inscribed disc, the arm as a sphere round its shoulder. A scene refused here is
-impossible; one that passes may still be hard.
+impossible; one that passes may still be hard, or impossible, too.
 """
 
 import itertools
@@ -354,9 +354,12 @@ def check_reach(scene: Scene, root: Node) -> None:
             _check_target(
                 scene, free, ("object", i.name, i.position), (reach(scene, i.position[2], PICK_TILT), top), node
             )
+            bottom = i.position[2] - i.side / 2.0
+            _check_cover(scene, cube_outline(i), (bottom, bottom + i.side), PICK_TILT, node)
         for i in scene.bins:
             node, far = root.at("bins", i.name), reach(scene, i.rim_z, PLACE_TILT) + 0.5 * i.side
             _check_target(scene, free, ("bin", i.name, (*i.centre, i.rim_z)), (far, highest(scene, PLACE_TILT)), node)
+            _check_cover(scene, bin_outline(i), (i.rim_z, i.rim_z), PLACE_TILT, node)
     for index, task in enumerate(scene.tasks):
         if isinstance(task, DriveTo):
             _check_goal(scene, task, free, root.at("tasks", index, "drive_to"))
@@ -380,6 +383,24 @@ def _check_target(
             f"the {kind} '{name}' is unreachable: no free base position within {radius:.2f} m of the arm; "
             "move it towards an edge or make room"
         )
+
+
+def _check_cover(scene: Scene, target: Polygon, heights: tuple[float, float], tilt: float, node: Node) -> None:
+    """No furniture is over all of a target so low that fingers at it, or the tool above them, would be in it.
+
+    ``heights`` [m]: of the fingertips at least, and of the target's top.
+    """
+    low, top = heights
+    for solid in scene.solids:
+        over = solid.z_min - low
+        if solid.z_min < top - TOUCH or over >= TOOL * math.cos(tilt):
+            continue
+        aside = scene.robot.gripper.max_width / 2.0 + over * math.tan(tilt)
+        if outline(solid.shape).contains(target.buffer(aside)):
+            raise node.at("at").error(
+                f"the hand reaches it only from above, and '{solid.name}' is {solid.z_min - top:.2f} m above it: "
+                "move one of them"
+            )
 
 
 def _check_goal(scene: Scene, task: DriveTo, free: Any, node: Node) -> None:

@@ -336,3 +336,27 @@ def test_every_slot_that_a_seed_may_draw_is_checked(scene, slots, number, says):
             assert says in refusal(scene)
         else:
             check_all(str(scene))
+
+
+@pytest.mark.parametrize(
+    ("board", "says"),
+    [  # the cube is 1.6 m ahead, on a table from 1.5 m on
+        (
+            "centre: [2.0, 0.0], size: [1.0, 1.0], z: [0.825, 0.85]",
+            "objects.cube.at: the hand reaches it only from above",
+        ),
+        ("centre: [1.9, 0.0], size: [1.2, 1.0], z: [0.94, 0.96]", "'board' is 0.15 m above it"),
+        ("centre: [1.9, 0.0], size: [1.2, 1.0], z: [0.96, 0.98]", ""),  # above the tool; the arm may not get there
+        ("centre: [2.1, 0.0], size: [1.0, 1.0], z: [0.825, 0.85]", ""),  # the cube is at its edge
+        ("centre: [0.5, 2.3], size: [0.6, 0.6], z: [0.76, 0.78]", "bins.tray.at: the hand reaches it only from above"),
+        ("centre: [0.5, 2.5], size: [0.6, 0.6], z: [0.76, 0.78]", ""),  # over half of the bin
+    ],
+)
+def test_a_board_so_low_that_no_hand_comes_between_is_refused(scene, board, says):
+    """A board 3.5 cm above a cube, or over a whole bin, was good: the robot tried for all of its time."""
+    text = GOOD.replace("slots:\n", f"  board: {{shape: box, {board}}}\nslots:\n")
+    scene.write_text(text.replace("  other: {z: 0.75, at: [2.4, 0.0]}\n", ""), encoding="utf-8")
+    if says:
+        assert says in refusal(scene)
+    else:
+        check_all(str(scene))
