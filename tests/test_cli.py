@@ -11,20 +11,22 @@ import socket
 import subprocess
 import sys
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from subprocess import PIPE
 
 import msgspec
 import pytest
+import tyro
 from mcap.writer import Writer
 from rich.console import Console
 
 import motm_twin
 from motm_twin.__main__ import main as start
 from motm_twin.bus.connection import free_port
+from motm_twin.cli.security import SecuritySettings
 from motm_twin.cli.serve import BAD_INPUT, OK, _Supervisor, serve
-from motm_twin.cli.settings import ServeSettings
+from motm_twin.cli.settings import BenchSettings, PageSettings, PaperSettings, ServeSettings
 from motm_twin.model.assets import scenes_dir
 from motm_twin.sessions.session import load_session, save_session
 from motm_twin.trial import run_scene
@@ -300,6 +302,18 @@ def test_a_pipe_that_nobody_reads_any_more_is_no_traceback():
 def test_a_shipped_scene_checks_and_the_schema_is_json(call):
     assert call("scene", "check", "exp1").returncode == 0
     assert json.loads(call("scene", "schema").stdout)
+
+
+@pytest.mark.parametrize("kind", [BenchSettings, PageSettings, PaperSettings, SecuritySettings])
+def test_every_option_of_several_words_adds_up_when_it_is_repeated(kind):
+    """The second one replaced the first without a word: --twin a1 --twin a2 made a folder that knew a2 only."""
+    given = ["make", "folder"] if kind is SecuritySettings else []
+    several = [each.name for each in fields(kind) if each.default == ()]
+    assert several
+    for name in several:
+        option = f"--{'name' if name == 'names' else name}"
+        found = tyro.cli(kind, args=[*given, option, "a", "b", option, "c"])
+        assert getattr(found, name) == ("a", "b", "c")
 
 
 def test_version_is_that_of_the_package(call):

@@ -144,6 +144,11 @@ Json = dict[str, Any]
 Granted = tuple[Json, list[str]]  # a subject, and the names of its rules
 
 
+def each(named: Named) -> list[tuple[str, str]]:
+    """Role and name of everybody."""
+    return [(role, name) for role, names in named.items() for name in names]
+
+
 def identity(role: str, name: str) -> str:
     """The common name, or user name, that somebody connects with."""
     return f"{role}-{name}"
@@ -255,6 +260,16 @@ class People(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
                     raise SecurityError(f"{role} {name[:60]!r}: use 1 to 40 letters, digits, '_' or '-'")
 
 
+def _check(named: Named, days: int = DAYS) -> None:
+    """Raise SecurityError for a name that was given twice, and for days that cannot be."""
+    people = each(named)
+    for role, name in people:
+        if people.count((role, name)) > 1:
+            raise SecurityError(f"{role} {name[:60]!r} is named twice")
+    if not 1 <= days <= AUTHORITY_DAYS:
+        raise SecurityError(f"{days} days: use 1 to {AUTHORITY_DAYS}, for which the authority is valid")
+
+
 class Folder:
     """The files of one server and its clients."""
 
@@ -289,8 +304,9 @@ class Folder:
         return self
 
     def create(self, people: People, *, days: int = DAYS) -> list[Path]:
-        """A new authority, server and clients; the files for clients. Raises SecurityError."""
+        """A new authority, server and clients; the files for clients. Raises SecurityError before it writes."""
         people.check()
+        _check(people.names, days)
         if self.path.exists() and any(self.path.iterdir()):
             raise SecurityError(
                 f"{self.path} is not empty: choose a new folder, or change who is known with add, remove"
@@ -302,35 +318,46 @@ class Folder:
         server = authority.issue("server", days=days, hosts=people.hosts)
         self._write("server.crt", server.certificate, _PUBLIC)
         self._write("server.key", server.key, _SECRET)
-        made = [self._client(people, role, name, days) for role, names in people.names.items() for name in names]
+        signer = None if people.passwords else authority
+        made = [self._client(people, role, name, days, signer) for role, name in each(people.names)]
         self._server(people)
         return made
 
-    def add(self, role: str, name: str, *, days: int = DAYS) -> Path:
-        """Admit one more client; returns its file. Takes effect when the server restarts. Raises SecurityError."""
+    def add(self, named: Named, *, days: int = DAYS) -> list[Path]:
+        """Admit more clients; their files. Takes effect when the server restarts.
+
+        Raises SecurityError before it writes.
+        """
         people = self.known()
-        if role == "twin" and not people.names.get("twin"):
+        _check(named, days)
+        if named.get("twin") and not people.names.get("twin"):
             raise SecurityError(f"{self.path} is of a twin, not of a router: make a new folder with --twin")
-        people.names.setdefault(role, [])
-        if name in people.names[role]:
-            raise SecurityError(f"{role} {name!r} is known already: remove it first to give it new secrets")
-        people.names[role].append(name)
+        for role, name in each(named):
+            if name in people.names.setdefault(role, []):
+                raise SecurityError(f"{role} {name!r} is known already: remove it first to give it new secrets")
+            people.names[role].append(name)
         people.check()
-        made = self._client(people, role, name, days)
+        signer = None if people.passwords else self._authority()
+        made = [self._client(people, role, name, days, signer) for role, name in each(named)]
         self._server(people)
         return made
 
-    def remove(self, role: str, name: str) -> None:
-        """Revoke all rights of a client, from the next start of the server on. Raises SecurityError."""
-        people = self.known()
-        if name not in people.names.get(role, []):
-            known = ", ".join(f"{role} {name}" for role, names in people.names.items() for name in names)
-            raise SecurityError(f"there is no {role} {name[:60]!r}; there are: {known or 'none'}")
-        people.names[role].remove(name)
-        self.of(role, name).unlink(missing_ok=True)
-        users = self._users()
-        if users.pop(identity(role, name), None) is not None:
-            self._write_users(users)
+    def remove(self, named: Named) -> None:
+        """Revoke all rights of clients, from the next start of the server on.
+
+        Raises SecurityError before it writes.
+        """
+        people, users = self.known(), self._users()
+        _check(named)
+        known = ", ".join(f"{role} {name}" for role, name in each(people.names))
+        for role, name in each(named):
+            if name not in people.names.get(role, []):
+                raise SecurityError(f"there is no {role} {name[:60]!r}; there are: {known or 'none'}")
+            people.names[role] = [other for other in people.names[role] if other != name]
+            users.pop(identity(role, name), None)
+        for role, name in each(named):
+            self.of(role, name).unlink(missing_ok=True)
+        self._write_users(users)
         self._server(people)
 
     def _server(self, people: People) -> None:
@@ -358,7 +385,8 @@ class Folder:
         self._write("here.json5", _settings(), _SECRET)
         self._write("people.json", msgspec.json.format(msgspec.json.encode(people)) + b"\n", _PUBLIC)
 
-    def _client(self, people: People, role: str, name: str, days: int) -> Path:
+    def _client(self, people: People, role: str, name: str, days: int, signer: Authority | None) -> Path:
+        """The file of a client; without ``signer`` it has a password alone."""
         tls: Json = {
             "root_ca_certificate_base64": _base64((self.path / "ca.crt").read_bytes()),
             "verify_name_on_connect": True,
@@ -371,8 +399,8 @@ class Folder:
         user, password = identity(role, name), secrets.token_urlsafe(24)  # 192 bits
         self._write_users({**self._users(), user: password})
         settings["usrpwd"] = {"user": user, "password": password}
-        if not people.passwords:
-            own = self._authority().issue(user, days=days)
+        if signer is not None:
+            own = signer.issue(user, days=days)
             tls |= {
                 "enable_mtls": True,
                 "connect_certificate_base64": _base64(own.certificate),

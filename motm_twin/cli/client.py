@@ -103,8 +103,9 @@ def _chosen(message: Any, path: str) -> str:
         try:
             message = message[int(part)] if isinstance(message, list) else message[part]
         except (LookupError, TypeError, ValueError):
-            known = ", ".join(message) if isinstance(message, dict) else f"0 to {len(message) - 1}" * bool(message)
-            raise LookupError(f"--field {path}: there is no {part!r} here; there are: {known}") from None
+            parts = message if isinstance(message, dict) else ()
+            known = f"0 to {len(message) - 1}" if isinstance(message, list) and message else ", ".join(parts)
+            raise LookupError(f"--field {path}: there is no {part!r} here; there are: {known or 'none'}") from None
     return _json(message)
 
 

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from tyro.conf import FlagCreatePairsOff, Positional, arg
 
+from motm_twin.cli.settings import AddingUp, Words
 from motm_twin.program import BAD_INPUT, OK
 
 if TYPE_CHECKING:
@@ -20,7 +21,7 @@ USES = {  # what each role can do with its file
 
 
 @dataclass(frozen=True, kw_only=True)
-class SecuritySettings:
+class SecuritySettings(AddingUp):
     """The folder, and who may connect.
 
     Args:
@@ -38,12 +39,12 @@ class SecuritySettings:
 
     action: Positional[Literal["make", "add", "remove", "list"]]
     folder: Annotated[Positional[Path], arg(metavar="DIR")]
-    host: tuple[str, ...] = ()
+    host: Words = ()
     port: int = 7448
-    viewer: tuple[str, ...] = ()
-    driver: tuple[str, ...] = ()
-    robot: tuple[str, ...] = ()
-    twin: tuple[str, ...] = ()
+    viewer: Words = ()
+    driver: Words = ()
+    robot: Words = ()
+    twin: Words = ()
     passwords: FlagCreatePairsOff[bool] = False
     days: int = 365
 
@@ -57,13 +58,13 @@ def security(settings: Annotated[SecuritySettings, arg(name="")]) -> int:
 
     Exit code 0: done; 2: bad input, and nothing was changed.
     """
-    from motm_twin.bus.security import Folder, SecurityError
+    from motm_twin.bus.security import Folder, SecurityError, each
     from motm_twin.program import plain_console
 
     console, place = plain_console(), Folder(settings.folder)
     try:
         if settings.action == "list":
-            for role, name in _each(place.known().names):
+            for role, name in each(place.known().names):
                 console.print(f"{role} {name}: {place.of(role, name)}", markup=False)
             return OK
         _change(place, settings)
@@ -74,7 +75,7 @@ def security(settings: Annotated[SecuritySettings, arg(name="")]) -> int:
         console.print(f"The router: zenohd --config {place.router}", markup=False)
     else:
         console.print(f"The twin:  motm-twin serve --secure {settings.folder}", markup=False)
-    for role, name in _each(settings.names()) if settings.action != "remove" else ():
+    for role, name in each(settings.names()) if settings.action != "remove" else ():
         file, use = place.of(role, name), USES[role].format(name=name)
         console.print(f"Hand over: {file}  (use: MOTM_ZENOH_CONFIG={file.name} {use})", markup=False)
     return OK
@@ -91,12 +92,7 @@ def _change(place: "Folder", settings: SecuritySettings) -> None:
         return
     if not any(named.values()):
         raise SecurityError(f"{settings.action}: name somebody with --viewer, --driver or --robot")
-    for role, name in _each(named):
-        if settings.action == "add":
-            place.add(role, name, days=settings.days)
-        else:
-            place.remove(role, name)
-
-
-def _each(named: dict[str, list[str]]) -> list[tuple[str, str]]:
-    return [(role, name) for role, names in named.items() for name in names]
+    if settings.action == "add":
+        place.add(named, days=settings.days)
+    else:
+        place.remove(named)

@@ -1,9 +1,9 @@
 """Options of the commands, with their help. Imports no part of the twin, so that the command line stays quick."""
 
 import shlex
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from tyro.conf import FlagCreatePairsOff, Positional, UseAppendAction, arg
 from tyro.constructors import PrimitiveConstructorSpec
@@ -28,6 +28,30 @@ Seed = Annotated[
         str_from_instance=lambda value: [str(value)],
     ),
 ]
+
+
+_Words = Annotated[
+    str,
+    PrimitiveConstructorSpec[Any](
+        nargs="*",
+        metavar="[STR [STR ...]]",
+        instance_from_str=lambda words: words,
+        is_instance=lambda value: isinstance(value, str),
+        str_from_instance=lambda value: [value],
+    ),
+]
+Words = UseAppendAction[tuple[_Words, ...]]  # of a class of AddingUp
+
+
+class AddingUp:
+    """Settings whose options of several words add up when they are repeated: --twin a1 --twin a2, or --twin a1 a2."""
+
+    def __post_init__(self) -> None:
+        """Join the lists of words, one for each time that an option was given."""
+        for each in fields(self):  # type: ignore[arg-type] - its subclasses are dataclasses
+            given = getattr(self, each.name)
+            if isinstance(given, tuple) and any(isinstance(words, list) for words in given):
+                object.__setattr__(self, each.name, tuple(word for words in given for word in words))
 
 
 Changes = Annotated[UseAppendAction[tuple[str, ...]], arg(name="set", metavar="NAME=VALUE")]
@@ -70,7 +94,7 @@ class RunSettings(SceneSettings):
 
 
 @dataclass(frozen=True, kw_only=True)
-class PageSettings:
+class PageSettings(AddingUp):
     """Address of the page, and the people who may open it.
 
     Args:
@@ -87,7 +111,7 @@ class PageSettings:
     host: str = "127.0.0.1"
     token: Annotated[str | None, arg(metavar="SECRET")] = None
     no_token: FlagCreatePairsOff[bool] = False
-    names: Annotated[tuple[str, ...], arg(name="name", metavar="NAME ...")] = ()
+    names: Annotated[Words, arg(name="name", metavar="NAME ...")] = ()
     visitors: int = 50
 
     def arguments(self, endpoint: str, twin: str) -> list[str]:
@@ -195,7 +219,7 @@ class ReplaySettings:
 
 
 @dataclass(frozen=True, kw_only=True)
-class BenchSettings:
+class BenchSettings(AddingUp):
     """Names of groups and experiments, and their options.
 
     Args:
@@ -225,9 +249,9 @@ class BenchSettings:
     """
 
     groups: Annotated[Positional[list[str]], arg(metavar="[GROUP ...]")] = field(default_factory=list)
-    methods: Annotated[tuple[str, ...], arg(metavar="METHOD ...")] = ()
+    methods: Annotated[Words, arg(metavar="METHOD ...")] = ()
     trials: Annotated[int | None, arg(metavar="INT")] = None
-    changes: Annotated[tuple[str, ...], arg(metavar="FIELD=VALUE ...")] = ()
+    changes: Annotated[Words, arg(metavar="FIELD=VALUE ...")] = ()
     workers: int = 2
     backend: Literal["loky", "ray"] | None = None
     address: Annotated[str | None, arg(metavar="ADDRESS")] = None
@@ -237,11 +261,11 @@ class BenchSettings:
     minutes: float = 3.0
     visits: int = 1000
     share: float = 1.0
-    kinds: tuple[str, ...] = ()
-    scenes: tuple[str, ...] = ()
-    situations: tuple[str, ...] = ()
+    kinds: Words = ()
+    scenes: Words = ()
+    situations: Words = ()
     first: int = 0
-    numbers: tuple[str, ...] = ()
+    numbers: Words = ()
     quick: FlagCreatePairsOff[bool] = False
     worlds: int | None = None
     profile: Literal["nominal", "controller"] | None = None
@@ -256,7 +280,7 @@ class BenchSettings:
 
 
 @dataclass(frozen=True, kw_only=True)
-class PaperSettings:
+class PaperSettings(AddingUp):
     """Plan of the report, its folder, and the processes that run it.
 
     Args:
@@ -279,7 +303,7 @@ class PaperSettings:
     quick: FlagCreatePairsOff[bool] = False
     full: FlagCreatePairsOff[bool] = False
     yes: FlagCreatePairsOff[bool] = False
-    only: Annotated[tuple[str, ...], arg(metavar="NAME")] = ()
+    only: Annotated[Words, arg(metavar="NAME")] = ()
     draw: FlagCreatePairsOff[bool] = False
     no_page: FlagCreatePairsOff[bool] = False
     workers: int = 2

@@ -88,6 +88,7 @@ def skip(state: MotionState) -> None:
     state.standing = state.moving = 0.0
     state.sums, state.newest, state.late = np.zeros((5, 2)), np.zeros((3, 2)), 0.0
     state.still, state.astray = np.zeros(JOINTS), np.zeros(JOINTS)
+    state.doubted, state.doubt = -1, 0.0
     state.recent.clear()
 
 
@@ -199,7 +200,8 @@ def failing_joint(state: MotionState) -> int | None:
 
 def _astray(state: MotionState, now: Observation) -> Array:
     """Joint rates beyond all that they were told lately [rad/s], shape (7,): no lag explains these."""
-    state.recent = [one for one in state.recent if now.time - one[0] <= LONGEST_PERIOD]
+    lately = LONGEST_PERIOD + now.ahead + now.age
+    state.recent = [one for one in state.recent if now.time - one[0] <= lately]
     if not state.recent:
         return np.zeros(JOINTS)
     told = np.array([rates for _, rates in state.recent])

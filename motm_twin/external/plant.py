@@ -80,6 +80,7 @@ class ZenohPlant:
         self.link, self.mirror, self.scene = link, link.listen_only, scene
         self._info: plant_messages.Info | None = None
         self._sender, self._reset_wanted = sender, not self.mirror
+        self._reset_refused = ""  # why the robot does not begin the run
         self._seq = time.time_ns() // 1000  # rises also when this program starts again
         self._newest_sent = -1  # number of the newest command to the robot that is taken up
         self._predictor = Predictor(scene.robot, plant_messages.HOLD)
@@ -165,7 +166,7 @@ class ZenohPlant:
     def text(self) -> str:
         """One sentence about the robot."""
         if self._info is None or self._origin is None:
-            return f"waiting for robot on {self.link.keys.root}/**{self._lacking()}"
+            return f"waiting for robot on {self.link.keys.root}/**{self._reset_refused or self._lacking()}"
         state: plant_messages.RobotState | None = self.link.newest("state")
         now = time.monotonic()
         quiet = now - self.link.last_sign
@@ -291,7 +292,7 @@ class ZenohPlant:
             self._predictor = Predictor(scene.robot, plant_messages.HOLD)
         self.scene = scene
         self._reset_wanted = not self.mirror
-        self._origin, self._to_odometry = None, None
+        self._origin, self._to_odometry, self._reset_refused = None, None, ""
         self._latest, self._interrupted = None, False
 
     def _on_state(self, state: plant_messages.RobotState, received: float) -> None:
@@ -376,6 +377,7 @@ class ZenohPlant:
         if not self._same() or self.link.successor or self.link.newest("state") is None:
             info = self.link.info()
             if info is None:
+                self._reset_refused = ""
                 return False
             self._adopt(info)
         assert self._info is not None
@@ -400,6 +402,7 @@ class ZenohPlant:
     def _reset(self) -> bool:
         request = plant_messages.ResetRequest(version=plant_messages.VERSION, scene=self.scene)
         answer = self.link.ask(self.link.keys.reset, request, RESET_ANSWER)
+        self._reset_refused = "" if answer.ok else f": it refuses to begin {self.scene.name!r}: {answer.reason}"
         if not answer.ok or self._info is None:
             return False
         self.link.live(answer.life)

@@ -186,8 +186,9 @@ class RobotServer:
 
     def _reset(self, request: ResetRequest) -> PlantAnswer:
         answer = self.robot.reset(request)
-        self._granted, self._started, self._newest, self._early = 0.0, time.monotonic(), -1, None
-        self.robot.show()
+        if answer.ok:
+            self._granted, self._started, self._newest, self._early = 0.0, time.monotonic(), -1, None
+            self.robot.show()
         return answer
 
     def _asked(self, session: zenoh.Session, key: str, kind: Any, answer: Answer) -> zenoh.Queryable:

@@ -2,7 +2,7 @@
 
 The start is free, agents do not drive through furniture, and every target can be reached. Reach is a necessary
 condition only: the base as its inscribed disc, the arm as a sphere round its shoulder. A scene refused here is
-impossible; one that passes may still be hard.
+impossible; one that passes may still be hard, or impossible, too.
 """
 
 import itertools
@@ -22,7 +22,7 @@ from motm_twin.model.geometry import from_frame
 from motm_twin.model.names import hint
 from motm_twin.model.profile import READY
 from motm_twin.model.scene import Agent, Bin, DriveTo, Pick, Place, Point, Scene, SceneObject, Solid
-from motm_twin.model.scene_shapes import base_outline, bin_solid, outline, rectangle
+from motm_twin.model.scene_shapes import base_outline, bin_solid, outline, rectangle, surface
 from motm_twin.model.scene_yaml import Node
 
 TOUCH = 1e-3  # [m] bodies may overlap by this much: rounding of the numbers in a file
@@ -38,7 +38,7 @@ def check_scene(scene: Scene, root: Node) -> None:
     for item in scene.bins:
         check_bin(scene, item, root.at("bins", item.name))
     for item in scene.objects:
-        check_object(scene, item, object_node(root, item.name))
+        check_object(scene, item, root)
     check_pairs(scene, root)
     check_tasks(scene, root)
     check_start(scene, root)
@@ -49,10 +49,12 @@ def check_scene(scene: Scene, root: Node) -> None:
 
 def object_node(root: Node, name: str) -> Node:
     """Node that defines an object: its own entry, or the slot that holds it."""
+    return root.at("objects", name) if _is_object(root, name) else root.at("slots", name.removeprefix("cube_"))
+
+
+def _is_object(root: Node, name: str) -> bool:
     objects = root.value.get("objects")
-    if objects is not None and name in objects.value:
-        return objects.value[name]
-    return root.at("slots", name.removeprefix("cube_"))
+    return objects is not None and name in objects.value
 
 
 def check_robot(scene: Scene, root: Node) -> None:
@@ -130,19 +132,38 @@ def _overlapping(scene: Scene, shape: BaseGeometry, low: float, high: float) -> 
             yield solid
 
 
-def check_object(scene: Scene, item: SceneObject, node: Node) -> None:
+def _side_node(root: Node, name: str) -> Node:
+    """Node that gives the side of a cube; that of the gripper when it is the usual one."""
+    given = object_node(root, name) if _is_object(root, name) else root.at("deliver")
+    return given.at("side") if "side" in given.value else root.at("robot", "gripper", "max_width")
+
+
+def _surface(scene: Scene, node: Node) -> str:
+    """The surface that an object or slot names, to be told."""
+    name = node.at("surface").value if "surface" in node.value else ""
+    piece = surface(name, scene.solids)
+    if piece is None:
+        return "its surface"
+    return f"its surface '{piece.name}'" + ("" if piece.name == name else f", the highest piece of '{name}'")
+
+
+def check_object(scene: Scene, item: SceneObject, root: Node) -> None:
     """A cube fits the gripper, rests wholly on a surface, and is inside nothing."""
+    node = object_node(root, item.name)
     widest = scene.robot.gripper.max_width - FINGER_ROOM
     if item.side > widest:
-        raise node.error(f"a cube of {item.side:g} m is too wide for the gripper: at most {widest:.3g} m")
+        raise _side_node(root, item.name).error(
+            f"a cube of {item.side:g} m is too wide for the gripper: at most {widest:.3g} m"
+        )
     x, y, z = item.position
     square, bottom, top = cube_outline(item), z - item.side / 2.0, z + item.side / 2.0
     under = [outline(s.shape) for s in scene.solids if abs(s.z_max - bottom) <= TOUCH]
-    surface = unary_union(under).buffer(TOUCH)
-    if bottom > TOUCH and not surface.contains(square):
-        what = "hangs over the edge of" if surface.intersects(square) else "is off"
+    ground = unary_union(under).buffer(TOUCH)
+    if bottom > TOUCH and not ground.contains(square):
+        what = "hangs over the edge of" if ground.intersects(square) else "is off"
         raise node.at("at").error(
-            f"the cube at ({x:g}, {y:g}) {what} its surface (nothing else is {bottom:g} m high there): move it"
+            f"the cube at ({x:g}, {y:g}) {what} {_surface(scene, node)} (nothing else is {bottom:g} m high there): "
+            "move it"
         )
     for solid in _overlapping(scene, square.buffer(-TOUCH), bottom, top):
         raise node.at("at").error(f"the cube is inside '{solid.name}': move one of them")
@@ -333,9 +354,12 @@ def check_reach(scene: Scene, root: Node) -> None:
             _check_target(
                 scene, free, ("object", i.name, i.position), (reach(scene, i.position[2], PICK_TILT), top), node
             )
+            bottom = i.position[2] - i.side / 2.0
+            _check_cover(scene, cube_outline(i), (bottom, bottom + i.side), PICK_TILT, node)
         for i in scene.bins:
             node, far = root.at("bins", i.name), reach(scene, i.rim_z, PLACE_TILT) + 0.5 * i.side
             _check_target(scene, free, ("bin", i.name, (*i.centre, i.rim_z)), (far, highest(scene, PLACE_TILT)), node)
+            _check_cover(scene, bin_outline(i), (i.rim_z, i.rim_z), PLACE_TILT, node)
     for index, task in enumerate(scene.tasks):
         if isinstance(task, DriveTo):
             _check_goal(scene, task, free, root.at("tasks", index, "drive_to"))
@@ -359,6 +383,24 @@ def _check_target(
             f"the {kind} '{name}' is unreachable: no free base position within {radius:.2f} m of the arm; "
             "move it towards an edge or make room"
         )
+
+
+def _check_cover(scene: Scene, target: Polygon, heights: tuple[float, float], tilt: float, node: Node) -> None:
+    """No furniture is over all of a target so low that fingers at it, or the tool above them, would be in it.
+
+    ``heights`` [m]: of the fingertips at least, and of the target's top.
+    """
+    low, top = heights
+    for solid in scene.solids:
+        over = solid.z_min - low
+        if solid.z_min < top - TOUCH or over >= TOOL * math.cos(tilt):
+            continue
+        aside = scene.robot.gripper.max_width / 2.0 + over * math.tan(tilt)
+        if outline(solid.shape).contains(target.buffer(aside)):
+            raise node.at("at").error(
+                f"the hand reaches it only from above, and '{solid.name}' is {solid.z_min - top:.2f} m above it: "
+                "move one of them"
+            )
 
 
 def _check_goal(scene: Scene, task: DriveTo, free: Any, node: Node) -> None:

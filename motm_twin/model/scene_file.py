@@ -6,6 +6,7 @@ The format is documented in ``docs/scenes.md``; its types are in ``scene_format.
 import dataclasses
 import difflib
 import importlib
+from collections.abc import Callable
 from numbers import Integral
 from pathlib import Path
 
@@ -62,8 +63,10 @@ def find_scene(name_or_path: str) -> tuple[Path, str]:
     if text in names or text in strangers_names():
         return scenes_dir() / f"{text}.yaml", f"scenes/{text}.yaml"
     path = Path(text)
+    if text and _answers(path.is_dir):
+        raise SceneError("it is a folder: name a scene file in it", file=show(text))
     looks_like_path = text.endswith(_ENDINGS) or path.name != text
-    if _is_file(path):
+    if _answers(path.is_file):
         if not text.endswith(_ENDINGS):
             raise SceneError("a scene file ends with .yaml or .yml: rename it", file=text)
         return path, text
@@ -77,9 +80,9 @@ def find_scene(name_or_path: str) -> tuple[Path, str]:
     )
 
 
-def _is_file(path: Path) -> bool:
+def _answers(question: Callable[[], bool]) -> bool:
     try:
-        return path.is_file()
+        return question()
     except (OSError, ValueError):  # a name that is too long, or has a zero in it
         return False
 
@@ -271,8 +274,17 @@ def check_all(name_or_path: str) -> tuple[Scene, ...]:
 
 
 def check_document(document: Document) -> tuple[Scene, ...]:
-    """Every variant of a document, resolved and checked; raises SceneError for the first that is wrong."""
-    return tuple(_resolve(document, variant, None) for variant in document.variants() or [None])
+    """Every variant of a document, resolved and checked; raises SceneError for the first that is wrong.
+
+    Slots that another seed would draw are checked, too.
+    """
+    scenes = []
+    for variant in document.variants() or [None]:
+        scenes.append(_resolve(document, variant, None))
+        root, chosen = with_variant(document, variant)
+        for drawn in Resolver(root, None).draws():
+            check_scene(Resolver(root, None, drawn).scene(document.name, chosen), root)
+    return tuple(scenes)
 
 
 def _resolve(document: Document, variant: str | None, seed: int | None) -> Scene:

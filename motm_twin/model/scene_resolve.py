@@ -12,7 +12,7 @@ from motm_twin.model import scene_format as fmt
 from motm_twin.model.names import hint
 from motm_twin.model.profile import DEG, RobotProfile
 from motm_twin.model.scene import PlanarPose, Point, Scene, SceneObject, Solid, Task
-from motm_twin.model.scene_shapes import base_outline, counter_clockwise, is_simple, lane, outline
+from motm_twin.model.scene_shapes import base_outline, counter_clockwise, is_simple, lane, outline, surface
 from motm_twin.model.scene_yaml import Node
 
 MARGIN = 1.5  # [m] of map round everything in the scene
@@ -22,8 +22,9 @@ _SLOT_STREAM = 0x510750  # keeps the draw of slots apart from other uses of the 
 class Resolver:
     """Resolves one variant; every refusal names the place in the file that caused it."""
 
-    def __init__(self, root: Node, seed: int | None) -> None:
-        self.root = root
+    def __init__(self, root: Node, seed: int | None, drawn: list[str] | None = None) -> None:
+        """``drawn``: slots in place of those that the seed draws."""
+        self.root, self.drawn = root, drawn
         plain = {key: value for key, value in root.plain().items() if key not in ("extends", "default_variant")}
         self.keep = plain.pop("keep_agents", None)
         self.file = msgspec.convert(plain, fmt.SceneFile)
@@ -104,13 +105,11 @@ class Resolver:
 
     def surface(self, name: str, node: Node) -> Solid:
         """The furniture called so; a group stands for its highest piece."""
-        if name in self.solids:
-            return self.solids[name]
-        group = [solid for solid in self.solids.values() if solid.group == name]
-        if not group:
+        found = surface(name, self.solids.values())
+        if found is None:
             groups = {*self.solids, *(solid.group for solid in self.solids.values())}
             raise node.error(f"there is no furniture '{name}'; {hint(name, sorted(groups))}")
-        return max(group, key=lambda solid: solid.z_max)
+        return found
 
     def _work(self) -> tuple[tuple[SceneObject, ...], tuple[Task, ...]]:
         objects = tuple(self._object(key, item) for key, item in self._entries("objects").items())
@@ -144,11 +143,20 @@ class Resolver:
             tasks += [resolved.Pick(object=name), resolved.Place(bin=deliver.to[index % len(deliver.to)])]
         return tuple(objects), tuple(tasks)
 
+    def draws(self) -> list[list[str]]:
+        """Slots that may be drawn, together if several are; none when they are named."""
+        chosen = None if self.file.deliver is None else self.file.deliver.slots
+        if not isinstance(chosen, fmt.RandomSlots):
+            return []
+        return [list(self.slots)] if chosen.random > 1 else [[name] for name in self.slots]
+
     def _slot_names(self, chosen: tuple[str, ...] | fmt.RandomSlots, node: Node) -> list[str]:
         slots = self.slots
         if isinstance(chosen, fmt.RandomSlots):
             if chosen.random > len(slots):
                 raise node.at("slots", "random").error(f"there are only {len(slots)} slots, got {chosen.random}")
+            if self.drawn is not None:
+                return self.drawn
             rng, names = np.random.default_rng([self.seed, _SLOT_STREAM]), list(slots)
             return [names[i] for i in rng.permutation(len(names))[: chosen.random]]
         for index, name in enumerate(chosen):

@@ -42,6 +42,13 @@ def covers(shape: Box | Cylinder | Prism, point: Point) -> bool:
     return bool(outline(shape).covers(ShapelyPoint(point)))
 
 
+def surface(name: str, solids: Iterable[Solid]) -> Solid | None:
+    """The piece of furniture that a name stands for: of a group the highest; None for no name of furniture."""
+    named = {solid.name: solid for solid in solids}
+    group = [solid for solid in named.values() if solid.group == name]
+    return named.get(name) or max(group, key=lambda solid: solid.z_max, default=None)
+
+
 def bin_solid(place: Bin) -> Solid:
     """A bin as base and arm must see it: full up to its rim."""
     return Solid(

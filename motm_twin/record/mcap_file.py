@@ -80,18 +80,24 @@ class _Raw:
         self._closing = True
         self._written.set()
         self._thread.join()
+        self._force()  # the thread may have been in the middle of it when the end was written
         os.close(self._descriptor)
         if self._problem is not None:
             raise self._problem
 
     def _sync(self) -> None:
-        while not self._closing and self._problem is None:
+        while self._problem is None:
             self._written.wait()
             self._written.clear()
-            try:
-                os.fdatasync(self._descriptor)
-            except OSError as error:
-                self._problem = error
+            if self._closing:
+                return
+            self._force()
+
+    def _force(self) -> None:
+        try:
+            os.fdatasync(self._descriptor)
+        except OSError as error:
+            self._problem = self._problem or error
 
 
 class McapFile:
@@ -383,11 +389,15 @@ def recover(path: str | Path, out: str | Path | None = None) -> Recovered:
     target = Path(out) if out is not None else path.with_name(f"{path.stem}.recovered.mcap")
     health = Health()
     try:
-        with target.open("xb") as file:
-            messages, first, last = _copy(path, file, health)
-        _verify(target, messages)
+        file = target.open("xb")
     except FileExistsError as error:
         raise SessionError("exists already: choose another name with --out", file=str(target)) from error
+    except OSError as error:
+        raise SessionError(f"cannot be written: {error.strerror or error}", file=str(target)) from error
+    try:
+        with file:
+            messages, first, last = _copy(path, file, health)
+        _verify(target, messages)
     except BaseException as error:
         target.unlink(missing_ok=True)
         if isinstance(error, OSError):

@@ -12,13 +12,14 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import msgspec
 
 from motm_twin.bus import commands
 from motm_twin.bus.commands import Wheel
 from motm_twin.bus.library import MethodLibrary
-from motm_twin.bus.messages import STATUS_VERSION, MethodChoice, SceneChoice, StatusMessage
+from motm_twin.bus.messages import STATUS_VERSION, MethodChoice, NumberedEvent, SceneChoice, StatusMessage
 from motm_twin.methods import UNNAMED_METHOD
 from motm_twin.model.plant import PERIOD
 from motm_twin.model.scene import Scene
@@ -29,13 +30,23 @@ from motm_twin.sessions.session import SessionError
 
 _LEVEL = 1  # of zlib
 MOST_AT_ONCE = 64 * 1024 * 1024  # bytes that come within one period
-_PLAYED = (ch.ROBOT.topic, ch.SCAN.topic, ch.EVENT.topic, ch.METRICS.topic)
 
 Sent = tuple[str, bytes, bytes | None]  # topic, payload as on the bus, attachment
 
 
 class _SceneText(msgspec.Struct):
     scene: msgspec.Raw
+
+
+class _Timed(msgspec.Struct):
+    time: float
+
+
+# What is stamped anew when it is played, as far as the player and its event log read it.
+_STAMPED: dict[str, Any] = {
+    ch.TICK.topic: TickPart, ch.ROBOT.topic: _Timed, ch.SCAN.topic: Any, ch.METRICS.topic: Any,
+    ch.EVENT.topic: NumberedEvent,
+}  # fmt: skip
 
 
 class _Driven(msgspec.Struct):
@@ -79,11 +90,15 @@ class Frames(list[Frame]):
         self._scene = self._grid = -1
         self._method, self._methods = UNNAMED_METHOD, dict[RunKey, str]()
         self._decode = msgspec.json.Decoder(TickPart).decode
+        topic = ""
         try:
             for entry in read(path):
+                topic = entry.topic
                 self._take(entry)
+        except SessionError as error:
+            raise SessionError(error.problem, file=str(path)) from error
         except (msgspec.MsgspecError, ValueError, RecursionError) as error:
-            problem = error.problem if isinstance(error, SessionError) else f"a message in it is broken: {error}"
+            problem = f"a message in it is broken or of another version ({topic}): {error}"
             raise SessionError(problem, file=str(path)) from error
         self._close()
         if not self:
@@ -107,6 +122,7 @@ class Frames(list[Frame]):
                 return  # a preview, or a repeated period
             self._close()
             self._methods.setdefault(part.key, self._method)
+            stamped(entry.data, {})
             self._open = part, [(ch.TICK.topic, entry.data, None), *self._before]
             self._before, self._held = [], 0
         elif entry.topic == ch.STATUS.topic:
@@ -134,28 +150,34 @@ class Frames(list[Frame]):
         self._open = None
 
 
+def stamped(payload: bytes, about: dict[str, object]) -> bytes:
+    """A message that says ``about`` instead. Raises ValidationError or ValueError for what is no JSON object."""
+    return msgspec.json.encode(msgspec.json.decode(payload, type=dict[str, Any]) | about)
+
+
 def _sent(entry: Entry) -> Sent | None:
-    """A message as it was on the bus; None for what is not played."""
+    """A message as it was on the bus; None for what is not played. Raises for one that cannot be."""
     if entry.topic == ch.GRID.topic:
         grid = msgspec.json.decode(entry.data, type=ch.RecordedGrid)
         return entry.topic, grid.cells, msgspec.json.encode(grid.info)
     if entry.topic == ch.SCENE.topic:
-        return entry.topic, bytes(msgspec.json.decode(entry.data, type=_SceneText).scene), None
-    return (entry.topic, entry.data, None) if entry.topic in _PLAYED else None
+        scene = msgspec.json.decode(entry.data, type=_SceneText).scene
+        msgspec.json.decode(scene, type=Scene)
+        return entry.topic, bytes(scene), None
+    if entry.topic not in _STAMPED:
+        return None
+    msgspec.json.decode(entry.data, type=_STAMPED[entry.topic])
+    stamped(entry.data, {})
+    return entry.topic, entry.data, None
 
 
 IDLE = 0.1  # [s] between looks at the clock while time stands
 LATE = 0.5  # [s] behind, it does not catch up
 FILLED = 600  # periods before its end that a leap forward sends, so that readers can look back 30 s
-_STAMPED = (ch.TICK.topic, ch.ROBOT.topic, ch.SCAN.topic, ch.METRICS.topic, ch.EVENT.topic)
 _ALLOWED = "this is a recording: it takes play, pause, step, speed, reset (to its start) and branch (to a period)"
 
 Put = Callable[[str, bytes, bytes | None], None]  # topic of the recording, payload, attachment
 Work = Callable[[], None]
-
-
-class _Timed(msgspec.Struct):
-    time: float
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -189,9 +211,10 @@ class Player:
         self._changed, self._loop = changed, playback.loop
         self._requests: queue.Queue[Work] = queue.Queue(maxsize=1000)
         self._wheel = Wheel(lambda _: None, changed)
-        self._encode, self._stopped = msgspec.json.Encoder().encode, False
+        self._stopped, self._error = False, ""
         self._state, self._speed = "playing" if playback.playing else "paused", playback.speed
         self._at = -1  # frame that was sent last
+        self._of: RunKey | None = None  # its run in the file
         self._due = time.monotonic()
         self._later: deque[tuple[float, Sent]] = deque()  # due [s], what is sent between two frames
         self._run, self._began, self._first, self._past = 0, 0.0, 0, -1
@@ -211,19 +234,31 @@ class Player:
         self._stopped = True
 
     def run(self) -> None:
-        """Play until `stop`."""
+        """Play until `stop`; any error stops the recording where it is, and is shown to everybody."""
+        work: Work = self._start
+        while not self._stopped:
+            try:
+                work()
+            except Exception as error:
+                self._later.clear()
+                self._state, self._error = "error", commands.reason_of(error)
+                self._changed()
+            work = self._turn
+
+    def _start(self) -> None:
         self._show(0)
         self._due = time.monotonic() + PERIOD / self._speed
-        while not self._stopped:
-            due = min(self._due, self._later[0][0]) if self._later else self._due  # [s] there is something to send
-            wait = min(IDLE, due - time.monotonic()) if self._state == "playing" else IDLE
-            with suppress(queue.Empty):
-                work = self._requests.get(timeout=max(0.0, wait))
-                work()
-            self._wheel.look_after(time.monotonic())
-            self._send_due(time.monotonic())
-            if self._state == "playing" and time.monotonic() >= self._due:
-                self._advance()
+
+    def _turn(self) -> None:
+        due = min(self._due, self._later[0][0]) if self._later else self._due  # [s] there is something to send
+        wait = min(IDLE, due - time.monotonic()) if self._state == "playing" else IDLE
+        with suppress(queue.Empty):
+            work = self._requests.get(timeout=max(0.0, wait))
+            work()
+        self._wheel.look_after(time.monotonic())
+        self._send_due(time.monotonic())
+        if self._state == "playing" and time.monotonic() >= self._due:
+            self._advance()
 
     def status(self) -> StatusMessage:
         """As a twin would say it; from any thread."""
@@ -241,7 +276,7 @@ class Player:
             run=self._run,
             server_time=self._now(),
             state=self._state,
-            text="the recording has ended" if self._state == "done" else about,
+            text={"done": "the recording has ended", "error": self._error}.get(self._state, about),
             scene=chosen,
             variant=variant,
             seed=0 if scene is None else scene.seed,
@@ -345,22 +380,36 @@ class Player:
     def _seek(self, number: int) -> None:
         """Show another frame. Forward, all that lies between is sent at once; back, the past stays as it is."""
         self._send_due(math.inf)  # under the number of its run
-        if self._state == "done":
+        if self._state in ("done", "error"):
             self._set("paused")
+        first = number if number <= self._at else max(self._at + 1, number - FILLED)
+        frame, leap = self._frames[first], first != self._at + 1
         if number > self._at:
-            for between in range(max(self._at + 1, number - FILLED), number + 1):
-                self._show(between)
-            return
-        frame, before = self._frames[number], self._frames[self._at]
-        self._begin_run(frame, self._began if frame.run[0] == before.run[0] else self._now(), frame.index, self._run)
-        self._at = number - 1
-        if frame.grid >= 0:  # the map that was in force in a frame that did not bring one
+            self._follow(first)
+        elif number == 0:
+            self._begin_run(frame, self._now(), 0, -1)
+        else:
+            same = frame.run[0] == self._frames[self._at].run[0]
+            self._begin_run(frame, self._began if same else self._now(), frame.index, self._run)
+        if leap and frame.grid >= 0:  # the map that was in force in a frame that did not bring one
             grids = [item for item in self._frames[frame.grid].sent() if item[0] == ch.GRID.topic]
             self._send(grids[-1])
-        self._show(number)
+        for between in range(first, number + 1):
+            self._show(between)
+
+    def _follow(self, number: int) -> None:
+        """Begin a run when a frame is of another one than what was sent last."""
+        frame, of = self._frames[number], self._of
+        if of is None:
+            self._begin_run(frame, self._now(), 0, -1)
+        elif frame.run != of:
+            same = frame.run[0] == of[0]
+            past = self._run if same and number == self._at + 1 else -1  # after a leap it may be the past of another
+            self._begin_run(frame, self._began if same else self._now(), frame.first, past)
 
     def _begin_run(self, frame: Frame, began: float, first: int, past: int) -> None:
         """A new run begins with this frame."""
+        self._of = frame.run
         self._run, self._began, self._first, self._past = self._run + 1, began, first, past
         if frame.scene >= 0:
             payload = next(payload for topic, payload, _ in self._frames[frame.scene].sent() if topic == ch.SCENE.topic)
@@ -372,14 +421,8 @@ class Player:
 
     def _show(self, number: int) -> None:
         self._send_due(math.inf)
-        frame = self._frames[number]
-        before = self._frames[self._at] if self._at >= 0 else None
-        if before is None:
-            self._begin_run(frame, self._now(), 0, -1)
-        elif frame.run != before.run and number == self._at + 1:
-            same = frame.run[0] == before.run[0]
-            self._begin_run(frame, self._began if same else self._now(), frame.first, self._run if same else -1)
-        self._at = number
+        self._follow(number)
+        frame, self._at = self._frames[number], number
         playing, sent = self._state == "playing", frame.sent()
         later = (ch.SCENE.topic, ch.ROBOT.topic) if playing else (ch.SCENE.topic,)  # sent with its run, or spread
         for item in sent:
@@ -394,7 +437,7 @@ class Player:
         if topic == ch.TICK.topic:
             about |= {"began": self._began, "first": self._first, "past": self._past}
         if topic in _STAMPED:
-            payload = self._encode(msgspec.json.decode(payload) | about)
+            payload = stamped(payload, about)
         elif attachment is not None:
-            attachment = self._encode(msgspec.json.decode(attachment) | {"run": self._run})
+            attachment = stamped(attachment, {"run": self._run})
         self._put(topic, payload, attachment)

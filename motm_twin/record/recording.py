@@ -87,31 +87,43 @@ class Recording:
 
     def session_of(self, run: Run) -> Session:
         """The session that repeats a run up to the last period that is known. Raises SessionError."""
-        base = run.session or self._start_of(run)
-        edits = [*base.edits, *(entry for entry in run.edits if entry.index >= base.periods)]
-        cuts = [*base.cuts, *(cut for cut in run.cuts if cut.index >= base.periods)]
-        end = base.periods
-        for index in run.indices:
-            if index > end:
-                break  # what was done in the periods between is not known
-            end = max(end, index + 1)
-        whole = msgspec.structs.replace(base, edits=tuple(edits), cuts=tuple(cuts), parts={}, track=())
-        return _until(end, whole, run.hashes.get(end, ""))
+        root, *later = self._line(run)
+        whole = root.session
+        if whole is None:
+            assert root.scene is not None
+            whole = Session(scene=root.scene, method=root.method)
+        whole = _with_recorded(whole, root)
+        for branch in later:
+            if whole.periods < branch.first:
+                raise SessionError(
+                    f"it goes on from period {branch.first} of run {branch.past}, of which what was done is known only "
+                    f"up to period {whole.periods}"
+                )
+            whole = _with_recorded(_until(branch.first, whole, ""), branch)
+        return whole
 
-    def _start_of(self, run: Run) -> Session:
-        """The session of a run that was recorded without one."""
-        if run.first == 0 and run.scene is not None:
-            return Session(scene=run.scene, method=run.method)
-        past = next((other for other in self.runs if other.key == (run.key[0], run.past)), None)
-        if past is None or past is run:
-            raise SessionError("the file does not tell how it began")
-        whole = self.session_of(past)
-        if whole.periods < run.first:
-            raise SessionError(
-                f"it goes on from period {run.first} of run {run.past}, of which what was done is known only up to "
-                f"period {whole.periods}"
-            )
-        return _until(run.first, whole, "")
+    def _line(self, run: Run) -> list[Run]:
+        """A run, and before it the runs that it came from, from one whose start is known. Raises SessionError."""
+        known, line = {other.key: other for other in self.runs}, [run]
+        while line[0].session is None and (line[0].first != 0 or line[0].scene is None):
+            past = known.pop((run.key[0], line[0].past), None)  # each once: a file may name runs in a circle
+            if past is None or past is run:
+                raise SessionError("the file does not tell how it began")
+            line.insert(0, past)
+        return line
+
+
+def _with_recorded(base: Session, run: Run) -> Session:
+    """A session with what was recorded of a run after it, up to the last period that is known."""
+    edits = [*base.edits, *(entry for entry in run.edits if entry.index >= base.periods)]
+    cuts = [*base.cuts, *(cut for cut in run.cuts if cut.index >= base.periods)]
+    end = base.periods
+    for index in run.indices:
+        if index > end:
+            break  # what was done in the periods between is not known
+        end = max(end, index + 1)
+    whole = msgspec.structs.replace(base, edits=tuple(edits), cuts=tuple(cuts), parts={}, track=())
+    return _until(end, whole, run.hashes.get(end, ""))
 
 
 def _until(period: int, session: Session, state_hash: str) -> Session:

@@ -24,6 +24,7 @@ from motm_twin.bus.connection import (
     direct,
     open_member,
 )
+from motm_twin.model import bounds
 from motm_twin.model.geometry import wrap_angle
 from motm_twin.model.scene import Scene
 from motm_twin.processes import Reporter, leave, stop_event
@@ -128,14 +129,17 @@ class Requests:
         return Drive(v=v, w=w)
 
     def _put_there(self, x: float, y: float, yaw: float) -> Command:
-        """Initial pose: a simulated robot is always localised, so it is moved there."""
+        """Initial pose: a simulated robot is always localised, so it is pushed there."""
         tick, status = self._client.tick(), self._client.status()
         if tick is None or status is None:
             raise ValueError("no scene is running")
         if status.plant != "simulated":
             raise ValueError("an external robot can not be put elsewhere: it localises itself")
         true_x, true_y, heading = tick.robot.true_pose
-        return PushRobot(dx=x - true_x, dy=y - true_y, turn=wrap_angle(yaw - heading))
+        push = PushRobot(dx=x - true_x, dy=y - true_y, turn=wrap_angle(yaw - heading))
+        if problem := bounds.problem(push):
+            raise ValueError(f"the simulated robot is pushed to the pose; {problem}: push it there in several steps")
+        return push
 
 
 def _pose_on_map(header: Message, pose: Message) -> tuple[float, float, float]:

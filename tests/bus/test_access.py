@@ -224,7 +224,7 @@ def test_who_was_removed_connects_in_vain(tmp_path, monkeypatch):
     found = Place(tmp_path / "x", passwords=False)
     file = tmp_path / "kept.json5"
     file.write_bytes(found.folder.of("driver", "bob").read_bytes())
-    found.folder.remove("driver", "bob")
+    found.folder.remove({"driver": ["bob"]})
     with found.serving(monkeypatch):
         assert refused(found, monkeypatch, file)
 
@@ -383,4 +383,4 @@ def test_a_folder_of_a_twin_does_not_become_one_of_a_router(tmp_path):
     place.create(People(hosts=["127.0.0.1"], port=7448, names={"viewer": ["ann"]}))
     assert not place.router.exists()
     with pytest.raises(SecurityError, match="of a twin, not of a router"):
-        place.add("twin", "one")
+        place.add({"twin": ["one"]})

@@ -48,11 +48,55 @@ def test_the_certificate_of_the_server_names_its_hosts(tmp_path):
         ({"port": 0}, "use 1 to 65535"),
         ({"names": {"king": ["x"]}}, "unknown role"),
         ({"names": {"viewer": ["../x"]}}, "letters, digits"),
+        ({"names": {"viewer": ["ada", "ada"]}}, "viewer 'ada' is named twice"),
     ],
 )
 def test_what_can_not_be_is_refused_and_leaves_nothing(tmp_path, changes, reason):
     with pytest.raises(SecurityError, match=reason):
         folder(tmp_path / "s", **changes)
+    assert not (tmp_path / "s").exists()
+
+
+@pytest.mark.parametrize(
+    ("change", "reason"),
+    [
+        (lambda made: made.add({"viewer": ["eve", "ann"]}), "'ann' is known already"),
+        (lambda made: made.add({"viewer": ["eve"], "driver": ["../x"]}), "letters, digits"),
+        (lambda made: made.add({"viewer": ["eve", "eve"]}), "'eve' is named twice"),
+        (lambda made: made.add({"viewer": ["eve"], "twin": ["a1"]}), "not of a router"),
+        (lambda made: made.add({"viewer": ["eve"]}, days=-1), "-1 days: use 1 to 3650"),
+        (
+            lambda made: made.remove({"viewer": ["ann"], "driver": ["zed"]}),
+            "there is no driver 'zed'; there are: viewer ann, driver bob",
+        ),
+        (lambda made: made.remove({"viewer": ["ann", "ann"]}), "'ann' is named twice"),
+    ],
+)
+def test_a_change_of_which_one_part_is_refused_changes_nothing(change, reason, tmp_path):
+    """The names before the refused one were added or removed, with exit code 2 that promises no change."""
+    made = folder(tmp_path / "s")
+    before = {file.name: file.read_bytes() for file in made.path.iterdir()}
+    with pytest.raises(SecurityError, match=reason):
+        change(made)
+    assert {file.name: file.read_bytes() for file in made.path.iterdir()} == before
+
+
+def test_nobody_is_added_when_the_key_that_signs_is_gone(tmp_path):
+    """The password of the new one was in the server's list already."""
+    made = folder(tmp_path / "s")
+    (made.path / "ca.key").unlink()
+    before = {file.name: file.read_bytes() for file in made.path.iterdir()}
+    with pytest.raises(SecurityError, match=r"authority of .* can not be used"):
+        made.add({"viewer": ["eve"]})
+    assert {file.name: file.read_bytes() for file in made.path.iterdir()} == before
+
+
+@pytest.mark.parametrize("days", [-1, 0, 3651, 10**12])
+def test_days_that_cannot_be_are_refused_and_leave_nothing(days, tmp_path):
+    """It raised a ValueError of the certificate, and left half a folder."""
+    people = People(hosts=["robot.example"], port=7448, names={"viewer": ["ann"]})
+    with pytest.raises(SecurityError, match=f"{days} days: use 1 to 3650"):
+        Folder(tmp_path / "s").create(people, days=days)
     assert not (tmp_path / "s").exists()
 
 
@@ -67,16 +111,16 @@ def test_a_folder_with_files_is_never_written_over(tmp_path):
 def test_add_and_remove_change_the_rights_and_nobody_elses_file(tmp_path):
     made = folder(tmp_path / "s")
     bob = made.of("driver", "bob").read_bytes()
-    made.add("viewer", "eve")
+    made.add({"viewer": ["eve"]})
     assert "viewer-eve" in made.server.read_text()
-    made.remove("viewer", "ann")
+    made.remove({"viewer": ["ann"]})
     assert "viewer-ann" not in made.server.read_text()
     assert not made.of("viewer", "ann").exists()
     assert made.of("driver", "bob").read_bytes() == bob
     with pytest.raises(SecurityError, match="there is no viewer 'ann'"):
-        made.remove("viewer", "ann")
+        made.remove({"viewer": ["ann"]})
     with pytest.raises(SecurityError, match="known already"):
-        made.add("viewer", "eve")
+        made.add({"viewer": ["eve"]})
 
 
 def test_the_command_makes_changes_and_lists(tmp_path, monkeypatch, capsys):

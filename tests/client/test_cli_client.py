@@ -16,7 +16,7 @@ from waiting import until, until_paused
 from motm_twin.bus.commands import AddObstacle, InsertTask, Load, Pause, SetParameter, Step
 from motm_twin.bus.connection import free_port
 from motm_twin.bus.private_folder import Running, note, own_credentials
-from motm_twin.cli.client import parse
+from motm_twin.cli.client import _chosen, parse
 from motm_twin.client import NoTwin, connect, running_twins
 from motm_twin.methods import DEFAULT_METHOD
 from motm_twin.model.scene import DriveTo
@@ -136,6 +136,24 @@ def test_watch_prints_the_newest_value_of_every_key(server, there):
     assert wrong.returncode == 2
     assert "there is no 'wings' here; there are: pose" in wrong.stderr
     assert there("watch", "thoughts").returncode == 2
+
+
+@pytest.mark.parametrize(
+    ("path", "wrong", "known"),
+    [
+        ("time.x", "x", "none"),
+        ("name.0", "0", "none"),
+        ("goal.x", "x", "none"),
+        ("tasks.0", "0", "none"),
+        ("pose.3", "3", "0 to 2"),
+        ("wings", "wings", "time, name, goal, tasks, pose"),
+    ],
+)
+def test_a_field_that_is_not_there_is_told_with_those_that_are(path, wrong, known):
+    """A part of a number was a TypeError with its traceback; of a name, the numbers of its letters were offered."""
+    message = {"time": 1.0, "name": "fake", "goal": None, "tasks": [], "pose": [0.0, 1.0, 2.0]}
+    with pytest.raises(LookupError, match=f"--field {path}: there is no '{wrong}' here; there are: {known}$"):
+        _chosen(message, path)
 
 
 def test_watch_prints_every_event_until_it_is_ended(server):

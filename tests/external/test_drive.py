@@ -11,7 +11,7 @@ from meeting import STATE, driven, running_robot
 from waiting import until
 
 from motm_twin.bus.connection import PlantKeys, open_member
-from motm_twin.bus.plant_messages import VERSION, ClockGrant, RobotCommand
+from motm_twin.bus.plant_messages import VERSION, ClockGrant, PlantAnswer, RobotCommand
 from motm_twin.external.plant import ZenohPlant
 from motm_twin.external.robot import LinkSpec
 from motm_twin.external.robot_link import RobotLink
@@ -153,6 +153,23 @@ def test_what_a_waiting_twin_lacks_is_told(router, scene):
         with robot.declare_queryable(keys.info, lambda query: query.reply(keys.info, info)):
             until(lambda: told(f"{waiting}: hears its state, no scan yet"))
     link.close()
+
+
+def test_a_robot_that_refuses_the_reset_is_waited_for_with_its_reason_and_its_time_passes(router, scene, monkeypatch):
+    """The status said only what was waited for; every refused reset set the robot's clock back, so that it stood."""
+    with running_robot(router, scene, clock="real") as server:
+        link = RobotLink(router.session, "frankie")
+        plant = ZenohPlant(link, scene)
+        refusal = PlantAnswer(version=VERSION, ok=False, reason="it needs pyrvo")
+        monkeypatch.setattr(server.robot, "reset", lambda request: refusal)
+        told = f"waiting for robot on motm/frankie/plant/**: it refuses to begin {scene.name!r}: it needs pyrvo"
+        until(lambda: not plant.ready() and plant.text() == told)
+        before = server.robot.time
+        until(lambda: not plant.ready() and server.robot.time > before + 0.5)
+        monkeypatch.undo()
+        until(plant.ready)
+        assert "refuses" not in plant.text()
+        link.close()
 
 
 def test_a_robot_without_a_twin_stops_by_itself(robot, twin):

@@ -46,6 +46,11 @@ TABLE = "centre: [2.0, 0.0], size: [1.0, 1.0], z: [0.7, 0.75]}"
 ROBOT = "  name: test_base\n  footprint: {length: 0.70, width: 0.50}\n  base: {forward_speed_mps: 0.5}\n"
 WAYS = "[[-1, -1], [-1, 1], [-3, 1], [-3, -1]]"
 
+BENCH = """\
+  seat: {shape: box, centre: [1.6, -3.0], size: [1.0, 0.4], z: [0.6, 0.7], group: bench}
+  back: {shape: box, centre: [1.6, -3.3], size: [1.0, 0.1], z: [0.6, 0.9], group: bench}
+"""
+
 # name: (old text, new text, place, what the message says)
 BAD = {
     # YAML itself
@@ -110,14 +115,18 @@ BAD = {
     "a post in the arm": ("[-2.0, 0.0], radius: 0.2", "[0.6, 0.0], radius: 0.05", "start", "inside 'pillar'"),
     "an overlapping start": ("{x: 0.0, y: 0.0, h", "{x: 1.2, y: 0.0, h", "start", "overlaps 'table' at the start"),
     "a turned start": ("x: 0.0, y: 0.0, heading_deg: 0", "x: 1.12, y: 0, heading_deg: 30", "start", "'table'"),
-    "a cube off its table": ("at: [1.6, 0.0]", "at: [1.3, 0.0]", "objects.cube.at", "is off its surface"),
-    "a cube over the edge": ("at: [1.6, 0.0]", "at: [1.5, 0.0]", "objects.cube.at", "hangs over the edge"),
-    "a cube on nothing": ("{z: 0.75,", "{z: 0.9,", "objects.other.at", "is off its surface"),
+    "a cube off its table": ("at: [1.6, 0.0]", "at: [1.3, 0.0]", "objects.cube.at", "off its surface 'table' (not"),
+    "a cube over the edge": ("at: [1.6, 0.0]", "at: [1.5, 0.0]", "objects.cube.at", "the edge of its surface 'table'"),
+    "a cube on nothing": ("{z: 0.75,", "{z: 0.9,", "objects.other.at", "is off its surface (nothing"),
+    "a cube off the top of a group": ("slots:\n  A: {surface: table", BENCH + "slots:\n  A: {surface: bench",
+                                      "slots.A.at", "is off its surface 'back', the highest piece of 'bench' (nothing"),
     "a cube on no furniture": ("cube: {surface: table", "cube: {surface: tabel", "objects.cube.surface", "mean table?"),
     "a cube in two ways": ("{z: 0.75,", "{surface: table, z: 0.75,", "objects.other", "exactly one of 'surface'"),
     "two cubes in one place": ("[2.4, 0.0]", "[1.63, 0.0]", "objects.other.at", "overlaps the object 'cube'"),
     "a cube in a bin": ("{z: 0.75, at: [2.4, 0.0]", "{surface: desk, at: [0.5, 2.4]", "objects.other.at", "in the bin"),
-    "a cube too wide": ("yaw_deg: 20", "side: 0.09", "objects.cube", "too wide for the gripper"),
+    "a cube too wide": ("yaw_deg: 20", "side: 0.09", "objects.cube.side", "too wide for the gripper"),
+    "cubes of slots too wide": ("to: [tray]}", "to: [tray], side: 0.08}", "variants.two.deliver.side", "too wide"),
+    "a gripper too narrow": (ROBOT, ROBOT + "  gripper: {max_width: 0.045}\n", "robot.gripper.max_width", "too wide"),
     "a bin upside down": ("at: [0.5, 2.3]", "at: [0.5, 2.3], rim_z: 0.6", "bins.tray", "must be above the floor"),
     "a bin in the desk": ("at: [0.5, 2.3]", "at: [0.5, 2.3], floor_z: 0.5", "bins.tray", "sunk into 'desk'"),
     "a bin too narrow": ("at: [0.5, 2.3]", "at: [0.5, 2.3], side: 0.06", "bins.tray", "too narrow"),
@@ -273,7 +282,8 @@ def test_a_wrong_variant_lists_the_near_ones():
         ("nowhere/mine.yaml", "no such scene file"),
         ("scenes/exp1.yml", "'exp1' is called without folder"),
         ("/etc/hostname", "ends with .yaml"),
-        (".", "no such scene file"),
+        (".", "'.': it is a folder: name a scene file in it"),
+        ("scenes", "'scenes': it is a folder"),
         ("", "no scene is called ''"),
         ("a\0b.yaml", "no such scene file"),
         ("x" * 5000, "no scene is called"),
@@ -301,3 +311,52 @@ def test_a_cube_is_refused_that_the_hand_cannot_get_over(tmp_path, height, good)
     else:
         with pytest.raises(SceneError, match=f"{height:.2f} m high, the arm reaches up to 1.1"):
             load_scene(str(tmp_path / "high.yaml"))
+
+
+ON_AN_EDGE = "  B: {surface: table, at: [1.5, -0.3]}"
+BESIDE = "  B: {surface: table, at: [1.63, 0.3]}\n  C: {surface: table, at: [2.3, 0.3]}"  # B is partly where A is
+
+
+@pytest.mark.parametrize(
+    ("slots", "number", "says"),
+    [
+        (ON_AN_EDGE, 1, "slots.B.at: the cube at (1.5, -0.3) hangs over the edge"),
+        (ON_AN_EDGE, 2, "slots.B.at: the cube at (1.5, -0.3) hangs over the edge"),
+        (BESIDE, 2, ".at: it overlaps the object 'cube_"),
+        (BESIDE, 1, ""),  # they are never there together
+    ],
+)
+def test_every_slot_that_a_seed_may_draw_is_checked(scene, slots, number, says):
+    """Only those that the seed of the file draws were: a run with another seed was refused."""
+    text = GOOD.replace("  B: {surface: table, at: [1.6, -0.3]}", slots)
+    text = text.replace("slots: [A, B]", f"slots: {{random: {number}}}")
+    for seed in range(4):
+        scene.write_text(text.replace("seed: 3", f"seed: {seed}"), encoding="utf-8")
+        if says:
+            assert says in refusal(scene)
+        else:
+            check_all(str(scene))
+
+
+@pytest.mark.parametrize(
+    ("board", "says"),
+    [  # the cube is 1.6 m ahead, on a table from 1.5 m on
+        (
+            "centre: [2.0, 0.0], size: [1.0, 1.0], z: [0.825, 0.85]",
+            "objects.cube.at: the hand reaches it only from above",
+        ),
+        ("centre: [1.9, 0.0], size: [1.2, 1.0], z: [0.94, 0.96]", "'board' is 0.15 m above it"),
+        ("centre: [1.9, 0.0], size: [1.2, 1.0], z: [0.96, 0.98]", ""),  # above the tool; the arm may not get there
+        ("centre: [2.1, 0.0], size: [1.0, 1.0], z: [0.825, 0.85]", ""),  # the cube is at its edge
+        ("centre: [0.5, 2.3], size: [0.6, 0.6], z: [0.76, 0.78]", "bins.tray.at: the hand reaches it only from above"),
+        ("centre: [0.5, 2.5], size: [0.6, 0.6], z: [0.76, 0.78]", ""),  # over half of the bin
+    ],
+)
+def test_a_board_so_low_that_no_hand_comes_between_is_refused(scene, board, says):
+    """A board 3.5 cm above a cube, or over a whole bin, was good: the robot tried for all of its time."""
+    text = GOOD.replace("slots:\n", f"  board: {{shape: box, {board}}}\nslots:\n")
+    scene.write_text(text.replace("  other: {z: 0.75, at: [2.4, 0.0]}\n", ""), encoding="utf-8")
+    if says:
+        assert says in refusal(scene)
+    else:
+        check_all(str(scene))

@@ -115,6 +115,35 @@ def test_a_file_that_names_a_schema_that_it_does_not_hold_is_recovered(tmp_path)
     assert recover(path).messages == 1
 
 
+def of_run(run, index, past, first):
+    """As much of a tick as tells how its run began."""
+    plan = {"expansions": 1, "cut_by_clock": False}
+    tick = {"run": run, "index": index, "time": 0.05 * index, "plan": plan, "began": 1.0, "first": first, "past": past}
+    return json.dumps(tick).encode()
+
+
+def test_runs_that_name_each_other_as_their_past_are_refused(tmp_path, capsys):
+    """It was a RecursionError with its traceback."""
+    path = written(tmp_path / "circle.mcap", [of_run(1, 5, 2, 5), of_run(2, 5, 1, 5), of_run(3, 5, 2, 5)])
+    with pytest.raises(SessionError, match="run 3: the file does not tell how it began"):
+        rerun_file(str(path))
+
+
+def test_a_run_of_a_thousand_branches_is_known_from_its_start(recorded, tmp_path):
+    """Each branch took two levels of Python's stack, of which there are a thousand."""
+    ticks = [of_run(run, run, run - 1, run) for run in range(1000)]
+    found = load_recording(recording(tmp_path / "long.mcap", recorded.session.scene, ticks))
+    assert found.session_of(found.runs[-1]).periods == 1000
+
+
+@pytest.mark.parametrize("out", ["a_file/x.mcap", "no_folder/x.mcap"])
+def test_a_recovered_file_that_cannot_be_made_is_refused(ticks, out, tmp_path):
+    """Removing what was not there raised NotADirectoryError, with its traceback."""
+    path = written(tmp_path / "a_file", ticks)
+    with pytest.raises(SessionError, match=f"{out}: cannot be written: "):
+        recover(path, tmp_path / out)
+
+
 @pytest.mark.parametrize("payload", [DEEP, b'{"run":' + DEEP + b"}", b"\xff\xfe", b"null", b'{"plan": 1}'])
 def test_a_message_that_cannot_be_read_is_said_to_be_that(payload, tmp_path):
     path = written(tmp_path / "odd.mcap", [payload])

@@ -1,6 +1,7 @@
 """A recording on the bus: it looks like a twin, goes where it is told, and refuses to be changed."""
 
 import json
+import threading
 import time
 
 import msgspec
@@ -11,10 +12,11 @@ from recordings import Recording
 from waiting import asked, until
 
 from motm_twin.bus.client import NoSession, TwinClient
-from motm_twin.bus.commands import AddObstacle, Branch, Load, Pause, Play, Reset, Speed, Step
+from motm_twin.bus.commands import AddObstacle, Branch, Envelope, Load, Pause, Play, Reset, Speed, Step
 from motm_twin.bus.connection import open_client
 from motm_twin.bus.messages import EventsMessage
 from motm_twin.model.plant import PERIOD
+from motm_twin.model.scene_file import load_scene
 from motm_twin.record import channels as ch
 from motm_twin.record.mcap_file import McapFile, read
 from motm_twin.record.player import Frames, Playback, Player
@@ -118,6 +120,35 @@ def test_steps_and_leaps_keep_a_past_that_readers_can_look_back_at(client):
             assert (tick.run, tick.began, tick.first, tick.past) == (run + 1, began, 10, run)
 
 
+def test_a_leap_into_another_run_of_the_file_begins_a_run_with_its_scene_and_map(path, tmp_path, monkeypatch):
+    """What lay more than 30 s ahead was sent under the run, the scene and the map before the leap."""
+    monkeypatch.setattr("motm_twin.record.player.FILLED", 5)
+    grid = next(entry.data for entry in read(path) if entry.topic == ch.GRID.topic)
+    scenes = [load_scene("exp1"), load_scene("exp2")]
+    file = McapFile(tmp_path / "two.mcap")
+    for run, scene in enumerate(scenes, 1):
+        file.add(ch.SCENE, 1.0, msgspec.json.encode(ch.RecordedScene(scene=scene)))
+        file.add(ch.GRID, 1.0, grid)
+        for index in range(20):
+            plan = {"expansions": 1, "cut_by_clock": False}
+            tick = {"run": run, "index": index, "time": index * PERIOD, "began": 1000.0 * run, "plan": plan}
+            file.add(ch.TICK, 1.0, json.dumps(tick).encode())
+    file.close()
+    sent = []
+    ways = {"put": lambda *item: sent.append(item), "now": time.time, "changed": lambda: None}
+    player = Player(Frames(tmp_path / "two.mcap"), name="x", twin="x", playback=Playback(playing=False), **ways)
+    for number, scene, first in ((0, scenes[0], 0), (39, scenes[1], 14), (20, scenes[1], 0), (3, scenes[0], 3)):
+        before, sent[:] = player.status().run, []
+        player._seek(number)
+        status = player.status()
+        assert (status.run, status.scene, status.variant) == (before + 1, scene.name, scene.variant)
+        ticks = [json.loads(payload) for topic, payload, _ in sent if topic == ch.TICK.topic]
+        assert ticks[0]["index"] == first and {tick["run"] for tick in ticks} == {status.run}
+        assert {json.loads(about)["run"] for topic, _, about in sent if topic == ch.GRID.topic} == {status.run}
+        shown = [json.loads(payload)["name"] for topic, payload, _ in sent if topic == ch.SCENE.topic]
+        assert shown == ([scene.name] if number != 20 else [])  # it is shown already
+
+
 def test_while_it_plays_the_states_of_the_robot_come_one_after_the_other_as_they_were(path, tmp_path):
     sent, frames = [], Frames(with_more_states(path, tmp_path / "more.mcap"))
     ways = {"put": lambda topic, *_: sent.append(topic), "now": time.time, "changed": lambda: None}
@@ -152,6 +183,55 @@ def with_more_states(path, target):
                 file.add(ch.ROBOT, entry.log_time / 1e9 + 1e-6 * (k + 1), json.dumps(robot).encode())
     file.close()
     return target
+
+
+@pytest.mark.parametrize(
+    ("topic", "message"),
+    [
+        (ch.SCAN.topic, [1, 2]),
+        (ch.METRICS.topic, 7),
+        (ch.ROBOT.topic, {"time": "soon"}),
+        (ch.EVENT.topic, {"kind": "picked"}),
+        (ch.SCENE.topic, {"scene": {"name": "of another version"}}),
+    ],
+)
+def test_a_message_that_cannot_be_played_is_refused_as_the_file_is_read(path, topic, message, tmp_path):
+    """It ended the thread of the player when its turn came: the twin stayed "playing" for ever, without a word."""
+    file = McapFile(tmp_path / "bad.mcap")
+    for entry in read(path):
+        file.add(ch.CHANNELS[entry.topic], entry.log_time / 1e9, entry.data)
+    file.add(ch.CHANNELS[topic], entry.log_time / 1e9, json.dumps(message).encode())
+    file.close()
+    with pytest.raises(SessionError, match=f"a message in it is broken or of another version .{topic}.: "):
+        Frames(tmp_path / "bad.mcap")
+
+
+def test_an_error_while_it_plays_is_the_state_and_a_reset_plays_on(path):
+    """The thread of the player ended, and the state stayed as it was."""
+    broken = [False]
+
+    def put(*_):
+        if broken[0]:
+            raise RuntimeError("the disk is gone")
+
+    ways = {"put": put, "now": time.time, "changed": lambda: None}
+    player = Player(Frames(path), name="x", twin="x", playback=Playback(playing=False), **ways)
+    thread = threading.Thread(target=player.run)
+    thread.start()
+    answers = []
+
+    def told(command, state, text):
+        envelope = Envelope(sender="me", seq=1, expires=time.time() + 5.0, command=command)
+        player.request(envelope, lambda reason, _: answers.append(reason))
+        until(lambda: player.status().state == state and text in player.status().text, f"not {state}")
+
+    broken[0] = True
+    told(Step(), "error", "RuntimeError: the disk is gone")
+    broken[0] = False
+    told(Reset(), "paused", "a recording: x, 0.0 of")
+    player.stop()
+    thread.join()
+    assert answers == ["", ""]
 
 
 def test_what_would_change_it_is_refused_with_a_reason(client):

@@ -359,3 +359,25 @@ def test_a_server_that_answers_slowly_is_recorded_from_the_start(tmp_path, monke
     entries = list(read(tmp_path / "slow.mcap"))
     assert [json.loads(entry.data)["index"] for entry in entries if entry.topic == "/motm/tick"] == list(range(21))
     assert {"/motm/scene", "/motm/grid"} <= {entry.topic for entry in entries}
+
+
+def test_all_of_a_closed_file_is_on_the_disk(tmp_path, monkeypatch):
+    """Of what was written while the disk was at work nothing was forced onto it: its index and its end."""
+    begun, go, sizes = threading.Event(), threading.Event(), []
+
+    def slow(descriptor):
+        sizes.append(os.fstat(descriptor).st_size)
+        begun.set()
+        assert go.wait(10.0)
+
+    monkeypatch.setattr("motm_twin.record.mcap_file.os.fdatasync", slow)
+    file = McapFile(tmp_path / "x.mcap")
+    file.add(STATUS, 1.0, b"{}")
+    file.save()
+    assert begun.wait(10.0)
+    closing = threading.Thread(target=file.close)
+    closing.start()
+    until(lambda: file._raw._closing)
+    go.set()
+    closing.join()
+    assert sizes[0] < sizes[-1] == (tmp_path / "x.mcap").stat().st_size

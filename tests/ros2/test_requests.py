@@ -123,12 +123,16 @@ def test_the_robot_is_put_where_it_is_said_to_be(served, form):
 
 
 def test_what_cannot_be_is_refused_with_a_sentence(served):
+    """Of a pose that is too far only the bound of a push was said, and the page promised 5 m."""
     served.publish("bridge", topics.GOAL_POSE, goal(0.0, 0.0, 0.0, frame="odom"))
     refusal(served, "give it in 'map'")
     served.publish("bridge", topics.GOAL_POSE, goal(math.nan, 0.0, 0.0))
     refusal(served, "not finite")
     served.publish("bridge", topics.INITIAL_POSE, initial(500.0, 0.0, 0.0))
-    refusal(served, "length of a push")
+    refusal(served, "at most 0.5 m: push it there in several steps")
+    x, y, heading = served.client.scene().start
+    served.publish("bridge", topics.INITIAL_POSE, initial(x, y, heading + 2.0))
+    refusal(served, "allowed is -1 to 1 rad: push it there in several steps")
     served.publish("bridge", topics.CMD_VEL, twist(math.inf, 0.0))
     refusal(served, "has to be finite")
     header = {"stamp": {"sec": 0, "nanosec": 0}, "frame_id": "map"}
