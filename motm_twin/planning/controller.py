@@ -169,7 +169,8 @@ class StaaController:
         bound = float(found.local_to_go[0]) if arrives else math.inf
         s = far_sighted(settings, bound, self._all_parameters.foresight)
         if self._far is None or len(self._far.scratch) <= len(asked.graph.vertex):
-            self._far = search_memory.make_memory(s.layers * s.width, s.notches, 2 * len(asked.graph.vertex))
+            vertices = 2 * len(asked.graph.vertex)
+            self._far = search_memory.make_memory(s.layers * s.width, s.notches, vertices, layered=True)
         pose, twist = (np.array(part, dtype=np.float64) for part in (asked.problem.pose, asked.problem.twist))
         staa.start_search(pose, twist, time_left(asked.target), self._far)
         status = staa.run_search(s.layers * s.width, s, world, cells, self._far)
