@@ -137,7 +137,7 @@ class MoverTracker(Stateful[MoverState]):
         robot, self.parameters = robot or RobotProfile(), parameters or MoverParameters()
         p = self.parameters
         stops = robot.footprint.outer + p.radius_max + robot.base.stopping_way + p.radius_max
-        self.near = max(p.near_time * robot.base.forward_speed, stops)  # [m] from the viewpoint; 2.0 m for Frankie
+        self.near = max(p.near_time * robot.base.full_speed, stops)  # [m] from the viewpoint; 2.0 m for Frankie
         self._state = MoverState()
 
     def sort(self, world: WorldMap, viewpoint: Array) -> WorldMap:

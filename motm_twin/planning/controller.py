@@ -23,7 +23,7 @@ from motm_twin.planning.escape import Escape, depth_of, find_escape, find_turn, 
 from motm_twin.planning.evasion import Evasion, StandsItsGround
 from motm_twin.planning.global_path import GraphCache, leaves_disc, path_to_goal, rates_of, shortest_path
 from motm_twin.planning.lattice import NO_LATTICE
-from motm_twin.planning.parameters import PlanningParameters, Room, fitted, room_for
+from motm_twin.planning.parameters import PlanningParameters, Room, fitted, longest_node, room_for
 from motm_twin.planning.prediction import NOBODY, expected
 from motm_twin.planning.reach import Job, ReachModel, first_in_reach, first_node_in_reach, in_reach
 from motm_twin.planning.rtr import path_rtr, turn
@@ -167,7 +167,7 @@ class StaaController:
         if found.local_among[0] + self._after(asked, found, among) < WORTH:
             return found
         bound = float(found.local_to_go[0]) if arrives else math.inf
-        s = far_sighted(settings, bound, self._all_parameters.foresight)
+        s = far_sighted(settings, bound, self._all_parameters.foresight, longest_node(self.profile))
         if self._far is None or len(self._far.scratch) <= len(asked.graph.vertex):
             vertices = 2 * len(asked.graph.vertex)
             self._far = search_memory.make_memory(s.layers * s.width, s.notches, vertices, layered=True)

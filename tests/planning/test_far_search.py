@@ -1,5 +1,7 @@
 """The search among others, which looks farther ahead in longer steps."""
 
+import itertools
+
 import msgspec
 import numpy as np
 import pytest
@@ -37,3 +39,12 @@ def test_the_closed_list_has_room_for_every_node(planned: tuple[BasePlanner, Bas
     memory = planned[0].controller._far
     assert memory is not None
     assert len(memory.closed) > len(memory.cost)
+
+
+def test_no_step_leads_through_a_thin_wall(planned: tuple[BasePlanner, BasePlan]) -> None:
+    """Twice as long a step as that of the near search took a base of 0.3 m 1.1 m on, through the wall."""
+    x_0, y_0, x_1, y_1 = WALL
+    for one, two in itertools.pairwise(planned[1].local_poses[:, :2]):
+        beside = np.linspace(one, two, 50)
+        inside = (beside > (x_0 - 0.01, y_0)) & (beside < (x_1 + 0.01, y_1))
+        assert not inside.all(axis=1).any(), (one, two)
