@@ -164,7 +164,7 @@ class ObservationReader:
     def _table(self) -> dict[str, tuple[spaces.Space, Callable[["Now"], Any]]]:
         """Space and value of every entry."""
         base, lidar, mount = self._robot.base, self._robot.lidar, self._mount
-        fastest = SPEED_ROOM * np.array([max(base.forward_speed, base.reverse_speed), base.yaw_rate])
+        fastest = SPEED_ROOM * np.array([base.full_speed, base.yaw_rate])
         point, unit, times = _box([-FAR, -FAR, 0.0], [FAR, FAR, 5.0]), _box([0.0], [1.0]), _box([0.0], [LATE])
         yes_or_no, task = spaces.Discrete(2), spaces.Discrete(len(TASKS))
         sectors = _box([0.0] * self._beams, [lidar.range_max] * self._beams)

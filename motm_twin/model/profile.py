@@ -43,9 +43,14 @@ class BaseLimits(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     velocity_lag: float = 0.1  # [s] first-order time constant, known to the controller
 
     @property
+    def full_speed(self) -> float:
+        """Largest speed [m/s] either way."""
+        return max(self.forward_speed, self.reverse_speed)
+
+    @property
     def stopping_way(self) -> float:
         """Way [m] from full speed to rest: v lag + v^2 / 2a."""
-        v = self.forward_speed
+        v = self.full_speed
         return v * self.velocity_lag + v * v / (2.0 * self.linear_acceleration)
 
     @property

@@ -37,7 +37,8 @@ _in_use: WeakValueDictionary[bytes, BaseMap] = WeakValueDictionary()  # by what 
 
 def base_map(known: KnownWorld, resolution: float) -> BaseMap:
     """The pre-made map of the known world; resolution in [m]. It takes 20 ms and more: who asks again shares it."""
-    made_of = msgspec.msgpack.encode((known_solids(known), known.bounds, known.robot.lidar.z, resolution))
+    robot = known.robot
+    made_of = msgspec.msgpack.encode((known_solids(known), known.bounds, robot.top, robot.lidar.z, resolution))
     found = _in_use.get(made_of)
     if found is None:
         found = _in_use[made_of] = _build(known, resolution)

@@ -10,6 +10,7 @@ from motm_twin.model.compiler import njit
 from motm_twin.perception.world_map import WorldMap
 
 ROWS_APART = 1 << 32  # between the numbers of two cells in the same column
+ROUNDING = 1e-6  # of a cell: centres are at its edges where a map begins at half a cell
 _NEXT = np.arange(-1, 2)
 AROUND = (ROWS_APART * _NEXT[:, None] + _NEXT).ravel()  # added to a cell: it and its neighbours
 
@@ -104,7 +105,8 @@ def _merged(cells, times, more, until):
 def _numbers(points, resolution):
     numbers = np.empty(points.shape[0], np.int64)
     for i in range(points.shape[0]):
-        row, column = math.floor(points[i, 1] / resolution), math.floor(points[i, 0] / resolution)
+        row = math.floor(points[i, 1] / resolution + ROUNDING)
+        column = math.floor(points[i, 0] / resolution + ROUNDING)
         numbers[i] = row * ROWS_APART + column
     return numbers
 

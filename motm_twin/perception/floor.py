@@ -27,7 +27,7 @@ class Floor(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 def sight_radius(robot: RobotProfile) -> float:
     """Radius [m] about the base of the floor that is kept: footprint, stopping distance at full speed, and `ROOM`."""
     base, body = robot.base, robot.footprint
-    speed = max(base.forward_speed, base.reverse_speed)
+    speed = base.full_speed
     corner = math.hypot(0.5 * body.length + abs(body.offset_x), 0.5 * body.width)
     return corner + speed * base.velocity_lag + speed * speed / (2.0 * base.linear_acceleration) + ROOM
 

@@ -152,7 +152,7 @@ def _odometry(
     way = compose(inverse(state.raw), now.odometry)
     same = np.array_equal(state.odometry, state.raw)
     late = now.ahead + now.age
-    fastest = max(base.forward_speed, base.reverse_speed)
+    fastest = base.full_speed
     most = 1.5 * fastest * max(dt, 0.0) + settings.leap + fastest * late
     leap = math.hypot(way[0], way[1])
     state.raw = now.odometry.copy()

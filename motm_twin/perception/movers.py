@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from motm_twin.model.exact import dot
-from motm_twin.model.geometry import Array
+from motm_twin.model.geometry import Array, from_frame
 from motm_twin.model.number import OWN, Number
 from motm_twin.model.plant import LONGEST_PERIOD
 from motm_twin.model.profile import RobotProfile
@@ -137,18 +137,19 @@ class MoverTracker(Stateful[MoverState]):
         robot, self.parameters = robot or RobotProfile(), parameters or MoverParameters()
         p = self.parameters
         stops = robot.footprint.outer + p.radius_max + robot.base.stopping_way + p.radius_max
-        self.near = max(p.near_time * robot.base.forward_speed, stops)  # [m] from the viewpoint; 2.0 m for Frankie
+        self.near = max(p.near_time * robot.base.full_speed, stops)  # [m] from the base; 2.0 m for Frankie
+        self._lidar = np.array([robot.lidar.x, robot.lidar.y])  # [m] in the base frame
         self._state = MoverState()
 
-    def sort(self, world: WorldMap, viewpoint: Array) -> WorldMap:
+    def sort(self, world: WorldMap, pose: Array) -> WorldMap:
         """The map with its movers. Static in it is what was hit for 3 s, unless it has moved and not rested since.
 
         The cells of a thing that comes to rest were hit while it was still coming. Noise at the edge of a box and its
         sides that come into sight belong to the box.
 
-        ``viewpoint``: where the lidar is, shape (2,) or longer [m].
+        ``pose`` of the base, shape (3,).
         """
-        state, p = self._state, self.parameters
+        state, p, viewpoint = self._state, self.parameters, from_frame(pose, self._lidar)
         dt = 0.0 if state.time is None else world.stamp - state.time
         if dt < 0.0 or dt > p.lost_after:
             state.tracks, dt = [], 0.0
@@ -160,13 +161,13 @@ class MoverTracker(Stateful[MoverState]):
         held = state.held.has(cells)
         grid = cells_of(world.seen_points, world.origin, world.resolution)
         furniture = self._furniture(world, cells, grid, since, held)
-        seen = self._clusters(world, grid, np.flatnonzero(~furniture), viewpoint[:2])
+        seen = self._clusters(world, grid, np.flatnonzero(~furniture), viewpoint)
         pairs = self._correct(seen, world.stamp, dt)
         state.tracks = [track for track in state.tracks if world.stamp - track.seen <= p.lost_after]
         for track, one in pairs:
-            self._judge(track, one, world, viewpoint[:2], dt)
+            self._judge(track, one, world, viewpoint, dt)
         self._release(pairs, cells, grid, since, world)
-        self._mark_near(viewpoint[:2])
+        self._mark_near(pose[:2])
         unsettled = [(track, one) for track, one in pairs if self._unsettled(track)]
         places = [(cells[one.points], track.rest.time) for track, one in unsettled if track.rest is not None]
         places += [(cells[one.points], world.stamp) for one in self._absorbing(pairs, world)]
@@ -184,7 +185,7 @@ class MoverTracker(Stateful[MoverState]):
             seen_static=static,
             seen_age=NO_AGES,
             movers=movers,
-            hidden=behind(self._hidden(pairs, unsettled, static, world, viewpoint[:2]), viewpoint[:2]),
+            hidden=behind(self._hidden(pairs, unsettled, static, world, viewpoint), viewpoint),
         )
 
     def _hidden(
@@ -321,11 +322,11 @@ class MoverTracker(Stateful[MoverState]):
         if len(state.held.cells) < len(held.cells):
             state.came = np.union1d(state.came, held.cells[held.times <= now])
 
-    def _mark_near(self, viewpoint: Array) -> None:
+    def _mark_near(self, base: Array) -> None:
         """Say which are near, with a hysteresis."""
         for track in self._state.tracks:
             limit = self.parameters.parted * self.near if track.near else self.near
-            track.near = math.dist(track.position, viewpoint) <= limit
+            track.near = math.dist(track.position, base) <= limit
 
     def _clusters(self, world: WorldMap, grid: Cells, young: NDArray[np.int64], viewpoint: Array) -> list[Seen]:
         """Clusters of those of the seen points, by index."""

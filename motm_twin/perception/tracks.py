@@ -107,11 +107,13 @@ class DynamicTracker(Stateful[TrackState]):
         return msgspec.structs.replace(world, tracks=frozen(np.array(found)) if found else NO_TRACKS)
 
     def _rows(self, now: float) -> list[tuple[float, ...]]:
-        """Those that count and move, at a time [s]."""
+        """Those that count and move, at a time [s]; none once no scan has come for so long that they would be over."""
         p, state = self.parameters, self._state
+        if state.stamp is None or now - state.stamp > p.hidden:
+            return []
         rows = []
         for track in state.tracks:
-            if not track.moving or track.hits < p.hits or state.stamp is None:
+            if not track.moving or track.hits < p.hits:
                 continue
             ahead = now - state.stamp
             x, y, vx, vy = track.state.tolist()

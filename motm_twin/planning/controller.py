@@ -23,7 +23,7 @@ from motm_twin.planning.escape import Escape, depth_of, find_escape, find_turn, 
 from motm_twin.planning.evasion import Evasion, StandsItsGround
 from motm_twin.planning.global_path import GraphCache, leaves_disc, path_to_goal, rates_of, shortest_path
 from motm_twin.planning.lattice import NO_LATTICE
-from motm_twin.planning.parameters import PlanningParameters, Room, fitted, room_for
+from motm_twin.planning.parameters import PlanningParameters, Room, fitted, longest_node, room_for
 from motm_twin.planning.prediction import NOBODY, expected
 from motm_twin.planning.reach import Job, ReachModel, first_in_reach, first_node_in_reach, in_reach
 from motm_twin.planning.rtr import path_rtr, turn
@@ -114,9 +114,9 @@ class StaaController:
             return self._brake(problem, field, placement.why, goal, 0), False
         if placement.mode == Mode.CLOSEST and self.at_goal(problem.pose, placement):
             return self._idle(problem, field, _arrived(placement.why)), False
-        backs_off = self._held_up(problem, target, field)
-        if backs_off is not None:
-            return backs_off, False
+        recovers = self._held_up(problem, target, field)
+        if recovers is not None:
+            return recovers, False
         next_table = self._next_table(graph, placement)
         asked = Question(problem, placement, target, field, room, graph, goal, next_table)
         return self._search(asked, budget, bound)
@@ -167,9 +167,10 @@ class StaaController:
         if found.local_among[0] + self._after(asked, found, among) < WORTH:
             return found
         bound = float(found.local_to_go[0]) if arrives else math.inf
-        s = far_sighted(settings, bound, self._all_parameters.foresight)
+        s = far_sighted(settings, bound, self._all_parameters.foresight, longest_node(self.profile))
         if self._far is None or len(self._far.scratch) <= len(asked.graph.vertex):
-            self._far = search_memory.make_memory(s.layers * s.width, s.notches, 2 * len(asked.graph.vertex))
+            vertices = 2 * len(asked.graph.vertex)
+            self._far = search_memory.make_memory(s.layers * s.width, s.notches, vertices, layered=True)
         pose, twist = (np.array(part, dtype=np.float64) for part in (asked.problem.pose, asked.problem.twist))
         staa.start_search(pose, twist, time_left(asked.target), self._far)
         status = staa.run_search(s.layers * s.width, s, world, cells, self._far)
@@ -464,27 +465,27 @@ class StaaController:
         found = self._recovered(problem, field)
         if found is None:
             return plan
-        kind = Kind.BACKS_OFF if found.twist[0] != 0.0 else Kind.TURNS_TO_SEE
-        return self._along(problem, found, plan, Reason(kind=kind, subject=why.subject, cause=why))
+        return self._along(problem, found, plan, Reason(kind=_kind_of(found), subject=why.subject, cause=why))
 
     def _held_up(self, problem: BaseProblem, target: Target, field: Field) -> BasePlan | None:
-        """The plan of a base that stands although there is a way: back to where there is more room."""
-        recovery, pose = problem.recovery, np.array(problem.pose, dtype=np.float64)
-        if not (recovery.back_off and recovery.attempt):
+        """The plan of a base that stands although there is a way: back to where there is more room, or a turn to look.
+
+        What holds it back is nothing that it plans with, as floor that the lidar has never seen.
+        """
+        attempt = problem.recovery.attempt
+        found = self._recovered(problem, field, attempt - 1) if attempt else None
+        if found is None:
             return None
-        ways = ways_to_room(pose, field, self.body, self.limits, self.parameters.margin_floor)
-        if not ways:
-            return None
-        found = ways[(recovery.attempt - 1) % len(ways)]
-        why = Reason(kind=Kind.BACKS_OFF, subject=target.name, cause=Reason(kind=Kind.HELD_BACK, subject=target.name))
+        held = Reason(kind=Kind.HELD_BACK, subject=target.name)
+        why = Reason(kind=_kind_of(found), subject=target.name, cause=held)
         return self._along(problem, found, self._stop(problem, field, PlanStatus.ESCAPING, why, None, 0), why)
 
-    def _recovered(self, problem: BaseProblem, field: Field) -> Escape | None:
-        """A motion of a robot that has made no progress for some time, and stands."""
+    def _recovered(self, problem: BaseProblem, field: Field, way: int = 0) -> Escape | None:
+        """A motion of a robot that has made no progress for some time, and stands; ``way``: which of those back."""
         recovery, pose = problem.recovery, np.array(problem.pose, dtype=np.float64)
         if recovery.back_off:
             ways = ways_to_room(pose, field, self.body, self.limits, self.parameters.margin_floor)
-            return ways[0] if ways else None
+            return ways[way % len(ways)] if ways else None
         if recovery.look and 0.5 * self.profile.lidar.field_of_view < staa.ALL_ROUND:
             return find_turn(pose, field, self.body, self.limits, self.parameters.margin_floor)
         return None
@@ -518,6 +519,10 @@ class StaaController:
             k=self.penalty_scale(0.0 if status == PlanStatus.IDLE else math.inf),
             time_to_range=math.inf,
         )
+
+
+def _kind_of(found: Escape) -> Kind:
+    return Kind.BACKS_OFF if found.twist[0] != 0.0 else Kind.TURNS_TO_SEE
 
 
 _ARRIVED = {Kind.CLOSEST: Kind.WAITS_AT_CLOSEST, Kind.BESIDE_TAKEN: Kind.WAITS_BESIDE_TAKEN}

@@ -54,7 +54,7 @@ class EveryRing:
         if world is here.world:
             return None
         graph = self._graphs.graph(world, survey.room.growth)
-        there = Here(world, self._graphs.field(world), here.body, graph, here.pose)
+        there = Here(world, self._graphs.field(world), here.body, graph, here.eye)
         wanted = every_ring(target, survey._replace(here=there))
         pose = wanted.pose[wanted.viable()]
         for room in waiting_rooms(survey):

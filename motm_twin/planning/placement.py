@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from motm_twin.model.exact import turn_between
-from motm_twin.model.geometry import Array, frozen
+from motm_twin.model.geometry import Array, from_frame, frozen
 from motm_twin.model.profile import RobotProfile
 from motm_twin.model.reason import Kind, Reason
 from motm_twin.model.state import Stateful
@@ -84,7 +84,9 @@ class NextTargetPlacement(Stateful[PlacementState]):
         model, world = self.model, problem.world
         room = room_for(model.parameters, model.profile.footprint, problem.recovery.tightness)
         graph = self._graphs.graph(world, room.growth)
-        here = Here(world, self._graphs.field(world), model.body, graph, problem.pose)
+        lidar = model.profile.lidar
+        eye = from_frame(problem.pose, np.array([lidar.x, lidar.y]))
+        here = Here(world, self._graphs.field(world), model.body, graph, eye)
         return Survey(model, here, room, last, robot_table(graph, problem.pose, model.rates), None)
 
     def decide(self, problem: BaseProblem, last: PlacementState) -> tuple[Placement, PlacementState]:

@@ -40,7 +40,7 @@ class Here(NamedTuple):
     field: Field
     body: Body
     graph: Graph
-    pose: Array  # of the robot, (3,)
+    eye: Array  # place of the lidar, (2,) [m]
 
 
 def rejections(pose: Array, wanted: float, here: Here) -> list[Rejection]:
@@ -70,13 +70,13 @@ def in_sight(pose: Array, here: Here) -> Array:
     """
     result = np.ones(len(pose), dtype=bool)
     c, s = np.cos(pose[:, 2]), np.sin(pose[:, 2])
-    _mark_in_sight(here.pose, pose, c, s, here.world.seen_points, here.world.resolution, here.body, result)
+    _mark_in_sight(here.eye, pose, c, s, here.world.seen_points, here.world.resolution, here.body, result)
     return result
 
 
 @kernel
 def _mark_in_sight(
-    robot: Array, pose: Array, c: Array, s: Array, seen: Array, resolution: float, body: Body,
+    eye: Array, pose: Array, c: Array, s: Array, seen: Array, resolution: float, body: Body,
     result: NDArray[np.bool_],
 ) -> None:  # fmt: skip
     """Say of each pose (n, 3) whether no seen point (m, 2) is on the line to one of its corners; c, s of headings."""
@@ -84,7 +84,7 @@ def _mark_in_sight(
         for k in range(4):
             x = pose[i, 0] + c[i] * body.corner[k, 0] - s[i] * body.corner[k, 1]
             y = pose[i, 1] + s[i] * body.corner[k, 0] + c[i] * body.corner[k, 1]
-            if _hidden(robot[0], robot[1], x, y, seen, resolution):
+            if _hidden(eye[0], eye[1], x, y, seen, resolution):
                 result[i] = False
                 break
 

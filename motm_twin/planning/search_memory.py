@@ -150,10 +150,10 @@ class Memory(NamedTuple):
     swing: Array  # (notches, SWING) what all children of a node with the same yaw rate at their end share
 
 
-def make_memory(expansions: int, notches: int, vertices: int) -> Memory:
-    """Room for a search of that many expansions."""
+def make_memory(expansions: int, notches: int, vertices: int, *, layered: bool = False) -> Memory:
+    """Room for a search of that many expansions; a ``layered`` one also closes nodes that it does not expand."""
     n = expansions * notches * notches + 2
-    slots = 1 << (4 * expansions + 16).bit_length()
+    slots = 1 << (2 * n if layered else 4 * expansions + 16).bit_length()
     return Memory(
         state=np.zeros((n, 5)),
         cost=np.zeros((n, 4)),

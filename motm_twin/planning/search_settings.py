@@ -57,9 +57,12 @@ def weights_among(p: StaaParameters) -> Weights:
     return Weights(p.risk_weight, p.courtesy_weight * p.node_duration, SPREAD)
 
 
-def far_sighted(s: Settings, bound: float, foresight: ForesightParameters) -> Settings:
-    """The numbers of a search that finds the way among others, who are met where they will be."""
-    node = foresight.longer * s.node_duration
+def far_sighted(s: Settings, bound: float, foresight: ForesightParameters, longest: float) -> Settings:
+    """The numbers of a search that finds the way among others, who are met where they will be.
+
+    ``longest`` [s] that a node may be.
+    """
+    node = min(foresight.longer * s.node_duration, longest)
     return s._replace(
         node_duration=node, free=foresight.longer * s.free, notches=NOTCHES, cell=foresight.longer**2 * s.cell,
         heading_bins=(s.heading_bins + 1) // 2, epsilon=1.0, layers=round(LONGEST / node), width=foresight.width,
@@ -87,7 +90,7 @@ def search_settings(
         a_max=limits.linear_acceleration,
         b_max=limits.yaw_acceleration,
         margin=asked.room.margin,
-        free=max(FREE, 0.5 * p.node_duration * (limits.forward_speed + body.reach * limits.yaw_rate)),
+        free=max(FREE, 0.5 * p.node_duration * (limits.full_speed + body.reach * limits.yaw_rate)),
         grid_map=p.penalty == "grid",
         goal_test=goal_test,
         goal_x=float(goal.pose[0]),

@@ -27,7 +27,7 @@ from motm_twin.control.arm.view import ManipulatorState, View
 from motm_twin.control.method import ArmParts, BaseChoices, Materials, Method, Policies
 from motm_twin.model.arm_kernels import manipulability_gradient
 from motm_twin.model.exact import norm
-from motm_twin.model.geometry import Array, frozen
+from motm_twin.model.geometry import Array, from_frame, frozen
 from motm_twin.model.profile import RobotProfile
 from motm_twin.model.reason import Kind, Reason
 from motm_twin.planning.candidates import Rule
@@ -207,8 +207,7 @@ class HolisticBase:
         """0 in reach, else the time [s] of the straight way."""
         if self._model.contains(problem.pose, problem.twist, target):
             return 0.0
-        x, y, heading = (float(value) for value in problem.pose)
-        mount = np.array([x + self._arm.mount_x * math.cos(heading), y + self._arm.mount_x * math.sin(heading)])
+        mount = from_frame(problem.pose, np.array([self._arm.mount_x, self._arm.mount_y]))
         away = float(np.hypot(*(target.position[:2] - mount))) - self._model.r_max(target)
         return max(away, 0.05) / self._limits.forward_speed
 

@@ -206,7 +206,8 @@ class StationaryPlacement(Stateful[StationaryState]):
     def dense(self, target: Target) -> tuple[Array, IntArray]:
         """Every pose of a polar grid about a target from which the arm reaches it, and its direction."""
         p = self.stationary
-        poses, direction = [], []
+        poses = [np.zeros((0, 3))]  # a wide base may not get near enough at all
+        direction: list[Any] = [np.zeros(0, np.int32)]
         for radius in np.arange(self.model.body.inner, self.model.farthest(target), p.radius_step):
             pose, _, place_of = spokes(target.position, radius, p.directions, p.headings)
             poses.append(pose)

@@ -143,7 +143,7 @@ def explains(gap: float, closing: float) -> bool:
 
 def braking_time(limits: BaseLimits) -> float:
     """Time [s] a base takes to stop from its full speed; so long a contact stays the person's doing while it lasts."""
-    straight = max(limits.forward_speed, limits.reverse_speed) / limits.linear_acceleration
+    straight = limits.full_speed / limits.linear_acceleration
     return min(max(straight, limits.yaw_rate / limits.yaw_acceleration) + limits.velocity_lag + REACTION, FORGOTTEN)
 
 

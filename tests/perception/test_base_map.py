@@ -71,6 +71,14 @@ def test_the_same_furniture_has_one_map_while_it_is_used_and_other_furniture_ano
     assert base_map(fewer, 0.05).occupied.sum() < base.occupied.sum()
 
 
+def test_a_robot_of_another_height_has_another_map(known):
+    """A robot with an arm had the map of one without that came before it, and drove under tables."""
+    low = msgspec.structs.replace(known, robot=msgspec.structs.replace(known.robot, has_arm=False))
+    below = base_map(low, 0.05)
+    assert known.robot.top > low.robot.top
+    assert base_map(known, 0.05).occupied.sum() > below.occupied.sum()
+
+
 def test_what_hangs_overhead_is_not_an_obstacle(known):
     base = base_map(known, 0.05)
     row, column = base.grid.cell_of(np.array([1.0, 2.5]))

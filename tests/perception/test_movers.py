@@ -341,3 +341,19 @@ def test_a_side_of_a_static_box_that_was_seen_to_move_is_static_again_when_it_st
             assert not world.seen_static[np.isin(cells, held)].any()
         if k > 203 + (parameters.settles + 0.5) / STEP:
             assert world.seen_static.all()
+
+
+def test_a_disc_is_found_where_it_is_by_a_lidar_that_is_not_at_the_middle_of_the_base() -> None:
+    """Its front was taken for what the middle of the base sees: it was 11 cm off, beside a lidar far ahead."""
+    lidar = msgspec.structs.replace(LIDAR, x=1.0)
+    known = msgspec.structs.replace(FLOOR, robot=RobotProfile(lidar=lidar))
+    mapper, tracker, rng = Mapper(known), MoverTracker(robot=known.robot), np.random.default_rng(1)
+    at, eye = np.array([1.0, 1.2]), np.array([1.0, 0.0, 0.0])
+    for k in range(30):
+        at[0] = 0.6 + 0.4 * k * STEP
+        seen = _seen(k * STEP, np.zeros(3), [], rng)
+        ranges = cast(eye, [shapely.Point(*at).buffer(RADIUS)], rng)
+        scan = msgspec.structs.replace(scan_of(ranges, np.zeros(3), k * STEP), origin=eye[:2])
+        world = tracker.sort(mapper.update(msgspec.structs.replace(seen, scan=scan)), np.zeros(3))
+    (found,) = world.movers
+    assert math.dist(found[:2], at) < 0.08

@@ -2,6 +2,7 @@
 
 import math
 
+import msgspec
 import numpy as np
 import pytest
 import shapely
@@ -141,6 +142,14 @@ def test_a_track_on_the_near_side_of_its_points_goes_behind_them():
     (row,) = maps[-1].tracks
     assert math.dist(row[:2], (3.0 - 0.4 * maps[-1].stamp, 0.2)) < 0.06
     assert math.dist(row[2:4], (-0.4, 0.0)) < 0.12
+
+
+def test_nobody_is_where_no_scan_has_shown_him_for_long():
+    """While no scan came, tracks went on for ever: one was expected 20 m away, and in the way meanwhile."""
+    maps, tracker = follow(1.5, ((3.0, -0.8), (-0.4, 0.3), 0.25))
+    for late, expected in ((1.9, 1), (2.1, 0), (20.0, 0)):
+        later = msgspec.structs.replace(maps[-1], stamp=maps[-1].stamp + late)
+        assert len(tracker.update(None, later).tracks) == expected
 
 
 def test_the_tracker_can_be_copied():

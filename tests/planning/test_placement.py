@@ -10,12 +10,13 @@ import shapely
 import shapely.affinity
 from idealised import polygons, rectangle, world_of
 
-from motm_twin.model.profile import RobotProfile
+from motm_twin.model.profile import Lidar, RobotProfile
 from motm_twin.model.state import state_hash
 from motm_twin.perception.world_map import WorldMap
-from motm_twin.planning.candidates import ring, rings
+from motm_twin.planning.candidates import PlacementState, ring, rings
 from motm_twin.planning.parameters import PlacementParameters, PlanningParameters, ReachParameters
 from motm_twin.planning.placement import NextTargetPlacement
+from motm_twin.planning.rejections import in_sight
 from motm_twin.planning.types import BaseProblem, Placement, Target
 
 W_MAX = RobotProfile().base.yaw_rate
@@ -285,3 +286,14 @@ def test_a_target_outside_the_map_is_said_to_be_outside_with_coordinates(x: floa
     assert f"bin at ({x:.2f}, 0.00) is outside the map, x -2.00 to 2.00 m" in reason
     assert words in reason
     assert "obstacles" not in reason
+
+
+def test_what_hides_a_place_hides_it_from_the_lidar_and_not_from_the_middle_of_the_base() -> None:
+    """A post between the middle of the base and a place hid it from a lidar that sees past the post."""
+    post = msgspec.structs.replace(world_of(()), seen_points=np.array([[0.8, 0.1]]), seen_static=np.ones(1, bool))
+    there, free = np.array([[2.0, 0.0, 0.0]]), []
+    for y in (0.0, 1.0):
+        robot = RobotProfile(lidar=Lidar(y=y))
+        here = NextTargetPlacement(robot, PlanningParameters()).survey(problem(post, None), PlacementState()).here
+        free += in_sight(there, here).tolist()
+    assert free == [False, True]

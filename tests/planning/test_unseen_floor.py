@@ -11,10 +11,10 @@ from motm_twin.perception.floor import FRESH, UNSEEN, Floor
 from motm_twin.perception.world_map import WorldMap
 from motm_twin.planning.controller import StaaController
 from motm_twin.planning.parameters import PlanningParameters
-from motm_twin.planning.types import BaseProblem, Placement, SearchBudget, Target
+from motm_twin.planning.types import NO_RECOVERY, BaseProblem, Placement, PlanStatus, Recovery, SearchBudget, Target
 
 
-def plan_to(goal, profile, rear):
+def plan_to(goal, profile, rear, recovery=NO_RECOVERY):
     """The plan on empty floor of which the part behind the robot is ``rear``."""
     distance = np.full((120, 120), 3.0, np.float32)
     seen = np.full((60, 60), FRESH, np.uint8)
@@ -32,8 +32,9 @@ def plan_to(goal, profile, rear):
     )  # fmt: skip
     target = Target(kind="drive", name="goal", position=goal[:2])
     problem = BaseProblem(
-        time=0.0, world=world, pose=np.zeros(3), twist=np.zeros(2), target=target, next_target=None, engaged=False
-    )
+        time=0.0, world=world, pose=np.zeros(3), twist=np.zeros(2), target=target, next_target=None, engaged=False,
+        recovery=recovery,
+    )  # fmt: skip
     return StaaController(profile, PlanningParameters()).plan(problem, placement, SearchBudget(expansions=300))
 
 
@@ -45,3 +46,14 @@ def test_a_base_with_a_lidar_in_front_does_not_plan_to_back_into_the_unknown():
     poses = plan_to(goal, front, UNSEEN).local_poses
     backwards = poses[poses[:, 3] < -1e-9]
     assert (backwards[:, 0] - 0.35 * np.cos(backwards[:, 2]) > -0.45).all()
+
+
+def test_a_base_that_stands_although_there_is_a_way_turns_to_see_it():
+    """It turned only where the planner found no way, and not where the monitor held it: it stood until it gave up."""
+    goal, held = np.array([2.0, 0.0, math.nan]), Recovery(look=True, attempt=1)
+    narrow = msgspec.structs.replace(RobotProfile(), lidar=Lidar(field_of_view=math.radians(90.0)))
+    looks = plan_to(goal, narrow, FRESH, held)
+    assert looks.status == PlanStatus.ESCAPING and looks.why.kind == Kind.TURNS_TO_SEE
+    assert looks.acceleration[0] == 0.0 and looks.acceleration[1] != 0.0
+    assert plan_to(goal, narrow, FRESH, Recovery(look=True)).acceleration[0] > 0.0  # it does not stand
+    assert plan_to(goal, RobotProfile(), FRESH, held).acceleration[0] > 0.0  # it sees all round

@@ -9,7 +9,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from motm_twin.methods.registry import METHODS, find_method
+from motm_twin.model.profile import ArmSpec, RobotProfile
 from motm_twin.model.scene_file import load_scene
+from motm_twin.planning.parameters import PlanningParameters
+from motm_twin.planning.types import BaseProblem, SearchBudget, Target, no_placement
+from motm_twin.rivals.holistic import HolisticBase
 from motm_twin.rivals.motm2022 import SIDES, departure, path_round, tangent
 from motm_twin.trial import run_scene
 from motm_twin.twin import Twin
@@ -102,6 +106,20 @@ def test_motm2022_shows_both_tangent_points_and_takes_the_nearer(tangential):
 def test_holistic_picks_and_places_where_nothing_is_in_the_way(whole_body):
     result, _ = whole_body
     assert result["success"], result["reason"]
+
+
+def test_the_base_of_holistic_reckons_from_the_mount_of_the_arm(whole_body):
+    """An arm beside the middle of the base was taken for one in the middle: the way was too long, or too short."""
+    target = Target(kind="pick", name="cube", position=np.array([0.15, 3.0]))
+    problem = BaseProblem(
+        time=0.0, world=whole_body[1][0].map, pose=np.zeros(3), twist=np.zeros(2), target=target, next_target=None,
+        engaged=False,
+    )  # fmt: skip
+    times = []
+    for y in (0.0, 0.2):
+        base = HolisticBase(RobotProfile(arm=ArmSpec(mount_y=y)), PlanningParameters())
+        times.append(base.plan(problem, no_placement(problem.pose), SearchBudget(expansions=1)).time_to_range)
+    assert times[0] - times[1] == pytest.approx(0.2 / RobotProfile().base.forward_speed)
 
 
 def test_the_base_of_holistic_moves_with_the_hand_and_rests_with_it(whole_body):

@@ -11,6 +11,7 @@ from motm_twin.control.method import PlannerParts
 from motm_twin.control.tick import Tick
 from motm_twin.methods.registry import find_method
 from motm_twin.model.known import KnownWorld
+from motm_twin.model.profile import Footprint
 from motm_twin.model.scene_file import load_scene
 from motm_twin.model.state import state_hash
 from motm_twin.perception.world_map import WorldMap
@@ -97,6 +98,17 @@ def test_irm_takes_the_most_manipulability_there_is_and_does_not_mind_the_way(ro
     assert reach.share(placement.goal[None], room.cube())[0] >= best - 0.011
     from_elsewhere = room.placement(MANIPULABILITY).place(room.problem(room.cube(), pose=(0.0, 0.0, 0.0)))
     assert np.array_equal(placement.goal, from_elsewhere.goal)
+
+
+def test_a_base_too_wide_for_the_arm_to_reach_over_it_has_no_poses_of_its_own(room: Room) -> None:
+    """No circle about the target was near enough and far enough: to join the poses of none of them was an error."""
+    wide = msgspec.structs.replace(room.known.robot, footprint=Footprint(length=2.2, width=2.2))
+    parts = dataclasses.replace(room.parts, known=msgspec.structs.replace(room.known, robot=wide))
+    strategy = StationaryPlacement(parts, room.graphs, ALL_TERMS)
+    poses, direction = strategy.dense(room.cube())
+    assert poses.shape == (0, 3) and direction.shape == (0,)
+    problem = room.problem(room.cube(), room.bin(0))
+    assert np.array_equal(strategy.place(problem).goal, strategy.paper.place(problem).goal)
 
 
 def test_greedy_goes_a_shorter_way_than_irm_and_knows_nothing_of_the_next_target(room: Room) -> None:
