@@ -1,5 +1,6 @@
 """The control period: observe, map, place the base, plan, reach, check, command. Its record is the Tick."""
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
@@ -191,6 +192,7 @@ class ControlLoop(Stateful[LoopState]):
         """Change the task list; raises ValueError when it cannot be."""
         if self.sequence.edit(edit, self.known, engaged=self._state.engaged):
             self._state.dwell, self._state.engaged, self._state.stuck_at = None, False, ()
+            self._state.progress.restart(-1, math.inf)  # the next period starts the clock
         self.planner.retasked(edit)
         self.manipulator.retasked(edit)
 
