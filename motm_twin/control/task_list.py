@@ -79,7 +79,7 @@ def _inserted(now: TaskList, edit: InsertTask, known: KnownWorld, *, engaged: bo
             raise ValueError(f"{titled(task)}: the robot has no arm, it can only drive")
         _check_task(task, known)
     at = _open_place(now, len(now.tasks) if edit.index is None else edit.index)
-    if engaged and at == now.index:
+    if engaged and at == now.index < len(now.tasks):
         only_drives = all(isinstance(task, DriveTo) for task in edit.tasks)
         at = now.index + 1 if only_drives else _job(now, now.index)[-1] + 1
     count = len(edit.tasks)

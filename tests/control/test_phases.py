@@ -66,6 +66,17 @@ def test_after_a_miss_the_hand_goes_straight_up_whatever_becomes_of_its_target()
     assert _point(state, view, P) == pytest.approx(here + np.array([0.0, 0.0, P.hover_height]))
 
 
+def test_a_hand_that_rises_from_an_object_that_was_given_up_is_not_at_work_on_the_task_after_it():
+    """A task that was put first meanwhile came second, and a pick added at the end raised an IndexError."""
+    state, view = ManipulatorState(phase=Phase.CLOSING), SimpleNamespace(time=1.0, p=CUBE)
+    rules = SimpleNamespace(profile=SimpleNamespace(gripper=SimpleNamespace(closing_time=0.5)))
+    phases._miss(state, view, rules, Kind.CLOSED_ON_NOTHING)
+    assert phases.engaged(state)
+    phases._new_goal(state, view)
+    assert state.phase == Phase.RETRY
+    assert not phases.engaged(state)
+
+
 def test_a_hand_that_starts_over_takes_its_fingers_from_beside_the_object_first():
     """It swung away at once, 8 mm into the cube between its fingers."""
     state = ManipulatorState()

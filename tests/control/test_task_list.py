@@ -92,6 +92,14 @@ def test_a_list_that_has_ended_goes_on_with_new_tasks():
     assert tasks.active == PAIR[0]
 
 
+@pytest.mark.parametrize("engaged", [False, True])
+def test_a_list_that_has_ended_takes_a_task_while_the_arm_still_rises(engaged):
+    """It raised an IndexError: the arm counted as at work on a task after the last."""
+    tasks = sequence("picked", "placed", "picked", "placed")
+    assert edit(tasks, InsertTask(tasks=PAIR), engaged=engaged)
+    assert tasks.active == PAIR[0]
+
+
 def test_only_what_is_still_to_do_counts_towards_the_most_tasks():
     """Ended tasks counted, too: after sixty in its life, a robot took no more."""
     tasks = sequence("picked", "placed", "picked", "placed")

@@ -46,7 +46,7 @@ class PhaseRules:
 
 def enter(state: ManipulatorState, phase: Phase, time: float) -> None:
     """Begin a phase."""
-    state.phase, state.since = phase, time
+    state.phase, state.since, state.leaves = phase, time, False
 
 
 def wanted(state: ManipulatorState, view: View) -> bool:
@@ -141,6 +141,7 @@ def _new_goal(state: ManipulatorState, view: View) -> None:
             state.gripper = "open"
         state.released = None
         _withdraw(state, view)
+        state.leaves = state.phase == Phase.RETRY
 
 
 def _lost(state: ManipulatorState, view: View) -> Outcome:
@@ -481,8 +482,10 @@ def _retry(state: ManipulatorState, view: View, p: ArmParameters) -> Outcome:
 
 def engaged(state: ManipulatorState) -> bool:
     """Must the base keep the target in reach?"""
-    return state.phase in (Phase.FINAL, Phase.CLOSING, Phase.RETRY, Phase.RELEASE) or (
-        state.phase == Phase.LIFT and not state.reported
+    return (
+        state.phase in (Phase.FINAL, Phase.CLOSING, Phase.RELEASE)
+        or (state.phase == Phase.RETRY and not state.leaves)
+        or (state.phase == Phase.LIFT and not state.reported)
     )
 
 

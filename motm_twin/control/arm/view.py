@@ -28,6 +28,7 @@ class ManipulatorState:
     phase: Phase = Phase.STOW
     since: float = 0.0  # [s] when the phase began
     goal: str = ""  # kind and name of the goal of the last step
+    leaves: bool = field(default=False, metadata=LATER)  # the hand rises from an object that is not the goal any more
     holding: bool = False
     side: float = 0.0  # [m] of the object in the gripper
     gripper: str = "open"
