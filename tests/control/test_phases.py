@@ -93,6 +93,33 @@ def test_a_hand_that_starts_over_takes_its_fingers_from_beside_the_object_first(
     assert state.phase == Phase.STOW
 
 
+def wait_for_opening(state: ManipulatorState, start: float, *, age: float) -> None:
+    """From a time on, twice as long as the hand waits for wide fingers, with reports of an age [s]."""
+    for time in np.arange(start, start + 2.0 * P.search_after, 0.1).tolist():
+        phases._wait_for_opening(state, SimpleNamespace(time=time, sure=lambda p: age <= p.sure_age), P)
+
+
+def test_fingers_that_did_not_close_part_of_the_way_may_do_so_for_the_next_object():
+    """Reports that came late for a while kept the hand from ever opening its fingers part of the way again."""
+    state = ManipulatorState(opening=0.05)
+    wait_for_opening(state, 1.0, age=2.0 * P.sure_age)
+    assert not state.opens_fully
+    wait_for_opening(state, 5.0, age=0.0)
+    assert state.opens_fully
+    phases._new_goal(state, SimpleNamespace(time=9.0))
+    assert not state.opens_fully
+
+
+def test_the_time_of_an_earlier_try_does_not_count_against_the_fingers():
+    state = ManipulatorState(phase=Phase.TRANSIT, opening=0.05)
+    view = SimpleNamespace(time=1.0, sure=lambda _: True, p=CUBE)
+    phases._wait_for_opening(state, view, P)
+    phases._withdraw(state, view)
+    state.opening, view.time = 0.05, 9.0
+    phases._wait_for_opening(state, view, P)
+    assert not state.opens_fully
+
+
 @pytest.mark.parametrize("side", [0.03, 0.045, 0.065])
 def test_the_hand_waits_until_what_it_let_go_has_fallen_from_between_its_fingers(side):
     """A hand that left at 0.8 m/s at once touched the falling cube with a finger."""

@@ -97,7 +97,8 @@ def _impatient(state: ManipulatorState, view: View, rules: PhaseRules) -> bool:
 
 
 def _rest(state: ManipulatorState, time: float) -> None:
-    state.yaw, state.tight, state.no_room_since, state.opening = None, None, None, None
+    state.yaw, state.tight, state.no_room_since = None, None, None
+    state.opening, state.narrowing_since = None, None
     enter(state, Phase.CARRY if state.holding else Phase.STOW, time)
 
 
@@ -135,7 +136,7 @@ def _picked(state: ManipulatorState, p: ArmParameters) -> str:
 
 
 def _new_goal(state: ManipulatorState, view: View) -> None:
-    state.tight_tries = 0
+    state.tight_tries, state.opens_fully = 0, False
     if state.phase in (Phase.TRANSIT, Phase.FINAL, Phase.CLOSING, Phase.RETRY, Phase.RELEASE):
         if not state.holding:
             state.gripper = "open"
@@ -267,8 +268,8 @@ def _wait_without_room(state: ManipulatorState, view: View, p: ArmParameters) ->
 
 
 def _wait_for_opening(state: ManipulatorState, view: View, p: ArmParameters) -> Outcome:
-    """Wait for the fingers to close to the wanted opening; give that up for a gripper that only opens fully."""
-    if state.narrowing_since is None:
+    """Wait for the fingers to close to the wanted opening; for this goal, give it up when they only open fully."""
+    if state.narrowing_since is None or not view.sure(p):
         state.narrowing_since = view.time
     if view.time - state.narrowing_since > p.search_after:
         state.opens_fully, state.opening = True, None
