@@ -12,7 +12,9 @@ from motm_twin.control.arm.motion import _point
 from motm_twin.control.arm.parameters import ArmParameters
 from motm_twin.control.arm.types import Phase
 from motm_twin.control.arm.view import ManipulatorState
+from motm_twin.model.profile import RobotProfile
 from motm_twin.model.reason import Kind
+from motm_twin.model.scene_check import FINGER_ROOM
 
 P = ArmParameters()
 CUBE = np.array([0.5, 0.0, 0.7])
@@ -86,11 +88,29 @@ def test_a_hand_that_starts_over_takes_its_fingers_from_beside_the_object_first(
     phases.start_over(state, view, P)
     assert state.phase == Phase.RETRY
     assert _point(state, view, P)[2] > CUBE[2]
-    phases._retry(state, view, P)
+    phases._retry(state, view, SimpleNamespace(parameters=P))
     assert state.phase == Phase.RETRY
     view.p = CUBE + np.array([0.0, 0.0, P.hover_height])
-    phases._retry(state, view, P)
+    phases._retry(state, view, SimpleNamespace(parameters=P))
     assert state.phase == Phase.STOW
+
+
+@pytest.mark.parametrize("width", [0.08, 0.07])
+def test_an_object_that_nearly_fills_the_open_fingers_is_tried_once_they_stand_open(width):
+    """A scene takes cubes up to 70 mm, and the hand never began with those over 65 mm."""
+    goal = SimpleNamespace(name="it", kind="pick", side=0.08 - FINGER_ROOM)
+    view = SimpleNamespace(
+        time=1.0, time_to_range=0.0, pose=np.zeros(3), target=CUBE, p=CUBE, goal=goal, width=width, gripper_moving=False
+    )
+    seen = SimpleNamespace(twist=np.zeros(2))
+    inputs = SimpleNamespace(observation=seen, plan_times=np.ones(1), plan_poses=np.zeros((1, 5)))
+    in_time = SimpleNamespace(transit_duration=lambda *_: 0.5)
+    rules = SimpleNamespace(parameters=P, profile=RobotProfile(), mount=np.zeros(3), timing=in_time)
+    first = ManipulatorState(phase=Phase.STOW)
+    phases._leave(first, view, inputs, rules)
+    again = ManipulatorState(phase=Phase.RETRY, anchor=CUBE - np.array([0.0, 0.0, P.hover_height]))
+    phases._retry(again, view, rules)
+    assert (first.phase, again.phase) == ((Phase.TRANSIT,) * 2 if width == 0.08 else (Phase.STOW, Phase.RETRY))
 
 
 def wait_for_opening(state: ManipulatorState, start: float, *, age: float) -> None:

@@ -83,7 +83,7 @@ def advance(state: ManipulatorState, view: View, inputs: ArmInputs, rules: Phase
         return _lift(state, view, rules)
     if state.phase == Phase.RELEASE:
         return _release(state, view, rules)
-    return _retry(state, view, rules.parameters)
+    return _retry(state, view, rules)
 
 
 def _impatient(state: ManipulatorState, view: View, rules: PhaseRules) -> bool:
@@ -167,10 +167,16 @@ def _leave(state: ManipulatorState, view: View, inputs: ArmInputs, rules: PhaseR
     duration = rules.timing.transit_duration(_way(view, inputs, rules), speed, view.time_to_range)
     if duration is None or view.time_to_range > rules.parameters.patience:
         return NOTHING
-    if not state.holding and view.width < view.goal.side + rules.parameters.open_room:
+    if not state.holding and not _open_enough(view, rules):
         return "", Reason(kind=Kind.GRIPPER_NOT_OPEN, subject="gripper")
     enter(state, Phase.TRANSIT, view.time)
     return NOTHING
+
+
+def _open_enough(view: View, rules: PhaseRules) -> bool:
+    """The fingers are as much wider than the object as they should be, or stand open as far as they go."""
+    p = rules.parameters
+    return view.width >= min(view.goal.side + p.open_room, rules.profile.gripper.max_width - p.held_tolerance)
 
 
 def _stowed(view: View, p: ArmParameters) -> bool:
@@ -470,13 +476,14 @@ def _in_square(state: ManipulatorState, view: View, rules: PhaseRules, point: Ar
     return bool(np.abs(to_frame(frame, point[:2])).max() <= half)
 
 
-def _retry(state: ManipulatorState, view: View, p: ArmParameters) -> Outcome:
+def _retry(state: ManipulatorState, view: View, rules: PhaseRules) -> Outcome:
+    p = rules.parameters
     risen = view.p[2] - state.anchor[2] >= 0.8 * p.hover_height or view.time - state.since > p.search_after
     if not risen:
         return "", Reason(kind=Kind.OPENS_AGAIN, subject=view.goal.name)
     if view.goal.kind != "pick" or state.start_over:
         _rest(state, view.time)
-    elif not view.gripper_moving and view.width > view.goal.side + p.open_room:
+    elif not view.gripper_moving and _open_enough(view, rules):
         enter(state, Phase.TRANSIT, view.time)
     return "", Reason(kind=Kind.OPENS_AGAIN, subject=view.goal.name)
 
