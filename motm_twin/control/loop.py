@@ -191,10 +191,14 @@ class ControlLoop(Stateful[LoopState]):
     def edit_tasks(self, edit: TaskEdit) -> None:
         """Change the task list; raises ValueError when it cannot be."""
         if self.sequence.edit(edit, self.known, engaged=self._state.engaged):
-            self._state.dwell, self._state.engaged, self._state.stuck_at = None, False, ()
+            self._begin_another()
             self._state.progress.restart(-1, math.inf)  # the next period starts the clock
         self.planner.retasked(edit)
         self.manipulator.retasked(edit)
+
+    def _begin_another(self) -> None:
+        """Another task is the active one: nothing of the last one's counts."""
+        self._state.dwell, self._state.engaged, self._state.stuck_at = None, False, ()
 
     def _problem(self, observation: Observation, world: WorldMap) -> BaseProblem:
         """The base's question, from where the commands already given will take it."""
@@ -237,7 +241,7 @@ class ControlLoop(Stateful[LoopState]):
         events = self.sequence.hold_up(time, stalled, plan.why or placement.why, observation.pose)
         if events:
             self._state.progress.restart(self.sequence.index, time)
-            self._state.dwell, self._state.engaged = None, False
+            self._begin_another()
         return events
 
     def _whereabouts(self, observation: Observation) -> list[Array]:
@@ -326,7 +330,7 @@ class ControlLoop(Stateful[LoopState]):
             self.tracker.move_belief(held, goal.position, observation, self.settings.parameters.objects.bin_sd)
         events = self.sequence.apply(step.outcome, observation.time, step.why)
         if self.sequence.index != index:
-            self._state.dwell, self._state.engaged = None, False
+            self._begin_another()
         return tuple(events)
 
     def _lose(self, name: str, hand: Array, observation: Observation, T_odom_world: Array) -> None:
