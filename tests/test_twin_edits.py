@@ -74,7 +74,7 @@ def test_the_same_value_again_rebuilds_nothing_and_none_goes_back_to_the_start()
 
 
 def test_every_parameter_reaches_its_part_in_the_next_period():
-    """The switch of passive safety had no effect until the run began anew."""
+    """Passive safety, and the margin of driving by hand, had no effect until the run began anew."""
     twin = Twin(SCENE)
     twin.advance()
     for entry in PARAMETERS:
@@ -86,6 +86,7 @@ def test_every_parameter_reaches_its_part_in_the_next_period():
     assert loop.manipulator.parameters == wanted.arm
     assert loop.monitor.parameters == wanted.monitor
     assert loop.sequence.limits == wanted.sequence
+    assert loop.by_hand.margin == wanted.planning.staa.margin
     assert {entry.path[0] for entry in PARAMETERS} == {"planning", "arm", "monitor", "sequence"}
 
 

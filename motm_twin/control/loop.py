@@ -182,8 +182,8 @@ class ControlLoop(Stateful[LoopState]):
         return self._state.engaged
 
     def retune(self, numbers: Parameters) -> None:
-        """Other numbers for monitor and task list; planner and manipulator are replaced by others."""
-        self.sequence.limits = numbers.sequence
+        """Other numbers for the parts that keep some; planner and manipulator are replaced by others."""
+        self.sequence.limits, self.by_hand.margin = numbers.sequence, numbers.planning.staa.margin
         if numbers.monitor != self.monitor.parameters:
             before, self.monitor = self.monitor, Monitor(self.known.robot, numbers.monitor)
             self.monitor.restore(before.snapshot())
