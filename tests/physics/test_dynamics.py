@@ -9,8 +9,8 @@ from sim_scenes import box, scene
 
 from motm_twin.model.edits import AddObstacle, MoveBody, MoveObject, PushRobot, RemoveBody
 from motm_twin.model.names import SceneError
-from motm_twin.model.profile import RobotProfile
-from motm_twin.model.scene import Agent, Bump, Faults
+from motm_twin.model.profile import Gripper, RobotProfile
+from motm_twin.model.scene import Agent, Bump, Faults, Physics
 from motm_twin.model.state import state_hash
 from motm_twin.plants import make_plant, with_plant
 from motm_twin.sim.plant import SimulatedPlant
@@ -92,6 +92,17 @@ def test_fingers_open_as_far_as_they_are_told_and_let_go_all_the_same():
     plant.command(act(gripper="open", opening=0.02))
     plant.step(0.4)
     assert not plant.snapshot().gripper.held
+
+
+def test_a_wider_gripper_opens_as_far_as_its_profile_says():
+    """The fingers stopped at 80 mm, and never reported that they were open."""
+    robot = RobotProfile(gripper=Gripper(max_width=0.1))
+    plant = make_plant(scene(robot=robot, physics=Physics()))
+    for command in ("close", "open"):
+        plant.command(act(gripper=command))
+        plant.step(1.5)
+    assert not plant.observe().gripper_moving
+    assert plant.observe().gripper_width == pytest.approx(0.1, abs=2e-3)
 
 
 def test_a_cube_slips_out_of_fingers_without_friction():
