@@ -7,7 +7,7 @@ from physics_hands import hand_over_a_cube, in_hand, physical
 from sim_hands import act, move
 from sim_scenes import box, scene
 
-from motm_twin.model.edits import AddObstacle, MoveBody, MoveObject, PushRobot, RemoveBody
+from motm_twin.model.edits import AddObstacle, InjectFault, MoveBody, MoveObject, PushRobot, RemoveBody
 from motm_twin.model.names import SceneError
 from motm_twin.model.profile import Gripper, RobotProfile
 from motm_twin.model.scene import Agent, Bump, Faults, Physics
@@ -31,6 +31,17 @@ def test_wheels_drive_straight_at_the_speed_that_they_are_told():
     assert x == pytest.approx(0.3, rel=0.01)
     assert abs(y) < 1e-3
     assert abs(heading) < 1e-3
+
+
+@pytest.mark.parametrize("slip", [0.5, 1.0])
+def test_wheels_that_slip_turn_as_they_are_told_and_the_base_lags_behind(slip):
+    """Of wheels that slipped altogether, standing was reported, and a thousand times their trembling."""
+    plant = physical(scene())
+    plant.apply(InjectFault(fault="wheel_slip", amount=slip, seconds=10.0))
+    drive(plant, 0.3, 0.0, 2.0)
+    assert plant.observe().twist == pytest.approx([0.3, 0.0], abs=0.02)
+    assert plant.observe().odometry[0] > 0.4
+    assert plant.truth().pose[0] < (1.0 - slip) * 0.6 + 0.01
 
 
 def test_the_base_turns_about_its_middle_and_odometry_knows_it():
