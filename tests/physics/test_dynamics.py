@@ -1,4 +1,5 @@
 import math
+import time
 
 import msgspec
 import numpy as np
@@ -9,9 +10,11 @@ from sim_scenes import box, scene
 
 from motm_twin.model.edits import AddObstacle, InjectFault, MoveBody, MoveObject, PushRobot, RemoveBody
 from motm_twin.model.names import SceneError
+from motm_twin.model.plant import Contact, ContactForce
 from motm_twin.model.profile import Gripper, RobotProfile
 from motm_twin.model.scene import Agent, Bump, Faults, Physics
 from motm_twin.model.state import state_hash
+from motm_twin.physics.forces import ENDED, disagreements
 from motm_twin.plants import make_plant, with_plant
 from motm_twin.sim.plant import SimulatedPlant
 
@@ -65,6 +68,48 @@ def test_a_wall_stops_the_base_and_the_referee_sees_what_the_forces_say():
     assert truth.physics.forces[0].other == "wall"
     assert truth.physics.forces[0].force > 50.0
     assert truth.physics.disagreements == ()
+
+
+def contact(start, lasts, other):
+    return Contact(
+        time=start, body="base", other=other, depth=0.001, closing_speed=0.0, other_speed=0.0, caused_by_robot=False,
+        duration=lasts,
+    )  # fmt: skip
+
+
+def force(start, lasts, other):
+    return ContactForce(time=start, body="base", other=other, force=3.0, impulse=1.0, duration=lasts)
+
+
+def test_contacts_and_forces_are_told_whose_other_is_missing_in_their_time():
+    rng = np.random.default_rng(1)
+    seen, felt = (
+        [
+            make(start, lasts, f"cube{k % 2}")
+            for k, (start, lasts) in enumerate(zip(rng.uniform(0, 60, 90), rng.uniform(0, 1, 90), strict=True))
+        ]
+        for make in (contact, force)
+    )
+
+    def alone(ones, others):
+        """Those that end too soon for, or begin too late after, every one of the others."""
+        gaps = [
+            min(max(b.time - a.time - a.duration, a.time - b.time - b.duration) for b in others if a.other == b.other)
+            for a in ones
+        ]
+        return sum(gap > ENDED for gap in gaps)
+
+    told = disagreements(seen, felt)
+    assert sum("unseen" in text for text in told) == alone(felt, seen) > 10
+    assert sum("without a force" in text for text in told) == alone(seen, felt) > 10
+
+
+def test_contacts_and_forces_of_a_long_run_are_compared_at_once():
+    """Each was compared with each, in every period: a thousand of both took it longer than the period."""
+    seen, felt = ([make(2.0 * k, 0.3, "temi") for k in range(5000)] for make in (contact, force))
+    began = time.process_time()
+    assert disagreements(seen, felt) == ()
+    assert time.process_time() - began < 0.5
 
 
 def test_a_cube_between_the_pads_stays_there():
