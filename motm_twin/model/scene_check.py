@@ -20,6 +20,7 @@ from motm_twin.model import bounds
 from motm_twin.model.arm_kernels import ELBOW_OFFSET, HAND, LOWER, SHOULDER, TCP, TOOL, UPPER, WRIST, fk_arm
 from motm_twin.model.geometry import from_frame
 from motm_twin.model.names import hint
+from motm_twin.model.plant import PERIOD, SLOW_AGE
 from motm_twin.model.profile import READY
 from motm_twin.model.scene import Agent, Bin, DriveTo, Pick, Place, Point, Scene, SceneObject, Solid
 from motm_twin.model.scene_shapes import base_outline, bin_solid, outline, rectangle
@@ -69,6 +70,12 @@ def check_robot(scene: Scene, root: Node) -> None:
         )
     if robot.lidar.range_min >= robot.lidar.range_max:
         raise node.at("lidar").error("range_min must be below range_max")
+    least = 1.0 / round(SLOW_AGE - PERIOD, 9)  # a sweep is looked at in the period after it, and the next comes in time
+    if robot.lidar.rate < least:
+        raise node.at("lidar").error(
+            f"{robot.lidar.rate:g} sweeps a second are too few: the base slows down when the newest is more than "
+            f"{SLOW_AGE:g} s old; set rate_hz to {least:g} or more"
+        )
 
 
 def check_faults(scene: Scene, root: Node) -> None:
