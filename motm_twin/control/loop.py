@@ -197,7 +197,7 @@ class ControlLoop(Stateful[LoopState]):
         self.manipulator.retasked(edit)
 
     def _begin_another(self) -> None:
-        """Another task is the active one: nothing of the last one's counts."""
+        """Another task is the active one, perhaps with the number of the last: nothing of that one's counts."""
         self._state.dwell, self._state.engaged, self._state.stuck_at = None, False, ()
 
     def _problem(self, observation: Observation, world: WorldMap) -> BaseProblem:
@@ -329,8 +329,10 @@ class ControlLoop(Stateful[LoopState]):
         elif step.outcome == "placed" and held:
             self.tracker.move_belief(held, goal.position, observation, self.settings.parameters.objects.bin_sd)
         events = self.sequence.apply(step.outcome, observation.time, step.why)
-        if self.sequence.index != index:
+        if self.sequence.index < index:  # back to a pick: tasks may have other numbers now
             self._begin_another()
+        elif self.sequence.index > index:
+            self._state.dwell, self._state.engaged = None, False
         return tuple(events)
 
     def _lose(self, name: str, hand: Array, observation: Observation, T_odom_world: Array) -> None:
