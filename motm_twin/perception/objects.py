@@ -102,7 +102,7 @@ class ObjectTracker(Stateful[TrackerState]):
                 self._take(detection, observation)
 
     def as_believed(self, reported: Observation) -> Observation:
-        """What is reported now, at the pose and odometry that were believed last: the reported ones may be wrong."""
+        """The report of now at the pose and odometry that were believed last: the reported ones may be wrong."""
         pose, odometry = self._state.pose, self._state.odometry
         if pose is None or odometry is None:
             return reported
