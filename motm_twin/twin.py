@@ -395,7 +395,7 @@ class Twin:
         truth = self.plant.truth()
         if truth is None:
             return
-        loop, observation = self.loop, self.plant.observe()
+        loop, observation = self.loop, self.loop.tracker.as_believed(self.plant.observe())
         for body in truth.objects:
             if body.name not in names or body.state == "held":
                 continue
@@ -420,6 +420,6 @@ class Twin:
             if isinstance(entry.edit, MoveBody | ReleaseBody) and entry.edit.name == name
         ]
         since = PERIOD * moves[-1] if moves else np.inf
-        self.loop.tracker.carry(
-            on_piece, motion, self.plant.observe(), held=self.loop.sequence.held, before=since + PERIOD
-        )
+        tracker = self.loop.tracker
+        now = tracker.as_believed(self.plant.observe())
+        tracker.carry(on_piece, motion, now, held=self.loop.sequence.held, before=since + PERIOD)

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from twin_steps import SCENE, SHORT, advance, advance_until, caused, holding, short
+from twin_steps import BIN, SCENE, SHORT, advance, advance_until, caused, holding, short
 
 from motm_twin.control.parameters import Parameters
 from motm_twin.control.tuning import PARAMETERS, tuned
@@ -10,6 +10,7 @@ from motm_twin.methods.registry import FAST
 from motm_twin.model.edits import (
     AddObstacle,
     Announce,
+    InjectFault,
     InsertTask,
     MoveBody,
     MoveObject,
@@ -73,7 +74,7 @@ def test_the_same_value_again_rebuilds_nothing_and_none_goes_back_to_the_start()
 
 
 def test_every_parameter_reaches_its_part_in_the_next_period():
-    """The switch of passive safety had no effect until the run began anew."""
+    """Passive safety, and the margin of driving by hand, had no effect until the run began anew."""
     twin = Twin(SCENE)
     twin.advance()
     for entry in PARAMETERS:
@@ -85,6 +86,7 @@ def test_every_parameter_reaches_its_part_in_the_next_period():
     assert loop.manipulator.parameters == wanted.arm
     assert loop.monitor.parameters == wanted.monitor
     assert loop.sequence.limits == wanted.sequence
+    assert loop.by_hand.margin == wanted.planning.staa.margin
     assert {entry.path[0] for entry in PARAMETERS} == {"planning", "arm", "monitor", "sequence"}
 
 
@@ -231,6 +233,27 @@ def test_an_announced_table_takes_its_cubes_its_place_on_the_map_and_the_believe
     assert occupied(tick.map, 4.5, 2.3)
     tick = advance_until(twin, lambda tick: tick.truth.picks == 1)
     assert not caused(tick)
+
+
+@pytest.mark.parametrize("fault", ["pose_jump", "odometry_jump"])
+@pytest.mark.parametrize("told", ["announced", "listed"])
+def test_a_wrong_report_of_the_place_moves_no_belief(fault, told):
+    """The robot did not believe the report, but what a person told it was taken over at the reported place."""
+    twin, cube = holding(), "cube_L"  # which was seen
+    twin.post(InjectFault(fault=fault, amount=0.5, seconds=30.0))
+    advance(twin, 5)
+    at = next(body.position for body in twin.plant.truth().objects if body.name == cube)
+    if told == "announced":
+        twin.post(MoveBody(name="table", x=4.5, y=2.3))
+        twin.advance()
+        twin.post(Announce(name="table"))
+    else:
+        twin.post(MoveObject(name=cube, x=at[0] + 0.3, y=at[1]))
+        twin.post(InsertTask(tasks=(Pick(object=cube), Place(bin=BIN))))
+    tick = twin.advance()
+    believed = next(belief.position for belief in tick.beliefs if belief.name == cube)
+    true = next(body.position for body in tick.truth.objects if body.name == cube)
+    assert np.linalg.norm(believed - true) < 0.15
 
 
 def test_the_check_of_single_beams_follows_a_map_with_other_edges():

@@ -57,6 +57,16 @@ def test_a_base_whose_arm_was_stuck_stands_elsewhere_for_the_next_try():
     assert twin.loop._problem(tick.observation, tick.map).stuck_at.shape == (0, 3)  # a new target, a new try
 
 
+def test_where_the_arm_was_stuck_says_nothing_about_the_task_after_one_that_was_put_off():
+    """Both have the same number in the list, and the base kept away from a good place."""
+    twin = Twin(FOUR, numbers=Parameters(sequence=SequenceParameters(other_order=0.1)))
+    tick = twin.advance()
+    twin.loop._state.stuck_at = ((tick.task_index, tick.observation.pose),)
+    tick = advance_until(twin, lambda tick: any(event.kind == "postponed" for event in tick.events))
+    assert tick.task_index == 0
+    assert twin.loop._problem(tick.observation, tick.map).stuck_at.shape == (0, 3)
+
+
 def test_a_cube_that_its_bin_does_not_take_goes_to_the_other_bin_before_the_next_pick(narrow, given_up):
     """The next pick stalled ("an object is already held") until it was given up, and its bin got the wrong cube."""
     *_, missed, tick = given_up

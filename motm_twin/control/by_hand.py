@@ -40,7 +40,7 @@ class ByHand(Stateful[ByHandState]):
     def __init__(self, profile: RobotProfile, period: float, margin: float = StaaParameters().margin) -> None:
         """``period`` [s] of control; ``margin`` [m] kept from everything, as plans do."""
         self._limits, self._hold, self._body = profile.base, round(HOLD / period), body_of(profile.footprint)
-        self._margin = margin
+        self.margin = margin
         self._state = ByHandState()
 
     def take(self, edit: Drive) -> None:
@@ -86,7 +86,7 @@ class ByHand(Stateful[ByHandState]):
             v, w = problem.twist + self._towards(problem, share * wanted) * dt
             x, y, heading = drive(problem.pose, 0.5 * (v + problem.twist[0]), 0.5 * (w + problem.twist[1]), dt)
             a_max, b_max = b.linear_acceleration, b.yaw_acceleration
-            left = stopping_clearance(x, y, heading, v, w, a_max, b_max, self._margin, field, self._body)
-            if left >= min(self._margin, room):
+            left = stopping_clearance(x, y, heading, v, w, a_max, b_max, self.margin, field, self._body)
+            if left >= min(self.margin, room):
                 return share, room
         return 0.0, room

@@ -1,5 +1,6 @@
 """The control period: observe, map, place the base, plan, reach, check, command. Its record is the Tick."""
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
@@ -181,8 +182,8 @@ class ControlLoop(Stateful[LoopState]):
         return self._state.engaged
 
     def retune(self, numbers: Parameters) -> None:
-        """Other numbers for monitor and task list; planner and manipulator are replaced by others."""
-        self.sequence.limits = numbers.sequence
+        """Other numbers for the parts that keep some; planner and manipulator are replaced by others."""
+        self.sequence.limits, self.by_hand.margin = numbers.sequence, numbers.planning.staa.margin
         if numbers.monitor != self.monitor.parameters:
             before, self.monitor = self.monitor, Monitor(self.known.robot, numbers.monitor)
             self.monitor.restore(before.snapshot())
@@ -190,9 +191,14 @@ class ControlLoop(Stateful[LoopState]):
     def edit_tasks(self, edit: TaskEdit) -> None:
         """Change the task list; raises ValueError when it cannot be."""
         if self.sequence.edit(edit, self.known, engaged=self._state.engaged):
-            self._state.dwell, self._state.engaged, self._state.stuck_at = None, False, ()
+            self._begin_another()
+            self._state.progress.restart(-1, math.inf)  # the next period starts the clock
         self.planner.retasked(edit)
         self.manipulator.retasked(edit)
+
+    def _begin_another(self) -> None:
+        """Another task is the active one, perhaps with the number of the last: nothing of that one's counts."""
+        self._state.dwell, self._state.engaged, self._state.stuck_at = None, False, ()
 
     def _problem(self, observation: Observation, world: WorldMap) -> BaseProblem:
         """The base's question, from where the commands already given will take it."""
@@ -235,7 +241,7 @@ class ControlLoop(Stateful[LoopState]):
         events = self.sequence.hold_up(time, stalled, plan.why or placement.why, observation.pose)
         if events:
             self._state.progress.restart(self.sequence.index, time)
-            self._state.dwell, self._state.engaged = None, False
+            self._begin_another()
         return events
 
     def _whereabouts(self, observation: Observation) -> list[Array]:
@@ -323,7 +329,9 @@ class ControlLoop(Stateful[LoopState]):
         elif step.outcome == "placed" and held:
             self.tracker.move_belief(held, goal.position, observation, self.settings.parameters.objects.bin_sd)
         events = self.sequence.apply(step.outcome, observation.time, step.why)
-        if self.sequence.index != index:
+        if self.sequence.index < index:  # back to a pick: tasks may have other numbers now
+            self._begin_another()
+        elif self.sequence.index > index:
             self._state.dwell, self._state.engaged = None, False
         return tuple(events)
 

@@ -28,7 +28,7 @@ from motm_twin.model.passive_safety import (
     overhang,
     stop_of,
 )
-from motm_twin.model.plant import Actuation, Observation, Scan
+from motm_twin.model.plant import SLOW_AGE, Actuation, Observation, Scan
 from motm_twin.model.profile import DQ_MAX, RobotProfile
 from motm_twin.model.reason import Kind, Reason
 from motm_twin.model.state import Stateful
@@ -93,7 +93,7 @@ class MonitorParameters(msgspec.Struct, frozen=True, kw_only=True):
 
     slow_age: Annotated[
         float, Number("s", OWN, "of a scan or state: older, half speed, the arm slows; twice as old, both stand")
-    ] = 0.15
+    ] = SLOW_AGE
     stop_margin: Annotated[float, Number("m", OWN, "kept between the stopped footprint and scan points")] = 0.01
     creep_speed: Annotated[
         float, Number("m/s", OWN, "over floor that was seen, but not lately: a touch at this speed does no harm")

@@ -13,8 +13,8 @@ from motm_twin.model.edits import InsertTask, MoveTask, RemoveTask, TaskEdit
 from motm_twin.model.known import KnownWorld
 from motm_twin.model.names import hint
 from motm_twin.model.scene import DriveTo, Pick, Place, Task
+from motm_twin.model.scene_format import MOST_TASKS
 
-MOST_TASKS = 60
 TOLERANCE = (0.05, 2.0)  # [m] of a drive_to
 
 
@@ -71,14 +71,15 @@ def homeless(tasks: tuple[Task, ...], index: int, held: str) -> bool:
 def _inserted(now: TaskList, edit: InsertTask, known: KnownWorld, *, engaged: bool) -> TaskList:
     if not edit.tasks:
         raise ValueError("no task to insert: give at least one")
-    if len(now.tasks) + len(edit.tasks) > MOST_TASKS:
-        raise ValueError(f"the list has {len(now.tasks)} tasks and may have {MOST_TASKS}: remove some first")
+    left = len(now.tasks) - now.index
+    if left + len(edit.tasks) > MOST_TASKS:
+        raise ValueError(f"{left} tasks are still to do, and may be {MOST_TASKS}: remove some first")
     for task in edit.tasks:
         if not (known.robot.has_arm or isinstance(task, DriveTo)):
             raise ValueError(f"{titled(task)}: the robot has no arm, it can only drive")
         _check_task(task, known)
     at = _open_place(now, len(now.tasks) if edit.index is None else edit.index)
-    if engaged and at == now.index:
+    if engaged and at == now.index < len(now.tasks):
         only_drives = all(isinstance(task, DriveTo) for task in edit.tasks)
         at = now.index + 1 if only_drives else _job(now, now.index)[-1] + 1
     count = len(edit.tasks)

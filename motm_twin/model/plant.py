@@ -20,6 +20,7 @@ LONGEST_PERIOD = 1.2 * PERIOD  # [s] longest time between two consecutive period
 PERIODS_PER_SECOND = round(1.0 / PERIOD)
 ARM_STEPS = 5  # arm steps in a period: 100 Hz
 ARM_STEP = PERIOD / ARM_STEPS  # [s]
+SLOW_AGE = 0.15  # [s] of a scan or state, beyond which robots slow down unless they are told otherwise
 
 
 class Scan(msgspec.Struct, frozen=True, kw_only=True, eq=False):

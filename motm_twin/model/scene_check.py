@@ -20,6 +20,7 @@ from motm_twin.model import bounds
 from motm_twin.model.arm_kernels import ELBOW_OFFSET, HAND, LOWER, SHOULDER, TCP, TOOL, UPPER, WRIST, fk_arm
 from motm_twin.model.geometry import from_frame
 from motm_twin.model.names import hint
+from motm_twin.model.plant import SLOW_AGE
 from motm_twin.model.profile import READY
 from motm_twin.model.scene import Agent, Bin, DriveTo, Pick, Place, Point, Scene, SceneObject, Solid
 from motm_twin.model.scene_shapes import base_outline, bin_solid, outline, rectangle, surface
@@ -71,6 +72,11 @@ def check_robot(scene: Scene, root: Node) -> None:
         )
     if robot.lidar.range_min >= robot.lidar.range_max:
         raise node.at("lidar").error("range_min must be below range_max")
+    if robot.lidar.rate * SLOW_AGE < 1.0:
+        raise node.at("lidar").error(
+            f"{robot.lidar.rate:g} sweeps a second are too few: the base slows down when the newest is more than "
+            f"{SLOW_AGE:g} s old; set rate_hz to {math.ceil(10.0 / SLOW_AGE) / 10.0:g} or more"
+        )
 
 
 def check_faults(scene: Scene, root: Node) -> None:

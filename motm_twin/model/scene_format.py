@@ -15,6 +15,7 @@ from motm_twin.model.bounds import FARTHEST, SEED
 from motm_twin.model.profile import DEG
 
 FORMAT = "motm-scene/1"
+MOST_TASKS = 200  # of a scene, and still to be done in a list
 UNITS = {"deg": DEG, "dps": DEG, "dps2": DEG, "mps": 1.0, "mps2": 1.0, "hz": 1.0}  # by the end of a key
 
 Coordinate = Annotated[float, FARTHEST.meta]
@@ -319,7 +320,7 @@ class Content(Part, frozen=True, kw_only=True):
     bumps: Annotated[dict[Name, BumpFile | None], Meta(max_length=100)] = {}
     agents: Annotated[dict[Name, AgentFile | None], Meta(max_length=100)] = {}
     deliver: DeliverFile | None = None
-    tasks: Annotated[tuple[TaskFile, ...], Meta(min_length=1, max_length=200)] | None = None
+    tasks: Annotated[tuple[TaskFile, ...], Meta(min_length=1, max_length=MOST_TASKS)] | None = None
     noise: NoiseFile | Literal["earlier"] | None = None  # earlier: as before actuation, latency and drift had errors
     mismatch: MismatchFile | None = None
     detections: Literal["anonymous", "named"] | None = None  # named: markers on the objects

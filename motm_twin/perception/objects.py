@@ -101,6 +101,13 @@ class ObjectTracker(Stateful[TrackerState]):
                 state.stamps[detection.name] = detection.stamp
                 self._take(detection, observation)
 
+    def as_believed(self, reported: Observation) -> Observation:
+        """The report of now at the pose and odometry that were believed last: the reported ones may be wrong."""
+        pose, odometry = self._state.pose, self._state.odometry
+        if pose is None or odometry is None:
+            return reported
+        return msgspec.structs.replace(reported, pose=pose, odometry=odometry)
+
     def belief(self, name: str, observation: Observation) -> tuple[Array, float, float, float | None]:
         """Position (3,) [m] and yaw [rad] in the odometry frame, sd per axis [m], and when last seen [s] (None: never).
 

@@ -113,7 +113,7 @@ def _model(physics: Physics) -> mujoco.MjModel:
         ET.SubElement(actuator, "velocity", name=name, joint=name, kv=text(_GAIN))
     ET.SubElement(hand, "inertial", mass=text(HAND_MASS), pos="0 0 0", diaginertia="0.01 0.01 0.01")
     carrier = ET.SubElement(hand, "body", name="carrier", euler=text(math.pi, 0.0, 0.0), gravcomp="1")
-    add_fingers(carrier, root, physics)
+    add_fingers(carrier, root, physics, GripperSpec())
     add_object(world, "cube", SIDE, physics)
     return mujoco.MjModel.from_xml_string(ET.tostring(root, encoding="unicode"))
 

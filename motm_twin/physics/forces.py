@@ -8,6 +8,7 @@ Panda stops by a reflex. A base that drives can trip it: a phantom collision.
 """
 
 import xml.etree.ElementTree as ET
+from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
@@ -191,22 +192,35 @@ def force_of(other: str, press: Press) -> ContactForce:
 def disagreements(judged: Sequence[Contact], felt: Sequence[ContactForce]) -> tuple[str, ...]:
     """One sentence for each contact of the robot that only the referee's geometry has, or only the forces."""
     robots = [one for one in judged if one.body.startswith(_OF_ROBOT)]
+    seen, pressed = _spans(robots), _spans(felt)
     found = [
         (force.time, f"{force.time:.2f} s: {force.body} pressed {force.other} with {force.force:.1f} N, unseen")
         for force in felt
-        if not any(one.other == force.other and _together(one, force) for one in robots)
+        if not _met(force, seen)
     ]
     found += [
         (one.time, f"{one.time:.2f} s: {one.body} and {one.other} overlap by {1e3 * one.depth:.2f} mm without a force")
         for one in robots
-        if not any(one.other == force.other and _together(one, force) for force in felt)
+        if not _met(one, pressed)
     ]
     return tuple(text for _, text in sorted(found))
 
 
-def _together(one: Contact, force: ContactForce) -> bool:
-    """The two overlap in time, up to the gap `ENDED` that separates two contacts."""
-    return one.time - ENDED <= force.time + force.duration and force.time - ENDED <= one.time + one.duration
+def _spans(contacts: Sequence[Contact | ContactForce]) -> dict[str, tuple[list[float], list[float]]]:
+    """By the other: beginnings [s] of its contacts in order, less `ENDED`, and the last end [s] up to each of them."""
+    spans: dict[str, tuple[list[float], list[float]]] = {}
+    for one in sorted(contacts, key=lambda one: one.time):
+        begins, ends = spans.setdefault(one.other, ([], []))
+        begins.append(one.time - ENDED)
+        ends.append(max([one.time + one.duration, *ends[-1:]]))
+    return spans
+
+
+def _met(one: Contact | ContactForce, spans: dict[str, tuple[list[float], list[float]]]) -> bool:
+    """A contact of the same other is at the same time, up to the gap `ENDED` that separates two contacts."""
+    begins, ends = spans.get(one.other, ([], []))
+    count = bisect_right(begins, one.time + one.duration)
+    return count > 0 and one.time - ENDED <= ends[count - 1]
 
 
 def _own_name(name: str) -> str:

@@ -144,7 +144,7 @@ class Dynamics:
         """Move everything on by `SUBSTEP`."""
         s, p, model, data = state, state.physics, self._model, self._data
         slides, riding = around.slide() if s.slides else (NO_SLIDES, ())
-        scenery = around.scenery
+        scenery, grip = around.scenery, max(told.grip, 1e-3)  # also wheels that only slip turn, and are read
         self.prepare(s, scenery)
         self._load(s)
         if riding:
@@ -163,7 +163,7 @@ class Dynamics:
         self._contacts.begin(_lifted(s))
         for k in range(_STEPS):
             share = (k + 1) / _STEPS
-            self._drive(began, p.base, told.grip, share)
+            self._drive(began, p.base, grip, share)
             if self._robot.has_arm:
                 data.ctrl[self._drives] = before + share * (p.arm.q - before) + self._gain * p.arm.dq
                 data.ctrl[self._width] = p.grasp.width
@@ -172,13 +172,13 @@ class Dynamics:
             torque += data.qfrc_actuator[self._rates] / _STEPS
         s.substep += 1
         self._estimate(s, torque, rates)
-        mean = self._wheels((data.qpos[self._wheel_q] - turned) / SUBSTEP / max(told.grip, 1e-3))
-        s.path_length += told.grip * abs(mean[0]) * SUBSTEP
+        mean = self._wheels((data.qpos[self._wheel_q] - turned) / SUBSTEP / grip)
+        s.path_length += grip * abs(mean[0]) * SUBSTEP
         mujoco.mj_kinematics(model, data)
         self._save(s)
         self._check(s, faults)
         links = self._links()
-        v, w = self._wheels(data.qvel[self._wheel_v] / max(told.grip, 1e-3))
+        v, w = self._wheels(data.qvel[self._wheel_v] / grip)
         self._contacts.tell(s, SUBSTEP, _between(s, links, self._robot.has_arm))
         twist = self._read(s, scenery, (v, w))
         return Moved(

@@ -16,7 +16,7 @@ import numpy as np
 
 from motm_twin.model.assets import COLLISION, finger_boxes, web_assets_dir
 from motm_twin.model.geometry import Array
-from motm_twin.model.profile import RobotProfile
+from motm_twin.model.profile import Gripper, RobotProfile
 from motm_twin.model.scene import Bump, Physics, Scene
 from motm_twin.sim.agents import AgentState
 from motm_twin.sim.objects import ObjectState
@@ -218,7 +218,7 @@ def _add_arm(base: ET.Element, root: ET.Element, profile: RobotProfile, physics:
         if joint.attrib["type"] == "revolute":
             _add_joint(body, actuator, joint)
         elif joint.attrib["type"] == "prismatic":
-            _add_finger(body, joint, physics)
+            _add_finger(body, joint, physics, profile.gripper)
         if link in COLLISION:
             ET.SubElement(
                 body, "geom", name=link, type="mesh", mesh=link, contype=str(ROBOT), friction="0.4 0.005 0.0001",
@@ -243,19 +243,19 @@ def _add_joint(body: ET.Element, actuator: ET.Element, joint: ET.Element) -> Non
     )  # fmt: skip
 
 
-def add_fingers(hand: ET.Element, root: ET.Element, physics: Physics) -> None:
+def add_fingers(hand: ET.Element, root: ET.Element, physics: Physics, gripper: Gripper) -> None:
     """The fingers on a hand that no arm carries."""
     for joint in _joints("[@type='prismatic']"):
-        _add_finger(_add_link(hand, joint), joint, physics)
+        _add_finger(_add_link(hand, joint), joint, physics, gripper)
     _couple_fingers(root, section(root, "actuator"), physics)
 
 
-def _add_finger(body: ET.Element, joint: ET.Element, physics: Physics) -> None:
-    """A finger that slides; its pad is the lower of its two boxes."""
-    limit, axis, link = _part(joint, "limit"), _part(joint, "axis")["xyz"], body.attrib["name"]
+def _add_finger(body: ET.Element, joint: ET.Element, physics: Physics, gripper: Gripper) -> None:
+    """A finger that slides half the width of the open gripper; its pad is the lower of its two boxes."""
+    axis, link = _part(joint, "axis")["xyz"], body.attrib["name"]
     ET.SubElement(
         body, "joint", name=link, type="slide", axis=axis, armature=text(FINGER_ARMATURE), damping="5",
-        range=f"{limit['lower']} {limit['upper']}",
+        range=text(0.0, 0.5 * gripper.max_width),
     )  # fmt: skip
     for i, (centre, size) in enumerate(finger_boxes(link)):
         ET.SubElement(

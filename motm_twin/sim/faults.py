@@ -141,7 +141,8 @@ class FaultEffects:
             lidar.scan = scan = msgspec.structs.replace(scan, ranges=ranges)
         late = state.on.get("lidar_delay")
         if late is not None:
-            lidar.late.append((now + round(late.value / self._substep), scan))
+            arrival = now + round(late.value / self._substep)
+            lidar.late = [*(entry for entry in lidar.late if entry[0] < arrival), (arrival, scan)]  # others: overtaken
             lidar.scan = previous
         elif lidar.late:
             lidar.late = []  # overtaken

@@ -203,16 +203,16 @@ class Gripper:
                 state.candidate, state.outcome = "", broken
             elif self._strict and norm(hand.velocity) > self._slides_from:
                 state.slid = True
-        name = state.candidate or state.held
+        name, usual = state.candidate or state.held, max(self.spec.closing_time, self.dt)
         if not name:
-            state.width = max(0.0, state.width - self.spec.max_width / self.spec.closing_time * self.dt)
+            state.width = max(0.0, state.width - self.spec.max_width / usual * self.dt)
             if state.width < 1e-9:
                 state.width, state.phase = 0.0, "closed"
             return
         item = cubes[name]
         passed, lasts = now - state.began, self._closing_duration(state)
         done = passed >= lasts - EPSILON
-        share = 1.0 if done else min(1.0, passed / self.spec.closing_time)
+        share = 1.0 if done else min(1.0, passed / usual)
         state.width = state.start_width + (item.side - state.start_width) * share
         if state.candidate:
             before, misfit = item.position, grasp.yaw_misfit(hand.rotation, item)

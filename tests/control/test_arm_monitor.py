@@ -1,6 +1,7 @@
 """Whatever drives the arm: it stops before mapped furniture and before its own base."""
 
 import coal
+import msgspec
 import numpy as np
 import pytest
 
@@ -94,6 +95,23 @@ def test_joint_6_stops_before_it_folds_the_hand_onto_the_forearm(guarded):
     touched = [one for one in plant.truth().contacts if one.other == "panda_link5"]
     assert bool(touched) is not guarded
     assert said == ("braking: the hand would fold onto the forearm" if guarded else "")
+
+
+@pytest.mark.parametrize("field", ["odometry", "twist", "q", "dq"])
+def test_a_robot_that_reports_numbers_that_are_none_stops_whichever_they_are(monkeypatch, field):
+    """Joint 6 was slowed to a rate that is no number, and the period raised instead of stopping the robot."""
+    twin = Twin(load_scene("exp1", "trial1"))
+    twin.advance()
+    told = twin.plant.observe
+
+    def observe():
+        seen = told()
+        return msgspec.structs.replace(seen, **{field: np.full_like(getattr(seen, field), np.nan)})
+
+    monkeypatch.setattr(twin.plant, "observe", observe)
+    tick = twin.advance()
+    assert "not finite" in tick.stop_reason
+    assert not tick.arm[-1].actuation.joint_velocity.any()
 
 
 def test_a_wrist_at_its_limit_is_clear_of_the_forearm_however_the_hand_is_turned():

@@ -12,7 +12,9 @@ from motm_twin.control.arm.motion import _point
 from motm_twin.control.arm.parameters import ArmParameters
 from motm_twin.control.arm.types import Phase
 from motm_twin.control.arm.view import ManipulatorState
+from motm_twin.model.profile import RobotProfile
 from motm_twin.model.reason import Kind
+from motm_twin.model.scene_check import FINGER_ROOM
 
 P = ArmParameters()
 CUBE = np.array([0.5, 0.0, 0.7])
@@ -66,6 +68,17 @@ def test_after_a_miss_the_hand_goes_straight_up_whatever_becomes_of_its_target()
     assert _point(state, view, P) == pytest.approx(here + np.array([0.0, 0.0, P.hover_height]))
 
 
+def test_a_hand_that_rises_from_an_object_that_was_given_up_is_not_at_work_on_the_task_after_it():
+    """A task that was put first meanwhile came second, and a pick added at the end raised an IndexError."""
+    state, view = ManipulatorState(phase=Phase.CLOSING), SimpleNamespace(time=1.0, p=CUBE)
+    rules = SimpleNamespace(profile=SimpleNamespace(gripper=SimpleNamespace(closing_time=0.5)))
+    phases._miss(state, view, rules, Kind.CLOSED_ON_NOTHING)
+    assert phases.engaged(state)
+    phases._new_goal(state, view)
+    assert state.phase == Phase.RETRY
+    assert not phases.engaged(state)
+
+
 def test_a_hand_that_starts_over_takes_its_fingers_from_beside_the_object_first():
     """It swung away at once, 8 mm into the cube between its fingers."""
     state = ManipulatorState()
@@ -75,11 +88,56 @@ def test_a_hand_that_starts_over_takes_its_fingers_from_beside_the_object_first(
     phases.start_over(state, view, P)
     assert state.phase == Phase.RETRY
     assert _point(state, view, P)[2] > CUBE[2]
-    phases._retry(state, view, P)
+    phases._retry(state, view, SimpleNamespace(parameters=P))
     assert state.phase == Phase.RETRY
     view.p = CUBE + np.array([0.0, 0.0, P.hover_height])
-    phases._retry(state, view, P)
+    phases._retry(state, view, SimpleNamespace(parameters=P))
     assert state.phase == Phase.STOW
+
+
+@pytest.mark.parametrize("width", [0.08, 0.07])
+def test_an_object_that_nearly_fills_the_open_fingers_is_tried_once_they_stand_open(width):
+    """A scene takes cubes up to 70 mm, and the hand never began with those over 65 mm."""
+    goal = SimpleNamespace(name="it", kind="pick", side=0.08 - FINGER_ROOM)
+    view = SimpleNamespace(
+        time=1.0, time_to_range=0.0, pose=np.zeros(3), target=CUBE, p=CUBE, goal=goal, width=width, gripper_moving=False
+    )
+    seen = SimpleNamespace(twist=np.zeros(2))
+    inputs = SimpleNamespace(observation=seen, plan_times=np.ones(1), plan_poses=np.zeros((1, 5)))
+    in_time = SimpleNamespace(transit_duration=lambda *_: 0.5)
+    rules = SimpleNamespace(parameters=P, profile=RobotProfile(), mount=np.zeros(3), timing=in_time)
+    first = ManipulatorState(phase=Phase.STOW)
+    phases._leave(first, view, inputs, rules)
+    again = ManipulatorState(phase=Phase.RETRY, anchor=CUBE - np.array([0.0, 0.0, P.hover_height]))
+    phases._retry(again, view, rules)
+    assert (first.phase, again.phase) == ((Phase.TRANSIT,) * 2 if width == 0.08 else (Phase.STOW, Phase.RETRY))
+
+
+def wait_for_opening(state: ManipulatorState, start: float, *, age: float) -> None:
+    """From a time on, twice as long as the hand waits for wide fingers, with reports of an age [s]."""
+    for time in np.arange(start, start + 2.0 * P.search_after, 0.1).tolist():
+        phases._wait_for_opening(state, SimpleNamespace(time=time, sure=lambda p: age <= p.sure_age), P)
+
+
+def test_fingers_that_did_not_close_part_of_the_way_may_do_so_for_the_next_object():
+    """Reports that came late for a while kept the hand from ever opening its fingers part of the way again."""
+    state = ManipulatorState(opening=0.05)
+    wait_for_opening(state, 1.0, age=2.0 * P.sure_age)
+    assert not state.opens_fully
+    wait_for_opening(state, 5.0, age=0.0)
+    assert state.opens_fully
+    phases._new_goal(state, SimpleNamespace(time=9.0))
+    assert not state.opens_fully
+
+
+def test_the_time_of_an_earlier_try_does_not_count_against_the_fingers():
+    state = ManipulatorState(phase=Phase.TRANSIT, opening=0.05)
+    view = SimpleNamespace(time=1.0, sure=lambda _: True, p=CUBE)
+    phases._wait_for_opening(state, view, P)
+    phases._withdraw(state, view)
+    state.opening, view.time = 0.05, 9.0
+    phases._wait_for_opening(state, view, P)
+    assert not state.opens_fully
 
 
 @pytest.mark.parametrize("side", [0.03, 0.045, 0.065])
@@ -164,7 +222,7 @@ def test_a_hand_that_searches_rises_only_as_far_as_it_can_look_down(radius):
         ([-0.06, 0.0, 0.06], {"p": np.array([0.0, 0.0, 0.8])}, Phase.STOW),
         ([-0.06, 0.0, 0.06], {"time": 3.0}, Phase.STOW),  # it cannot rise
         ([], {"gripper_moving": True}, Phase.RELEASE),
-        ([], {"gripper_moving": True, "time": 9.0}, Phase.STOW),  # fingers that never report that they stand
+        ([], {"gripper_moving": True, "time": 40.0}, Phase.STOW),  # fingers that never report that they stand
     ],
 )
 def test_the_hand_rises_first_from_an_object_that_it_let_go_on_a_pile(others, changes, phase):

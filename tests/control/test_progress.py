@@ -5,12 +5,14 @@ import math
 import numpy as np
 import pytest
 
+from motm_twin.control.parameters import Parameters
 from motm_twin.control.progress import Progress, ProgressParameters, ProgressState
 from motm_twin.control.sequence import SequenceParameters, TaskSequence
 from motm_twin.methods.registry import find_method
-from motm_twin.model.edits import AddObstacle
+from motm_twin.model.edits import AddObstacle, InsertTask, RemoveTask
 from motm_twin.model.known import known_world
 from motm_twin.model.reason import Kind, Reason
+from motm_twin.model.scene import DriveTo
 from motm_twin.model.scene_file import load_scene
 from motm_twin.planning.types import BasePlan, Placement
 from motm_twin.twin import Twin
@@ -140,6 +142,25 @@ def test_a_task_without_progress_is_put_off_once_then_given_up():
     (event,) = sequence.hold_up(5.0, LIMITS.no_progress + 0.1, None, pose)
     assert event.kind == "failed"
     assert "no progress" in event.text
+
+
+def test_a_task_that_a_person_puts_first_gets_the_whole_time(tmp_path):
+    """The clock of the task before ran on: the new one was put off 50 ms after it had come into the list."""
+    path = tmp_path / "walled_in.yaml"
+    path.write_text(SCENE)
+    hasty = Parameters(sequence=SequenceParameters(other_order=1.0))
+    twin = Twin(load_scene(str(path), None, 0), numbers=hasty)
+    twin.post(RemoveTask(index=1))
+    for i, (x, y, size) in enumerate([(0.75, 0.0, (0.3, 2.0)), (-0.75, 0.0, (0.3, 2.0))]):
+        twin.post(AddObstacle(name=f"side{i}", x=x, y=y, size=(*size, 0.8)))
+    for i, y in enumerate((0.65, -0.65)):
+        twin.post(AddObstacle(name=f"end{i}", x=0.0, y=y, size=(1.1, 0.3, 0.8)))
+    for _ in range(40):
+        twin.advance()
+    twin.post(InsertTask(tasks=(DriveTo(point=(-1.5, 1.5)),), index=0))
+    ticks = [twin.advance() for _ in range(30)]
+    put_off = [event.time - ticks[0].time for tick in ticks for event in tick.events if event.kind == "postponed"]
+    assert put_off == [pytest.approx(1.0, abs=0.1)]
 
 
 SCENE = """

@@ -5,11 +5,12 @@ import math
 import pytest
 
 from motm_twin.control.sequence import SequenceParameters, TaskSequence
-from motm_twin.control.task_list import MOST_TASKS, titled
+from motm_twin.control.task_list import titled
 from motm_twin.model.edits import InsertTask, MoveTask, RemoveTask
 from motm_twin.model.known import KnownWorld
 from motm_twin.model.profile import RobotProfile
 from motm_twin.model.scene import Bin, DriveTo, Pick, Place, SceneObject
+from motm_twin.model.scene_format import MOST_TASKS
 
 LIMITS = SequenceParameters()
 TASKS = (Pick(object="a"), Place(bin="left"), Pick(object="b"), Place(bin="right"))
@@ -89,6 +90,22 @@ def test_a_list_that_has_ended_goes_on_with_new_tasks():
     assert edit(tasks, InsertTask(tasks=PAIR))
     assert not tasks.done
     assert tasks.active == PAIR[0]
+
+
+@pytest.mark.parametrize("engaged", [False, True])
+def test_a_list_that_has_ended_takes_a_task_while_the_arm_still_rises(engaged):
+    """It raised an IndexError: the arm counted as at work on a task after the last."""
+    tasks = sequence("picked", "placed", "picked", "placed")
+    assert edit(tasks, InsertTask(tasks=PAIR), engaged=engaged)
+    assert tasks.active == PAIR[0]
+
+
+def test_only_what_is_still_to_do_counts_towards_the_most_tasks():
+    """Ended tasks counted, too: after sixty in its life, a robot took no more."""
+    tasks = sequence("picked", "placed", "picked", "placed")
+    edit(tasks, InsertTask(tasks=(CORNER,) * MOST_TASKS))
+    with pytest.raises(ValueError, match="still to do"):
+        edit(tasks, InsertTask(tasks=(CORNER,)))
 
 
 @pytest.mark.parametrize(

@@ -63,6 +63,11 @@ def test_a_bin_on_the_floor_whose_rim_the_lidar_sees_is_no_obstacle_to_what_goes
     assert result["time_s"] < 20.0
 
 
+def test_the_widest_cube_that_a_scene_takes_is_picked_and_placed(run):
+    result = run(ROOM + DESK + cubes(a=(2.6, 1.2, 20)).replace("0.04", "0.07") + TRAY + tasks("tray", "a"))
+    assert result["success"], result["reason"]
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("gap", [0.02, 0.04])
 def test_a_cube_beside_others_is_taken_by_its_free_faces_and_they_stay_where_they_are(run, gap):

@@ -158,6 +158,7 @@ BAD = {
                              "agents.temi.around.furniture", "there is no furniture 'sofa'"),
     "too many waypoints": (WAYS, str([[-1, 1]] * 300), "agents.temi.waypoints", "at most 200, got 300"),
     # robot
+    "a slow lidar": ("  base: {", "  lidar: {rate_hz: 6}\n  base: {", "robot.lidar", "set rate_hz to 6.7 or more"),
     "an arm beside the base": ("  base: {", "  arm: {mount_x: 0.6}\n  base: {", "robot.arm", "outside the footprint"),
     # variants and files
     "an unknown default": ("default_variant: one", "default_variant: oen", "default_variant", "did you mean one?"),

@@ -1,4 +1,5 @@
 import math
+import time
 
 import msgspec
 import numpy as np
@@ -7,11 +8,13 @@ from physics_hands import hand_over_a_cube, in_hand, physical
 from sim_hands import act, move
 from sim_scenes import box, scene
 
-from motm_twin.model.edits import AddObstacle, MoveBody, MoveObject, PushRobot, RemoveBody
+from motm_twin.model.edits import AddObstacle, InjectFault, MoveBody, MoveObject, PushRobot, RemoveBody
 from motm_twin.model.names import SceneError
-from motm_twin.model.profile import RobotProfile
-from motm_twin.model.scene import Agent, Bump, Faults
+from motm_twin.model.plant import Contact, ContactForce
+from motm_twin.model.profile import Gripper, RobotProfile
+from motm_twin.model.scene import Agent, Bump, Faults, Physics
 from motm_twin.model.state import state_hash
+from motm_twin.physics.forces import ENDED, disagreements
 from motm_twin.plants import make_plant, with_plant
 from motm_twin.sim.plant import SimulatedPlant
 
@@ -31,6 +34,17 @@ def test_wheels_drive_straight_at_the_speed_that_they_are_told():
     assert x == pytest.approx(0.3, rel=0.01)
     assert abs(y) < 1e-3
     assert abs(heading) < 1e-3
+
+
+@pytest.mark.parametrize("slip", [0.5, 1.0])
+def test_wheels_that_slip_turn_as_they_are_told_and_the_base_lags_behind(slip):
+    """Of wheels that slipped altogether, standing was reported, and a thousand times their trembling."""
+    plant = physical(scene())
+    plant.apply(InjectFault(fault="wheel_slip", amount=slip, seconds=10.0))
+    drive(plant, 0.3, 0.0, 2.0)
+    assert plant.observe().twist == pytest.approx([0.3, 0.0], abs=0.02)
+    assert plant.observe().odometry[0] > 0.4
+    assert plant.truth().pose[0] < (1.0 - slip) * 0.6 + 0.01
 
 
 def test_the_base_turns_about_its_middle_and_odometry_knows_it():
@@ -54,6 +68,48 @@ def test_a_wall_stops_the_base_and_the_referee_sees_what_the_forces_say():
     assert truth.physics.forces[0].other == "wall"
     assert truth.physics.forces[0].force > 50.0
     assert truth.physics.disagreements == ()
+
+
+def contact(start, lasts, other):
+    return Contact(
+        time=start, body="base", other=other, depth=0.001, closing_speed=0.0, other_speed=0.0, caused_by_robot=False,
+        duration=lasts,
+    )  # fmt: skip
+
+
+def force(start, lasts, other):
+    return ContactForce(time=start, body="base", other=other, force=3.0, impulse=1.0, duration=lasts)
+
+
+def test_contacts_and_forces_are_told_whose_other_is_missing_in_their_time():
+    rng = np.random.default_rng(1)
+    seen, felt = (
+        [
+            make(start, lasts, f"cube{k % 2}")
+            for k, (start, lasts) in enumerate(zip(rng.uniform(0, 60, 90), rng.uniform(0, 1, 90), strict=True))
+        ]
+        for make in (contact, force)
+    )
+
+    def alone(ones, others):
+        """Those that end too soon for, or begin too late after, every one of the others."""
+        gaps = [
+            min(max(b.time - a.time - a.duration, a.time - b.time - b.duration) for b in others if a.other == b.other)
+            for a in ones
+        ]
+        return sum(gap > ENDED for gap in gaps)
+
+    told = disagreements(seen, felt)
+    assert sum("unseen" in text for text in told) == alone(felt, seen) > 10
+    assert sum("without a force" in text for text in told) == alone(seen, felt) > 10
+
+
+def test_contacts_and_forces_of_a_long_run_are_compared_at_once():
+    """Each was compared with each, in every period: a thousand of both took it longer than the period."""
+    seen, felt = ([make(2.0 * k, 0.3, "temi") for k in range(5000)] for make in (contact, force))
+    began = time.process_time()
+    assert disagreements(seen, felt) == ()
+    assert time.process_time() - began < 0.5
 
 
 def test_a_cube_between_the_pads_stays_there():
@@ -92,6 +148,17 @@ def test_fingers_open_as_far_as_they_are_told_and_let_go_all_the_same():
     plant.command(act(gripper="open", opening=0.02))
     plant.step(0.4)
     assert not plant.snapshot().gripper.held
+
+
+def test_a_wider_gripper_opens_as_far_as_its_profile_says():
+    """The fingers stopped at 80 mm, and never reported that they were open."""
+    robot = RobotProfile(gripper=Gripper(max_width=0.1))
+    plant = make_plant(scene(robot=robot, physics=Physics()))
+    for command in ("close", "open"):
+        plant.command(act(gripper=command))
+        plant.step(1.5)
+    assert not plant.observe().gripper_moving
+    assert plant.observe().gripper_width == pytest.approx(0.1, abs=2e-3)
 
 
 def test_a_cube_slips_out_of_fingers_without_friction():

@@ -125,6 +125,18 @@ def test_without_lidar_the_scan_keeps_its_old_stamp_until_it_is_back():
     assert plant.truth().faults == ()
 
 
+def test_sweeps_never_run_backwards_when_a_shorter_delay_replaces_a_longer_one():
+    """The sweeps that were still under way came after newer ones."""
+    plant, stamps = SimulatedPlant(scene()), []
+    for k in range(60):
+        if k in (10, 20):
+            plant.apply(InjectFault(fault="lidar_delay", seconds=10.0, delay={10: 1.0, 20: 0.22}[k]))
+        plant.step(0.05)
+        stamps.append(plant.observe().scan.stamp)
+    assert stamps == sorted(stamps)
+    assert plant.time - stamps[-1] < 0.22 + 0.06
+
+
 def camera_room():
     return over_a_cube(offset=(0.0, 0.0, 0.3), noise=QUIET)
 

@@ -8,7 +8,8 @@ import pytest
 from sim_hands import DOWN, act, cube_of, move, over_a_cube, tcp
 from sim_scenes import box
 
-from motm_twin.model.scene import Bin, Pick, Place, SceneObject
+from motm_twin.model.profile import Gripper, RobotProfile
+from motm_twin.model.scene import Bin, Faults, Pick, Place, SceneObject
 from motm_twin.sim.grasp import STRICT, violation
 from motm_twin.sim.objects import ObjectState
 from motm_twin.sim.plant import SimulatedPlant
@@ -63,6 +64,16 @@ def test_fingers_open_as_far_as_they_are_told_and_let_go_all_the_same():
 def test_with_nothing_between_the_pads_close_to_zero_in_the_closing_time():
     plant = close(over_a_cube(offset=(0.3, 0.0, 0.0)), 0.8)
     assert plant.observe().gripper_width == 0.0
+    assert not plant.observe().gripper_moving
+
+
+@pytest.mark.parametrize("faults", [Faults(), Faults(grasp_delay=0.1)])
+@pytest.mark.parametrize(("offset", "width"), [(0.0, 0.04), (0.3, 0.0)])
+def test_fingers_that_take_no_time_have_closed_after_a_substep(faults, offset, width):
+    """A closing time of 0 was divided by."""
+    robot = RobotProfile(gripper=Gripper(closing_time=0.0))
+    plant = close(over_a_cube(offset=(offset, 0.0, 0.0), robot=robot, faults=faults), 0.01 + faults.grasp_delay)
+    assert plant.observe().gripper_width == pytest.approx(width)
     assert not plant.observe().gripper_moving
 
 

@@ -114,8 +114,9 @@ class ArmMonitor:
         is clear of what it lay on, 0: none. ``astray`` (7,): joint rates [rad/s] beyond what the commands explain.
         """
         rates = actuation.joint_velocity
-        if not self._has_arm or not (np.isfinite(rates).all() and np.isfinite(observation.odometry).all()):
-            return Answer(actuation, None)
+        parts = (rates, observation.odometry, observation.twist, observation.q, observation.dq)
+        if not self._has_arm or not math.isfinite(sum(float(part.sum()) for part in parts)):
+            return Answer(actuation, None)  # the base's monitor stops the robot
         there = np.append(to_frame(T_odom_world, observation.odometry[:2]), observation.odometry[2] - T_odom_world[2])
         balls = placed(self._balls, observation.gripper_width, held_side)
         kept = rates.copy()

@@ -46,7 +46,7 @@ class PhaseRules:
 
 def enter(state: ManipulatorState, phase: Phase, time: float) -> None:
     """Begin a phase."""
-    state.phase, state.since = phase, time
+    state.phase, state.since, state.leaves = phase, time, False
 
 
 def wanted(state: ManipulatorState, view: View) -> bool:
@@ -83,7 +83,7 @@ def advance(state: ManipulatorState, view: View, inputs: ArmInputs, rules: Phase
         return _lift(state, view, rules)
     if state.phase == Phase.RELEASE:
         return _release(state, view, rules)
-    return _retry(state, view, rules.parameters)
+    return _retry(state, view, rules)
 
 
 def _impatient(state: ManipulatorState, view: View, rules: PhaseRules) -> bool:
@@ -97,7 +97,8 @@ def _impatient(state: ManipulatorState, view: View, rules: PhaseRules) -> bool:
 
 
 def _rest(state: ManipulatorState, time: float) -> None:
-    state.yaw, state.tight, state.no_room_since, state.opening = None, None, None, None
+    state.yaw, state.tight, state.no_room_since = None, None, None
+    state.opening, state.narrowing_since = None, None
     enter(state, Phase.CARRY if state.holding else Phase.STOW, time)
 
 
@@ -135,12 +136,13 @@ def _picked(state: ManipulatorState, p: ArmParameters) -> str:
 
 
 def _new_goal(state: ManipulatorState, view: View) -> None:
-    state.tight_tries = 0
+    state.tight_tries, state.opens_fully = 0, False
     if state.phase in (Phase.TRANSIT, Phase.FINAL, Phase.CLOSING, Phase.RETRY, Phase.RELEASE):
         if not state.holding:
             state.gripper = "open"
         state.released = None
         _withdraw(state, view)
+        state.leaves = state.phase == Phase.RETRY
 
 
 def _lost(state: ManipulatorState, view: View) -> Outcome:
@@ -165,10 +167,16 @@ def _leave(state: ManipulatorState, view: View, inputs: ArmInputs, rules: PhaseR
     duration = rules.timing.transit_duration(_way(view, inputs, rules), speed, view.time_to_range)
     if duration is None or view.time_to_range > rules.parameters.patience:
         return NOTHING
-    if not state.holding and view.width < view.goal.side + rules.parameters.open_room:
+    if not state.holding and not _open_enough(view, rules):
         return "", Reason(kind=Kind.GRIPPER_NOT_OPEN, subject="gripper")
     enter(state, Phase.TRANSIT, view.time)
     return NOTHING
+
+
+def _open_enough(view: View, rules: PhaseRules) -> bool:
+    """The fingers are as much wider than the object as they should be, or stand open as far as they go."""
+    p = rules.parameters
+    return view.width >= min(view.goal.side + p.open_room, rules.profile.gripper.max_width - p.held_tolerance)
 
 
 def _stowed(view: View, p: ArmParameters) -> bool:
@@ -266,8 +274,8 @@ def _wait_without_room(state: ManipulatorState, view: View, p: ArmParameters) ->
 
 
 def _wait_for_opening(state: ManipulatorState, view: View, p: ArmParameters) -> Outcome:
-    """Wait for the fingers to close to the wanted opening; give that up for a gripper that only opens fully."""
-    if state.narrowing_since is None:
+    """Wait for the fingers to close to the wanted opening; for this goal, give it up when they only open fully."""
+    if state.narrowing_since is None or not view.sure(p):
         state.narrowing_since = view.time
     if view.time - state.narrowing_since > p.search_after:
         state.opens_fully, state.opening = True, None
@@ -469,21 +477,24 @@ def _in_square(state: ManipulatorState, view: View, rules: PhaseRules, point: Ar
     return bool(np.abs(to_frame(frame, point[:2])).max() <= half)
 
 
-def _retry(state: ManipulatorState, view: View, p: ArmParameters) -> Outcome:
+def _retry(state: ManipulatorState, view: View, rules: PhaseRules) -> Outcome:
+    p = rules.parameters
     risen = view.p[2] - state.anchor[2] >= 0.8 * p.hover_height or view.time - state.since > p.search_after
     if not risen:
         return "", Reason(kind=Kind.OPENS_AGAIN, subject=view.goal.name)
     if view.goal.kind != "pick" or state.start_over:
         _rest(state, view.time)
-    elif not view.gripper_moving and view.width > view.goal.side + p.open_room:
+    elif not view.gripper_moving and _open_enough(view, rules):
         enter(state, Phase.TRANSIT, view.time)
     return "", Reason(kind=Kind.OPENS_AGAIN, subject=view.goal.name)
 
 
 def engaged(state: ManipulatorState) -> bool:
     """Must the base keep the target in reach?"""
-    return state.phase in (Phase.FINAL, Phase.CLOSING, Phase.RETRY, Phase.RELEASE) or (
-        state.phase == Phase.LIFT and not state.reported
+    return (
+        state.phase in (Phase.FINAL, Phase.CLOSING, Phase.RELEASE)
+        or (state.phase == Phase.RETRY and not state.leaves)
+        or (state.phase == Phase.LIFT and not state.reported)
     )
 
 

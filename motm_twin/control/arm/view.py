@@ -28,12 +28,13 @@ class ManipulatorState:
     phase: Phase = Phase.STOW
     since: float = 0.0  # [s] when the phase began
     goal: str = ""  # kind and name of the goal of the last step
+    leaves: bool = field(default=False, metadata=LATER)  # the hand rises from an object that is not the goal any more
     holding: bool = False
     side: float = 0.0  # [m] of the object in the gripper
     gripper: str = "open"
     opening: float | None = field(default=None, metadata=LATER)  # [m] between the pads when open; None: all the way
     narrowing_since: float | None = field(default=None, metadata=LATER)  # [s] since when they are wider than that
-    opens_fully: bool = field(default=False, metadata=LATER)  # this gripper does not open part of the way
+    opens_fully: bool = field(default=False, metadata=LATER)  # for this goal: the gripper does not open part of the way
     yaw: float | None = None  # [rad] of the hand over the object, once chosen
     anchor: Array = field(default_factory=lambda: np.zeros(3))  # [m] point that closing, lift and release hold on to
     clear_z: float = 0.0  # [m] height that cleared what the last target stood on
