@@ -146,7 +146,7 @@ def _side_node(root: Node, name: str) -> Node:
 
 def _surface(scene: Scene, node: Node) -> str:
     """The surface that an object or slot names, to be told."""
-    name = node.at("surface").value if "surface" in node.value else ""
+    name = node.at("surface").value if node.value and "surface" in node.value else ""
     piece = surface(name, scene.solids)
     if piece is None:
         return "its surface"
