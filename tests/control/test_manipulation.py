@@ -50,9 +50,10 @@ def inputs_of(plant: SimulatedPlant, *, base_twist=(0.0, 0.0), obstacles=None, t
     )
 
 
+@pytest.mark.parametrize("phase", [Phase.TRANSIT, Phase.CARRY])
 @pytest.mark.parametrize("above", [0.03, 0.12])
-def test_a_hand_whose_target_went_out_of_reach_rises_before_it_withdraws(above):
-    """Held back by the forearm over the lidar, it was laid on its side and swept its palm over the table."""
+def test_a_low_hand_rises_before_it_withdraws(above, phase):
+    """Held back by the lidar, it was laid on its side and swept its palm, or the cube in it, over the table."""
     plant, manipulator = SimulatedPlant(SCENE), Manipulator(known_world(SCENE))
     inputs, mount = inputs_of(plant, time_to_range=1.5), SCENE.robot.arm.mount_z
     height, p = CUBE.position[2] + above, manipulator.parameters
@@ -65,7 +66,8 @@ def test_a_hand_whose_target_went_out_of_reach_rises_before_it_withdraws(above):
         T_odom_world=np.zeros(3),
     )
     view = manipulator.look(inputs)
-    velocity = hand_motion(ManipulatorState(phase=Phase.TRANSIT), view, inputs, p, numbers(p)).velocity
+    state = ManipulatorState(phase=phase, clear_z=CUBE.position[2] + p.hover_height)
+    velocity = hand_motion(state, view, inputs, p, numbers(p)).velocity
     if above < p.hover_height:
         assert velocity[2] > 0.1 and np.abs(velocity[:2]).max() < 0.3
     else:

@@ -191,7 +191,8 @@ def _stowed(arm: Arm, way: _Way, parameters: Numbers) -> _Swing:
     z = mount[2] + n.stow_height
     if hypot(p[0] - mount[0], p[1] - mount[1]) > n.retract_radius:
         z = max(z, way.clear_z)
-    return _Swing(n.stow_radius, azimuth, z, 0.0, 0.0, n.k_transit, n.k_transit)
+    swing = _Swing(n.stow_radius, azimuth, z, 0.0, 0.0, n.k_transit, n.k_transit)
+    return _first_up(swing, way.clear_z, arm, n.pick_tilt, parameters)
 
 
 @njit(cache=True)
@@ -268,16 +269,30 @@ def _transit_swing(arm: Arm, way: _Way, lowest: float, parameters: Numbers) -> _
         radius, radius_rate = n.swing_radius + turned * (radius - n.swing_radius), turned * radius_rate
     if arm.p[2] < z - 0.03 and now < n.foot_radius + 0.02:  # first up, then out
         radius, radius_rate = min(radius, n.foot_radius), 0.0
-    elif now >= n.foot_radius + 0.02:  # first up, then on or back
-        if early > 0.0 and radius < now:  # the edge of the palm clears them, too
-            z += PALM[0] * math.sin(max(tilt_of(arm.R) - n.close_tilt, 0.0))
-        climb = min(max((z - 0.03 - arm.p[2]) / 0.03, 0.0), 1.0)
-        upright = min(now, reach_radius(arm.p[2] - mount[2], _largest_tilt(place, parameters), n.stretch))
-        radius, azimuth = radius + climb * (upright - radius), azimuth + climb * (heading - azimuth)
-        radius_rate, azimuth_rate = (1.0 - climb) * radius_rate, (1.0 - climb) * azimuth_rate
+    elif early > 0.0 and radius < now:  # the edge of the palm clears them, too
+        z += PALM[0] * math.sin(max(tilt_of(arm.R) - n.close_tilt, 0.0))
     if arm.p[2] < way.top_between + 0.5 * n.transit_clearance:  # and then over
         radius, radius_rate = min(radius, now), 0.0
-    return _Swing(max(radius, n.swing_radius), azimuth, z, radius_rate, azimuth_rate, n.k_transit, gain)
+    swing = _Swing(max(radius, n.swing_radius), azimuth, z, radius_rate, azimuth_rate, n.k_transit, gain)
+    return _first_up(swing, z, arm, _largest_tilt(place, parameters), parameters)
+
+
+@njit(cache=True)
+def _first_up(swing: _Swing, level: float, arm: Arm, tilt: float, parameters: Numbers) -> _Swing:
+    """The swing of a hand that is out and lower than ``level`` [m]: it rises before it goes on or back.
+
+    Told to do all at once, it does what it can, and the rest is taken from its height and tilt.
+    """
+    n, height = parameters[0], arm.p[2]
+    now, heading = _hand_polar(arm.p, arm.q, arm.pose, arm.base_mount)
+    if now < n.foot_radius + 0.02:
+        return swing
+    climb = min(max((level - 0.015 - height) / 0.03, 0.0), 1.0)
+    upright = min(now, reach_radius(height - arm.mount[2], tilt, n.stretch))
+    return _Swing(
+        swing.radius + climb * (upright - swing.radius), swing.azimuth + climb * (heading - swing.azimuth), swing.z,
+        (1.0 - climb) * swing.radius_rate, (1.0 - climb) * swing.azimuth_rate, swing.gain, swing.azimuth_gain,
+    )  # fmt: skip
 
 
 @njit(cache=True)
