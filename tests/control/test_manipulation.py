@@ -66,7 +66,7 @@ def test_a_low_hand_rises_before_it_withdraws(above, phase):
         T_odom_world=np.zeros(3),
     )
     view = manipulator.look(inputs)
-    state = ManipulatorState(phase=phase, clear_z=CUBE.position[2] + p.hover_height)
+    state = ManipulatorState(phase=phase, clear_z=CUBE.position[2] + p.transit_clearance)
     velocity = hand_motion(state, view, inputs, p, numbers(p)).velocity
     if above < p.hover_height:
         assert velocity[2] > 0.1 and np.abs(velocity[:2]).max() < 0.3

@@ -252,7 +252,8 @@ def weights(parameters: QpParameters, *, swinging: bool) -> Array:
     return np.array(
         [p.base_weight] * 2
         + [twist if joint in TWISTING else p.rate_weight for joint in range(7)]
-        + [linear] * 3
+        + [linear] * 2
+        + [p.linear_slack_weight]  # of height: on the way, too, low things stand below the hand
         + [tilt] * 2
         + [p.swing_yaw_slack_weight if swinging else p.yaw_slack_weight]
         + [p.elastic_weight] * 2
