@@ -93,7 +93,11 @@ class ArmProgram:
         self._avoidance = numbers(p.avoidance)
         self._blind = p.avoidance.blind
         self._lag = known.robot.arm.velocity_lag
-        self._weights = {swinging: weights(p.qp, swinging=swinging) for swinging in (False, True)}
+        self._weights = {
+            (swinging, laden): weights(p.qp, swinging=swinging, laden=laden)
+            for swinging in (False, True)
+            for laden in (False, True)
+        }
         joints = joint_limits(p.qp.elbow_limit)
         self._constants = _Constants(numbers(p.qp), numbers(known.robot.base), joints)
         self._balls = arm_balls()
@@ -112,7 +116,7 @@ class ArmProgram:
         found = [(limit.rows(arm, around), first, limit.soft) for limit, first in self._limits]
         found = [one for one in found if len(one[0].h)]
         G, h, which = stacked(found, view.beta, arm.measured)
-        cost = self._weights[swinging]
+        cost = self._weights[swinging, state.holding]
         c, A, b, lower, upper = _program(
             arm, velocity, state.twist, *self._joints(state.rates, inputs.stuck_joint), cost,
             (view.manipulability, view.beta, inputs.dt, swinging),
@@ -243,8 +247,11 @@ def _of_commands(G: Array, h: Array, beta: float, measured: Array) -> None:
         G[r, 0], G[r, 1] = beta * G[r, 0], beta * G[r, 1]
 
 
-def weights(parameters: QpParameters, *, swinging: bool) -> Array:
-    """Diagonal of the quadratic cost, shape (17,); ``swinging``: on the way, where nothing must be met exactly."""
+def weights(parameters: QpParameters, *, swinging: bool, laden: bool) -> Array:
+    """Diagonal of the quadratic cost, shape (17,); ``swinging``: on the way, where nothing must be met exactly.
+
+    But for the height of a ``laden`` hand: what it holds would meet what is below.
+    """
     p = parameters
     linear = p.swing_linear_slack_weight if swinging else p.linear_slack_weight
     twist = p.swing_twist_rate_weight if swinging else p.twist_rate_weight
@@ -253,7 +260,7 @@ def weights(parameters: QpParameters, *, swinging: bool) -> Array:
         [p.base_weight] * 2
         + [twist if joint in TWISTING else p.rate_weight for joint in range(7)]
         + [linear] * 2
-        + [p.linear_slack_weight]  # of height: on the way, too, low things stand below the hand
+        + [p.linear_slack_weight if laden else linear]
         + [tilt] * 2
         + [p.swing_yaw_slack_weight if swinging else p.yaw_slack_weight]
         + [p.elastic_weight] * 2
