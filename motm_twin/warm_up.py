@@ -231,7 +231,7 @@ def _arm() -> None:
     narrow = _observation(known.robot.lidar, ARM_STEP * PERIODS, radius=0.5, speed=0.5)
     fast = Actuation(twist=frozen(np.array([0.5, 0.1])), joint_velocity=frozen(np.zeros(7)), gripper="open")
     monitor.check(fast, narrow, ARM_STEP, scan_stamp=narrow.time)  # brakes
-    height_over(np.zeros(3), -np.eye(3), known.robot.gripper.max_width, inputs.goal)  # on its way down
+    height_over(np.zeros((1, 3)), -np.eye(3), known.robot.gripper.max_width, inputs.goal)  # on its way down
     _called_by_other_arms(known.robot)
 
 

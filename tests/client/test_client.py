@@ -255,7 +255,7 @@ def test_a_reader_that_was_slower_than_the_history_is_told(twin, server):
 
 
 def test_an_iterator_gives_what_came_before_lost_events_and_another_one_what_came_after(twin, server):
-    """What came before was lost without being named, as the iterator had ended with the error."""
+    """Events before the gap were lost without being named, as the iterator had ended with the error."""
     reader, log = EventReader(twin.client, None), server._publisher.event_log
     for number in range(1200):
         log.add(run=0, index=0, time=0.0, kind="edit", text=f"n {number}")

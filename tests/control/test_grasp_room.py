@@ -169,13 +169,13 @@ def test_the_choice_is_the_same_in_every_odometry_frame():
 )
 def test_the_hand_comes_down_only_where_no_finger_comes_down_on_an_object(place, yaw, low):
     target = goal((0.055, 0.0, 0.0))
-    height = height_over(np.array([*place, TOP + 0.1]), tool_rotation(yaw, 0.0, 0.0), 0.08, target)
+    height = height_over(np.array([[*place, TOP + 0.1]]), tool_rotation(yaw, 0.0, 0.0), 0.08, target)
     assert (height < TOP + 0.02) == low
     assert height < TOP + 0.02 + 0.06, "hovering it is over all of them"
 
 
 def test_an_object_that_nobody_has_seen_does_not_keep_the_hand_up():
-    over, down = np.array([0.0, 0.0, TOP + 0.1]), tool_rotation(0.0, 0.0, 0.0)
+    over, down = np.array([[0.0, 0.0, TOP + 0.1]]), tool_rotation(0.0, 0.0, 0.0)
     assert height_over(over, down, 0.08, goal((0.0, 0.055, 0.0), seen=0.0)) == -math.inf
 
 
@@ -206,7 +206,7 @@ def test_a_tilted_palm_clears_an_object_that_is_higher_than_its_target(outward, 
     target.neighbours[0, 2:5] = (TOP + 0.025, 0.0, 0.05)
     grasp, quarter = np.array([0.0, 0.0, TOP + 0.02]), math.pi / 2
     level, tilted = (
-        height_over(grasp, tool_rotation(quarter, tilt, outward), 0.055, target) - grasp[2]
+        height_over(grasp[None], tool_rotation(quarter, tilt, outward), 0.055, target) - grasp[2]
         for tilt in (0.0, math.radians(9.0))
     )
     assert 0.0 < level < 0.008, "level, the palm has room a little above the middle of the target"

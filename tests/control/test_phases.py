@@ -222,7 +222,7 @@ def test_a_hand_that_searches_rises_only_as_far_as_it_can_look_down(radius):
         ([-0.06, 0.0, 0.06], {"p": np.array([0.0, 0.0, 0.8])}, Phase.STOW),
         ([-0.06, 0.0, 0.06], {"time": 3.0}, Phase.STOW),  # it cannot rise
         ([], {"gripper_moving": True}, Phase.RELEASE),
-        ([], {"gripper_moving": True, "time": 40.0}, Phase.STOW),  # fingers that never report that they stand
+        ([], {"gripper_moving": True, "time": 3.0}, Phase.STOW),  # fingers that never report that they stand
     ],
 )
 def test_the_hand_rises_first_from_an_object_that_it_let_go_on_a_pile(others, changes, phase):

@@ -121,7 +121,7 @@ def test_steps_and_leaps_keep_a_past_that_readers_can_look_back_at(client):
 
 
 def test_a_leap_into_another_run_of_the_file_begins_a_run_with_its_scene_and_map(path, tmp_path, monkeypatch):
-    """What lay more than 30 s ahead was sent under the run, the scene and the map before the leap."""
+    """Periods more than 30 s ahead were sent under the run, the scene and the map before the leap."""
     monkeypatch.setattr("motm_twin.record.player.FILLED", 5)
     grid = next(entry.data for entry in read(path) if entry.topic == ch.GRID.topic)
     scenes = [load_scene("exp1"), load_scene("exp2")]

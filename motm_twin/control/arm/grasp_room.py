@@ -194,19 +194,29 @@ def over_middle(side: float, tilt: float) -> float:
     return min(max(top + _UNDER_PALM - PALM[2], 0.0), _MOST_OVER_MIDDLE)
 
 
-def height_over(position: Array, R: Array, width: float, goal: ArmGoal) -> float:
-    """Height [m] of the tool centre point below which the open hand, as it is now, would be in an object; -inf: none.
+def height_over(places: Array, R: Array, width: float, goal: ArmGoal) -> float:
+    """Height [m] of the tool centre point below which the open hand, at any of the places, would be in an object.
 
-    ``position`` (3,) and rotation ``R`` (3, 3) of the hand in the frame of the goal. The goal's own object counts for
-    the fingers, others that were seen for the palm, too, which is lower on one side when the hand is tilted.
+    -inf: there is none. ``places`` (k, 3) and rotation ``R`` (3, 3) of the hand in the frame of the goal. The goal's
+    own object counts for the fingers, others that were seen for the palm, too, which is lower on one side when the
+    hand is tilted.
     """
     own = np.array([[*goal.position, goal.yaw, goal.side, 1.0]])
-    return _height_over(position, hand_yaw(R), R[:, 2].copy(), width, np.concatenate((own, goal.neighbours)))
+    return _highest(places, hand_yaw(R), R[:, 2].copy(), width, np.concatenate((own, goal.neighbours)))
+
+
+@njit(cache=True)
+def _highest(places: Array, yaw: float, axis: Array, width: float, items: Array) -> float:
+    """The highest `_height_over` of the places (k, 3)."""
+    height = -np.inf
+    for k in range(places.shape[0]):
+        height = max(height, _height_over(places[k], yaw, axis, width, items))
+    return height
 
 
 @njit(cache=True)
 def _height_over(position: Array, yaw: float, axis: Array, width: float, items: Array) -> float:
-    """`height_over` the objects (n, 6), of which the goal's own is the first; ``axis`` (3,): that of the tool."""
+    """`height_over` of one place (3,), objects (n, 6), the goal's own first; ``axis`` (3,): that of the tool."""
     low, height = np.array([position[0], position[1], -np.inf]), -np.inf  # so low that every part counts
     palm = low - PALM[2] * axis
     across = math.sin(yaw) * axis[0] - math.cos(yaw) * axis[1]  # the axis along which the fingers close, downwards
@@ -229,7 +239,7 @@ def _underside(position: Array, yaw: float, axis: Array, item: Array) -> float:
     c, s = math.cos(yaw), math.sin(yaw)
     edge = PALM[0] * abs(s * axis[0] - c * axis[1]) + PALM[1] * abs(c * axis[0] + s * axis[1])
     near = axis[0] * (item[0] - position[0]) + axis[1] * (item[1] - position[1])
-    near -= 0.71 * item[4] * hypot(axis[0], axis[1])
+    near -= math.sqrt(0.5) * item[4] * hypot(axis[0], axis[1])  # its corner
     return (PALM[2] + max(near, -edge)) / -axis[2]
 
 

@@ -37,6 +37,7 @@ _SWINGS = {
     Phase.CARRY: _HOME,
     Phase.TRANSIT: _OUT,
 }  # phases in which the hand swings about the mount
+_SHARES = np.array([[0.0], [0.5], [1.0]])  # of the way to the target at which objects are looked for
 _ANCHORED = (Phase.CLOSING, Phase.LIFT, Phase.RELEASE)  # phases in which it keeps to a point chosen before
 
 
@@ -74,7 +75,7 @@ class _Way(NamedTuple):
     goal: int  # index into `_GOALS`
     clear_z: float
     top_between: float
-    lowest: float  # [m] of the tool centre point over what is beside the target
+    over_objects: float  # [m] least height of the tool centre point on its way to a pick
     anchor: Array
     yaw: float  # [rad], nan: as the arm has it
     fastest: float  # [m/s]
@@ -91,19 +92,18 @@ def hand_motion(
     way = _Way(
         kind, state.anchor if phase in _ANCHORED else view.target, inputs.plan_times, inputs.plan_poses,
         view.radius, view.azimuth, view.distance, view.time_to_range, _GOALS.index(view.goal.kind), state.clear_z,
-        state.top_between, _lowest(state, view, parameters), state.anchor, yaw,
+        state.top_between, _over_objects(state, view, parameters), state.anchor, yaw,
         parameters.hold_speed if phase == Phase.CLOSING else parameters.hand_speed,
     )  # fmt: skip
     error, velocity = _motion(view.arm, way, numbers, reference)
     return Motion(reference, error, velocity)
 
 
-def _lowest(state: ManipulatorState, view: View, p: ArmParameters) -> float:
+def _over_objects(state: ManipulatorState, view: View, p: ArmParameters) -> float:
     """Least height [m] of a hand that comes to a pick, over the objects on its way and beside it; -inf far from it."""
     if state.phase != Phase.TRANSIT or view.goal.kind != "pick" or view.distance > 2.0 * p.sink_distance:
         return -math.inf
-    there = (view.p + share * (view.target - view.p) for share in (0.0, 0.5, 1.0))
-    return max(height_over(place, view.R, view.width, view.goal) for place in there)
+    return height_over(view.p + _SHARES * (view.target - view.p), view.R, view.width, view.goal)
 
 
 @njit(cache=True)
@@ -145,8 +145,8 @@ def _final_point(state: ManipulatorState, view: View, p: ArmParameters) -> Array
     it is tilted too much to close. It rises while it waits to see the object, for a wider view, as far as it can
     look straight down.
     """
-    point = grasp_point(view, p)
-    seen = view.seen(p)
+    over = height_over(view.p[None], view.R, view.width, view.goal)
+    point, seen = grasp_point(view, over, p), view.seen(p)
     if not seen or view.goal.position_sd > 1.5 * p.close_sd:
         point[2] = view.target[2] + p.hover_height
         if not seen:
@@ -157,7 +157,7 @@ def _final_point(state: ManipulatorState, view: View, p: ArmParameters) -> Array
         return point
     point[2] += min(max((view.distance - p.funnel_radius) * p.funnel_slope, 0.0), p.hover_height)
     point[2] += PALM[0] * math.sin(max(view.tilt - p.close_tilt, 0.0))
-    point[2] = max(point[2], height_over(view.p, view.R, view.width, view.goal))
+    point[2] = max(point[2], over)
     return point
 
 
@@ -254,7 +254,7 @@ def _transit_swing(arm: Arm, way: _Way, lowest: float, parameters: Numbers) -> _
     z = target[2] + over
     if place and distance >= n.sink_distance:
         z = max(z, lowest)  # clears objects beside the pick place, so that none is swept off the table
-    z = max(z, way.top_between + n.transit_clearance, way.lowest)
+    z = max(z, way.top_between + n.transit_clearance, way.over_objects)
     hover = reach_radius(z - mount[2], _largest_tilt(place, parameters), n.stretch)
     if radius > hover:
         radius, radius_rate = hover, 0.0

@@ -329,7 +329,7 @@ def _approach(state: ManipulatorState, view: View, rules: PhaseRules) -> Outcome
     if view.goal.position_sd > p.close_sd:
         sd = 1e3 * view.goal.position_sd
         return "", Reason(kind=Kind.IMPRECISE, subject=view.goal.name, value=sd, limit=1e3 * p.close_sd, unit="mm")
-    point = grasp_point(view, p)
+    point = grasp_point(view, height_over(view.p[None], view.R, view.width, view.goal), p)
     error = norm(view.p - point)
     still = norm(view.velocity) <= p.close_speed
     low = view.p[2] - view.target[2] <= p.highest_grasp + 0.5 * p.close_error  # else the pads squeeze it out
@@ -341,12 +341,14 @@ def _approach(state: ManipulatorState, view: View, rules: PhaseRules) -> Outcome
     return NOTHING
 
 
-def grasp_point(view: View, p: ArmParameters) -> Array:
-    """Grasp point of the tool centre point: the cube's centre, or as much higher as finger tips and palm need."""
+def grasp_point(view: View, over: float, p: ArmParameters) -> Array:
+    """Grasp point of the tool centre point: the cube's centre, or as much higher as finger tips and palm need.
+
+    ``over`` [m]: `height_over` of the hand where it is.
+    """
     x, y, z = view.R[2].tolist()
     low = p.tip_half_depth * abs(x) + (0.5 * view.width + p.tip_thickness) * abs(y) + p.tip_length * abs(z)
-    rise = low + p.avoidance.fingers_d_s - 0.5 * view.goal.side
-    rise = max(rise, height_over(view.p, view.R, view.width, view.goal) - float(view.target[2]))
+    rise = max(low + p.avoidance.fingers_d_s - 0.5 * view.goal.side, over - float(view.target[2]))
     return view.target + np.array([0.0, 0.0, min(max(rise, 0.0), p.highest_grasp)])
 
 
