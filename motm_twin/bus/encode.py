@@ -286,6 +286,7 @@ class Sample(msgspec.Struct, frozen=True, kw_only=True):
     gripper_moving: bool
     ahead: float = 0.0  # [s] prediction horizon: from the observation to the time when the command acts
     age: float = 0.0  # [s] of the newest state of the robot
+    camera_stamp: float | None = None  # [s] of the newest picture, where the robot tells it
     behind: float = 0.0  # [s] by which pose, odometry, twist and joints are older than the time
     scan: ScanSample | None = None
     detections: list[DetectionSample] | None = None

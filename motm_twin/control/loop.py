@@ -123,7 +123,7 @@ class ControlLoop(Stateful[LoopState]):
         stages = Stages(self._clock)
         with stages.measure("observe"):
             reported = self.plant.observe()
-            observation = self.self_check.observed(self.response.observed(reported), self.sequence.held)
+            observation = self._observed(reported)
         if restarted:
             self.monitor.begin_from(observation.twist)
             self.self_check.begin_from(observation.twist)
@@ -166,6 +166,18 @@ class ControlLoop(Stateful[LoopState]):
         )
         state.index += 1
         return tick
+
+    def believed(self) -> Observation:
+        """The observation that the next period will believe; nothing is changed by asking."""
+        parts = (self.self_check, self.response, self.tracker)
+        before = [part.snapshot() for part in parts]
+        observation = self._observed(self.plant.observe())
+        for part, state in zip(parts, before, strict=True):
+            part.restore(state)
+        return observation
+
+    def _observed(self, reported: Observation) -> Observation:
+        return self.self_check.observed(self.response.observed(reported), self.sequence.held)
 
     @property
     def index(self) -> int:
@@ -287,7 +299,7 @@ class ControlLoop(Stateful[LoopState]):
             if k:
                 with stages.measure("observe"):
                     reported = self.plant.observe()
-                    observation = self.self_check.observed(self.response.observed(reported), self.sequence.held)
+                    observation = self._observed(reported)
                 with stages.measure("map"):
                     self.tracker.update(observation, self.sequence.held)
             with stages.measure("arm"):

@@ -216,6 +216,7 @@ class ZenohPlant:
         pose, odometry = motion.pose, motion.odometry
         if self._to_odometry is not None:
             odometry = compose(self._to_odometry, odometry)
+        detections, camera_stamp = self._newest_picture()
         self._latest = Observation(
             time=until - self._origin,
             pose=pose,
@@ -226,7 +227,8 @@ class ZenohPlant:
             gripper_width=state.gripper_width,
             gripper_moving=motion.gripper_moving,
             scan=self._newest_scan(until),
-            detections=self._newest_detections(),
+            detections=detections,
+            camera_stamp=camera_stamp,
             ahead=until - now,
             age=self._age(state),
         )
@@ -328,13 +330,14 @@ class ZenohPlant:
             self._scan = (data, scan_of(data, origin))
         return self._scan[1]
 
-    def _newest_detections(self) -> tuple[Detection, ...]:
+    def _newest_picture(self) -> tuple[tuple[Detection, ...], float | None]:
+        """Detections of the newest picture, and its stamp [s]; None: no picture has come yet."""
         data, origin = self.link.newest("detections"), self._origin
         assert origin is not None
         if data is not None and data is not self._detections[0]:
             seen = (detection_of(one, origin, self._to_odometry) for one in data.detections)
             self._detections = (data, tuple(seen))
-        return self._detections[1]
+        return self._detections[1], None if data is None else data.stamp - origin
 
     def _grant(self, until: float) -> None:
         """Shared clock: let time pass until then, and wait for the answer."""

@@ -67,7 +67,7 @@ class AgentView:
 
 def view_of(twin: Twin, tick: Tick | None) -> AgentView:
     """Knowledge of the robot now, after the period of this Tick."""
-    loop, observation = twin.loop, twin.plant.observe()
+    loop, observation = twin.loop, twin.loop.believed()
     sequence, targets, twist = loop.sequence, loop.targets, loop.monitor.twist
     T_odom_world = world_in_odometry(observation)
     lag = loop.known.robot.base.velocity_lag

@@ -74,7 +74,7 @@ _TABLE = (  # name, group, button and phrase; one line for documents; number: it
         ("amount", 1.0, 50.0, 10.0, "times"),
     ),
     (("lidar_delay", "lidar", "Lidar late", "lidar {:.2f} s late"), "sweeps come late, with their true stamps", _LATE),
-    (("camera_off", "camera", "Camera off", "camera off"), "nothing is detected", ()),
+    (("camera_off", "camera", "Camera off", "camera off"), "no pictures come", ()),
     (
         ("camera_delay", "camera", "Camera late", "camera {:.2f} s late"),
         "detections come late, with their true stamps",

@@ -64,6 +64,7 @@ class Observation(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     ahead: float = 0.0  # [s] how far ``time`` is in the future: when a command that is given now acts
     age: float = 0.0  # [s] of what the robot reported last, now
     pose_sd: float = 0.0  # [m] per axis, 1 sd of the pose on the map, as `perception/scan_match.py` tells; 0 in reports
+    camera_stamp: float | None = None  # [s] of the newest picture, also of one that shows nothing; None: not told
     behind: float = 0.0  # [s] by which pose, odometry, twist and joints are older than ``time``
 
 

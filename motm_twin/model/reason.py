@@ -49,7 +49,7 @@ class Kind(StrEnum):
     CAMERA_UNKNOWN = "camera_unknown", "the camera reports something where no object is known: ignored"
     CAMERA_SWAP = "camera_swap", "the camera reports {subject} where {other} is: ignored"
     CAMERA_LOST = "camera_lost", "the camera does not report {subject}, which should be in its view"
-    CAMERA_LATE = "camera_late", "the camera's detections are {value:.1f} s old"
+    CAMERA_LATE = "camera_late", "the camera's newest picture is {value:.1f} s old"
     # consequences of the findings above
     STOPPED = "stopped", "stopped: {cause}"
     SLOWED = "slowed"

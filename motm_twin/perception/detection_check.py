@@ -48,7 +48,7 @@ class DetectionSettings(msgspec.Struct, frozen=True, kw_only=True):
         float, Number("m", OWN, "sd of a place at which nobody wonders where the object is found, or misses it")
     ] = 0.05
     recent: Annotated[float, Number("s", OWN, "within which it was seen last")] = 2.0
-    late: Annotated[float, Number("s", OWN, "age of the newest detections, and in view without a report")] = 0.3
+    late: Annotated[float, Number("s", OWN, "age of the newest picture or detection, and in view without a report")] = 0.3
     told: Annotated[float, Number("s", OWN, "that a wrong report is told")] = 0.5
     association: AssociationSettings = AssociationSettings()
 
@@ -63,6 +63,7 @@ class DetectionState:
     wrong: Finding | None = None
     until: float = 0.0  # [s] that it is told
     missing: dict[str, float] = field(default_factory=dict)  # [s] since when an object is in view and not reported
+    picture: tuple[float, float] = (-math.inf, -math.inf)  # [s] stamp of the newest picture, and when it came
     association: AssociationState = field(default_factory=AssociationState)  # of detections without a name
 
 
@@ -138,9 +139,13 @@ def checked(
     settings: DetectionSettings,
 ) -> tuple[Detection, ...]:  # fmt: skip
     """The detections without those that cannot be, each with the name of its object."""
-    if not now.detections:
+    if _blind(state, now, settings):
+        state.association.absent.clear()  # no picture shows that something is missing
+        state.missing.clear()
+    elif not now.detections:
         if state.association.stamp > -math.inf:  # a camera that gives no names
             _named(state, (), now, beliefs, held, settings)
+    if not now.detections:
         return now.detections
     eye = lens(now.q, profile)
     kept: list[Detection] = []
@@ -191,8 +196,7 @@ def findings(
     found = []
     if state.wrong is not None and now.time < state.until:
         found.append(state.wrong)
-    newest = max((one.stamp for one in now.detections), default=None)
-    age = 0.0 if newest is None else now.time - now.ahead - newest
+    age = _age(now)
     if age > settings.late:
         late = Reason(kind=Kind.CAMERA_LATE, subject="camera", value=age, limit=settings.late, unit="s")
         found.append(Finding(reason=late))
@@ -203,6 +207,21 @@ def findings(
         lost = Reason(kind=Kind.CAMERA_LOST, subject=missing[0], value=long, limit=settings.late, unit="s")
         found.append(Finding(reason=lost))
     return found
+
+
+def _blind(state: DetectionState, now: Observation, settings: DetectionSettings) -> bool:
+    """No new picture has come for a while; a robot that does not tell its pictures is never blind."""
+    time = now.time - now.ahead
+    if now.camera_stamp is None or now.camera_stamp != state.picture[0]:
+        state.picture = (-math.inf if now.camera_stamp is None else now.camera_stamp), time
+    return time - state.picture[1] > settings.late
+
+
+def _age(now: Observation) -> float:
+    """Age [s] of the newest picture, and of the newest detection in it; 0 when neither is known."""
+    newest = max((one.stamp for one in now.detections), default=now.camera_stamp)
+    oldest = newest if now.camera_stamp is None or newest is None else min(newest, now.camera_stamp)
+    return 0.0 if oldest is None else now.time - now.ahead - oldest
 
 
 def lens(q: Array, profile: RobotProfile) -> tuple[Array, Array]:

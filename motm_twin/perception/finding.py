@@ -56,5 +56,5 @@ KINDS = {
     "camera_unknown": "something reported where no object is known",
     "camera_swap": "an object reported where another one stands",
     "camera_lost": "an object that is in view, and no longer reported",
-    "camera_late": "detections that are old",
+    "camera_late": "pictures that are old, or do not come",
 }

@@ -32,7 +32,7 @@ def sight_radius(robot: RobotProfile) -> float:
     return corner + speed * base.velocity_lag + speed * speed / (2.0 * base.linear_acceleration) + ROOM
 
 
-def floor_round(seen: NDArray[np.int32], grid: Grid, centre: NDArray[np.float64], radius: float, now_ms: int) -> Floor:
+def floor_round(seen: NDArray[np.int64], grid: Grid, centre: NDArray[np.float64], radius: float, now_ms: int) -> Floor:
     """The floor within a radius [m] of a point (2,), from the times [ms] at which its cells were seen last."""
     low = np.clip(grid.cell_of(centre - radius), 0, grid.shape)
     high = np.clip(grid.cell_of(centre + radius) + 1, 0, grid.shape)

@@ -34,17 +34,17 @@ class Evidence:
     """Evidence of the lidar about every cell; time stamps in integer milliseconds, shape (rows, columns) each."""
 
     level: NDArray[np.int8]  # 0 free or unknown, > 0 occupied
-    last_hit: NDArray[np.int32]  # of this cell
-    near_since: NDArray[np.int32]  # 3x3 neighbourhood occupied without a break since
-    near_last: NDArray[np.int32]  # 3x3 neighbourhood occupied until
-    near_hit: NDArray[np.int32]  # last hit in the 3x3 neighbourhood
+    last_hit: NDArray[np.int64]  # of this cell
+    near_since: NDArray[np.int64]  # 3x3 neighbourhood occupied without a break since
+    near_last: NDArray[np.int64]  # 3x3 neighbourhood occupied until
+    near_hit: NDArray[np.int64]  # last hit in the 3x3 neighbourhood
     outside: NDArray[np.uint8]  # 1: occupied while it was not under the robot's own body
-    seen: NDArray[np.int32]  # a beam last showed this cell, or the robot stood on it
+    seen: NDArray[np.int64]  # a beam last showed this cell, or the robot stood on it
 
 
 def no_evidence(shape: tuple[int, int]) -> Evidence:
     """Nothing seen yet."""
-    hit, since, last, near, seen = (np.full(shape, NEVER, dtype=np.int32) for _ in range(5))
+    hit, since, last, near, seen = (np.full(shape, NEVER, dtype=np.int64) for _ in range(5))
     level, outside = np.zeros(shape, dtype=np.int8), np.zeros(shape, dtype=np.uint8)
     return Evidence(level, hit, since, last, near, outside, seen)
 

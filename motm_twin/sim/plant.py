@@ -29,7 +29,7 @@ from motm_twin.sim.mechanics import NO_SLIDES, ControlErrors, DriveCommand, Kine
 from motm_twin.sim.objects import ObjectWorld, start_objects
 from motm_twin.sim.plant_state import ArmState, BaseState, PlantState, truth_of
 from motm_twin.sim.referee import Referee
-from motm_twin.sim.sensors import Camera, CameraState, Lidar, LidarState, Localisation
+from motm_twin.sim.sensors import Camera, CameraState, Lidar, LidarState, Localisation, Picture
 from motm_twin.sim.solids import Furnishings, Layout, Scenery, build_scenery
 from motm_twin.sim.verdict import NOT_JUDGED, World
 from motm_twin.sim.world_edits import Effects, Rehearsal, check_edit
@@ -145,7 +145,8 @@ class SimulatedPlant(Stateful[PlantState]):
             gripper_width=s.gripper.width,
             gripper_moving=Gripper.moving(s.gripper) and not s.faults.active("gripper_stuck"),
             scan=s.lidar.scan,
-            detections=s.camera.detections,
+            detections=s.camera.picture.detections,
+            camera_stamp=s.camera.picture.stamp if self.scene.robot.has_arm else None,
         )
 
     def command(self, actuation: Actuation) -> None:
@@ -257,7 +258,7 @@ class SimulatedPlant(Stateful[PlantState]):
             previous, localised = s.lidar.scan, self._faults.localised(s.faults, s.localisation, s.substep)
             self._lidar.sweep(s.lidar, self.time, s.base.pose, localised, segments, discs)
             self._faults.sweep(s.faults, s.lidar, previous, s.substep)
-        if s.substep % self._camera_period == 0:
+        if s.substep % self._camera_period == 0 and self.scene.robot.has_arm:
             self._photograph(frames)
         if s.lidar.late:
             s.lidar.arrive(s.substep)
@@ -280,16 +281,16 @@ class SimulatedPlant(Stateful[PlantState]):
         return segments, discs
 
     def _photograph(self, frames: Array) -> None:
-        s, previous = self._state, self._state.camera.detections
+        s, previous = self._state, self._state.camera.picture
         if s.faults.active("camera_off"):
-            s.camera.detections, s.camera.late = (), []
+            s.camera.picture, s.camera.late = Picture(previous.stamp), []
             return
         frame = (self.time, s.base.pose, self._faults.odometry(s.faults, s.localisation, s.substep))
         self._camera.take(s.camera, frame, frames, s.objects, self._scenery.solids, self._agents.discs(s.agents))
-        eye, found = frames[HAND, :3, 3], s.camera.detections
-        s.camera.detections = self._faults.detections(s.faults, found, s.objects, eye, frame)
+        found = self._faults.detections(s.faults, s.camera.picture.detections, s.objects, frames[HAND, :3, 3], frame)
         if not self._named:
-            s.camera.detections = tuple(msgspec.structs.replace(one, name="") for one in s.camera.detections)
+            found = tuple(msgspec.structs.replace(one, name="") for one in found)
+        s.camera.picture = s.camera.picture._replace(detections=found)
         late = s.faults.on.get("camera_delay")
         latency = self._camera_latency + (0 if late is None else round(late.value / SUBSTEP))
         s.camera.late = [entry for entry in s.camera.late if entry[0] < s.substep + latency]  # others are overtaken

@@ -89,22 +89,29 @@ _NO_BIAS = np.zeros(3)
 Frame = tuple[float, Array, Array]  # stamp [s], true pose and odometry of a frame of the camera
 
 
+class Picture(NamedTuple):
+    """Detections of one frame of the camera."""
+
+    stamp: float = 0.0  # [s]
+    detections: tuple[Detection, ...] = ()
+
+
 @dataclass
 class CameraState:
-    """Noise, the newest frame, and frames that are on their way."""
+    """Noise, the newest picture, and pictures that are on their way."""
 
     rng: np.random.Generator
-    detections: tuple[Detection, ...] = ()
-    late: list[tuple[int, tuple[Detection, ...]]] = field(default_factory=list)  # substep of arrival, frame
+    picture: Picture = Picture()
+    late: list[tuple[int, Picture]] = field(default_factory=list)  # substep of arrival, picture
 
-    def delay(self, arrival: int, previous: tuple[Detection, ...]) -> None:
-        """Delay the frame just taken to a later substep; the previous one stays the newest."""
-        self.late.append((arrival, self.detections))
-        self.detections = previous
+    def delay(self, arrival: int, previous: Picture) -> None:
+        """Delay the picture just taken to a later substep; the previous one stays the newest."""
+        self.late.append((arrival, self.picture))
+        self.picture = previous
 
     def arrive(self, now: int) -> None:
-        """Deliver the newest late frame that has arrived by substep ``now``."""
-        self.detections, self.late = _arrived(self.late, now, self.detections)
+        """Deliver the newest late picture that has arrived by substep ``now``."""
+        self.picture, self.late = _arrived(self.late, now, self.picture)
 
 
 @njit(cache=True)
@@ -164,7 +171,7 @@ class Camera:
     def take(
         self, state: CameraState, frame: Frame, arm: Array, cubes: Iterable[ObjectState], solids: Solids, agents: Array
     ) -> None:
-        """Replace the newest frame; ``arm``: its frames (11, 4, 4)."""
+        """Replace the newest picture; ``arm``: its frames (11, 4, 4)."""
         found, T_hand = [], arm[HAND]
         for item in cubes:
             if item.state == "held":
@@ -175,7 +182,7 @@ class Camera:
                 found.append(self._detect(state.rng, frame, T_hand, at))
         if self._false and state.rng.random() < self._false:
             found.append(self._detect(state.rng, frame, T_hand, self._false_detection(state.rng, T_hand)))
-        state.detections = tuple(found)
+        state.picture = Picture(frame[0], tuple(found))
 
     def _false_detection(self, rng: np.random.Generator, T_hand: Array) -> _Seen:
         """A false detection, uniform over distance and solid angle in the view cone."""

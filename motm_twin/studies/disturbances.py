@@ -52,7 +52,7 @@ CAUSES: dict[str, tuple[str, ...]] = {  # kinds of findings that name a fault
     "lidar_nan": ("scan_bad",),
     "lidar_noise": ("scan_noisy",),
     "lidar_delay": ("scan_old", "scan_bad"),
-    "camera_off": ("camera_lost",),
+    "camera_off": ("camera_late",),
     "camera_delay": ("camera_late",),
     "camera_ghost": ("camera_ghost", "camera_twice", "camera_unknown"),
     "camera_swap": ("camera_swap",),

@@ -135,6 +135,16 @@ def test_one_silent_sensor_is_enough_to_stop(router, scene, silent):
     assert f"stopped: the newest {names[silent]} is" in reasons[-1]
 
 
+def test_a_camera_that_falls_silent_is_told_also_when_it_had_shown_nothing(router, scene):
+    """Pictures that show nothing were not sent, so nobody could tell them from a camera that is off."""
+    with running_robot(router, scene) as robot, driven(router, scene) as twin:
+        shown = [twin.advance() for _ in range(20)]
+        robot.muted = frozenset({"detections"})
+        silent = [twin.advance() for _ in range(10)]
+    assert not shown[-1].observation.detections and shown[-1].stop_reason == ""
+    assert silent[-1].stop_reason.startswith("the camera's newest picture is")
+
+
 def test_what_a_waiting_twin_lacks_is_told(router, scene):
     keys, life = PlantKeys("frankie"), {"version": VERSION, "life": "1"}
     link = RobotLink(router.session, "frankie")

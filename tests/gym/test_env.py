@@ -103,6 +103,22 @@ def test_what_is_observed_under_any_fault_is_within_the_space():
             assert env.observation_space.contains(observed), kind
 
 
+def test_the_pose_is_the_one_that_the_robot_believes_and_looking_changes_nothing():
+    """Where localisation had jumped, targets were observed beside their places."""
+    env = begun(seed=1)
+    for _ in range(40):
+        env.step(zeros(env))
+    env.twin.post(InjectFault(fault="pose_jump", seconds=4.0, amount=0.5))
+    for _ in range(40):
+        env.step(zeros(env))
+    before = env.twin.state_hash()
+    believed, reported = env.twin.loop.believed(), env.twin.plant.observe()
+    assert env.twin.state_hash() == before
+    np.testing.assert_array_equal(env.view.observation.pose, believed.pose)
+    true = env.twin.plant.truth().pose
+    assert np.hypot(*(reported.pose - true)[:2]) > 0.4 and np.hypot(*(believed.pose - true)[:2]) < 0.1
+
+
 def test_beams_that_say_nothing_are_no_return_and_hide_none_of_their_sector():
     env = begun()
     scan, reader = env.twin.plant.observe().scan, ObservationReader(env.twin.loop.known.robot, 4)

@@ -59,6 +59,16 @@ def test_a_box_is_occupied_after_one_scan_and_gone_within_300_ms_of_being_seen_f
     assert occupied_near(world, body) == 0
 
 
+def test_a_map_is_the_same_after_a_month(known):
+    """Its times were kept in 32 bits of milliseconds, which are over after 24.9 days."""
+    month, body = 30.0 * 86400.0, box(2.0, -0.5)
+    first, second = Mapper(known), Mapper(known)
+    for turn in range(45):
+        bodies = [body] if turn < 40 else [box(1.0, 2.5)]
+        now, later = look(first, turn * PERIOD, bodies), look(second, month + turn * PERIOD, bodies)
+        np.testing.assert_array_equal(now.occupied, later.occupied)
+
+
 def test_the_mapped_table_is_never_cleared_though_beams_pass_under_it(mapper):
     for turn in range(60):
         world = look(mapper, turn * PERIOD, [], pose=(1.0, 1.5, 0.0))

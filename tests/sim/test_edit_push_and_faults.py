@@ -149,8 +149,9 @@ def test_without_camera_nothing_is_detected_until_it_is_back():
     plant.step(0.1)
     assert plant.truth().faults == ("camera off for 0.4 s",)
     assert plant.observe().detections == ()
+    assert plant.observe().camera_stamp == pytest.approx(0.05)  # no picture shows that nothing is there
     plant.step(0.5)
-    assert plant.observe().detections[0].stamp == pytest.approx(plant.time)
+    assert plant.observe().detections[0].stamp == plant.observe().camera_stamp == pytest.approx(plant.time)
 
 
 @pytest.mark.parametrize("delay", [0.0, 0.2, 0.33, 1.0])
