@@ -11,7 +11,7 @@ from collections.abc import AsyncGenerator, Awaitable, Callable, Iterator
 from contextlib import aclosing, asynccontextmanager, suppress
 from functools import partial, wraps
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypeGuard, TypeVar
 
 import msgspec
 import zenoh
@@ -181,7 +181,9 @@ class Twin(Commanding[commands.Answer]):
         if not answer.ok:
             raise commands.Refused(answer.reason)
         run = max((each.run for each in (before, shown) if each is not None), default=-1)  # a status may come late
-        if begins_run(command, before):
+        if _leaps_ahead(command, before, shown):
+            self._wait_steps(run, command.index, answer.server_time)
+        elif begins_run(command, before):
             self._wait_run(run, answer.server_time)
         elif isinstance(command, commands.Step):
             self._wait_steps(run, answer.index + command.count, answer.server_time)
@@ -343,6 +345,14 @@ def begins_run(command: commands.Command, status: messages.StatusMessage | None)
     if isinstance(command, commands.Play):
         return status is not None and status.state == "done"
     return isinstance(command, commands.Load | commands.Seed | commands.Reset | commands.Branch | commands.UndoBranch)
+
+
+def _leaps_ahead(
+    command: commands.Command, status: messages.StatusMessage | None, tick: messages.TickMessage | None
+) -> TypeGuard[commands.Branch]:
+    """True for a branch to a later period of a recording, which goes on in the run that is shown."""
+    recorded = status is not None and status.plant == "recording"
+    return recorded and isinstance(command, commands.Branch) and tick is not None and tick.index <= command.index
 
 
 T = TypeVar("T")

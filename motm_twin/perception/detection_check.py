@@ -48,7 +48,7 @@ class DetectionSettings(msgspec.Struct, frozen=True, kw_only=True):
         float, Number("m", OWN, "sd of a place at which nobody wonders where the object is found, or misses it")
     ] = 0.05
     recent: Annotated[float, Number("s", OWN, "within which it was seen last")] = 2.0
-    late: Annotated[float, Number("s", OWN, "age of the newest picture or detection, and in view without a report")] = 0.3
+    late: Annotated[float, Number("s", OWN, "age of the newest picture, and in view without a report")] = 0.3
     told: Annotated[float, Number("s", OWN, "that a wrong report is told")] = 0.5
     association: AssociationSettings = AssociationSettings()
 

@@ -101,7 +101,7 @@ class CameraState:
     """Noise, the newest picture, and pictures that are on their way."""
 
     rng: np.random.Generator
-    picture: Picture = Picture()
+    picture: Picture = field(default_factory=Picture)
     late: list[tuple[int, Picture]] = field(default_factory=list)  # substep of arrival, picture
 
     def delay(self, arrival: int, previous: Picture) -> None:

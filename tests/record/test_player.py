@@ -15,6 +15,7 @@ from motm_twin.bus.client import NoSession, TwinClient
 from motm_twin.bus.commands import AddObstacle, Branch, Envelope, Load, Pause, Play, Reset, Speed, Step
 from motm_twin.bus.connection import open_client
 from motm_twin.bus.messages import EventsMessage
+from motm_twin.client import connect
 from motm_twin.model.plant import PERIOD
 from motm_twin.model.scene_file import load_scene
 from motm_twin.record import channels as ch
@@ -118,6 +119,16 @@ def test_steps_and_leaps_keep_a_past_that_readers_can_look_back_at(client):
         if index == 10:
             tick = client.tick()
             assert (tick.run, tick.began, tick.first, tick.past) == (run + 1, began, 10, run)
+
+
+def test_a_program_that_leaps_ahead_in_a_recording_goes_on_when_it_is_there(path):
+    """It waited two minutes for another run: a recording goes on in the one that is shown."""
+    with PlayerServer(path, twin="again", playback=Playback(playing=False)) as server:
+        with connect(server.endpoint, "again") as twin:
+            until(lambda: twin.latest_tick() is not None, "nothing")
+            for index in (30, 50, 10, 20):
+                twin.branch(index)
+                assert twin.latest_tick().index == index
 
 
 def test_a_leap_into_another_run_of_the_file_begins_a_run_with_its_scene_and_map(path, tmp_path, monkeypatch):
