@@ -169,7 +169,8 @@ class ControlLoop(Stateful[LoopState]):
 
     def believed(self) -> Observation:
         """The observation that the next period will believe; nothing is changed by asking."""
-        parts: tuple[HasState, ...] = (self.self_check, self.response, self.tracker)
+        every = self.parts()
+        parts = [every[name] for name in ("self_check", "response", "tracker")]
         before = [part.snapshot() for part in parts]
         observation = self._observed(self.plant.observe())
         for part, state in zip(parts, before, strict=True):
