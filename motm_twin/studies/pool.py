@@ -12,17 +12,19 @@ import time
 import warnings
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import nullcontext
+from contextlib import nullcontext, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import joblib
+import msgspec
 from joblib.externals.loky.process_executor import TerminatedWorkerError
 from rich.console import Console
 
-from motm_twin.perf.report import Limit, Report, conclude
+from motm_twin.perf.report import Limit, Report, conclude, plain
 from motm_twin.processes import deaf
+from motm_twin.sessions.session import SOURCE, made_with
 from motm_twin.studies.spec import Job, TrialSpec, job_of, run_job
 
 BACKENDS = ("loky", "ray")
@@ -93,20 +95,51 @@ def outcomes(
         waiting = [index for index in waiting if index not in done]
 
 
+class Kept:
+    """Results by name, one per line of a file: a bench that was broken off goes on where it ended.
+
+    Those of another source are dropped, and so is a line that was cut.
+    """
+
+    def __init__(self, file: Path) -> None:
+        self._file, self._source = file, made_with()[SOURCE]
+        lines = file.read_bytes().splitlines(keepends=True) if file.is_file() else []
+        self.results: dict[str, dict[str, Any]] = {}
+        for line in lines:
+            with suppress(msgspec.DecodeError):
+                source, name, result = msgspec.json.decode(line, type=tuple[str, str, dict[str, Any]])
+                if source == self._source:
+                    self.results[name] = result
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_bytes(b"".join(self._line(name, result) for name, result in self.results.items()))
+
+    def add(self, name: str, result: dict[str, Any]) -> None:
+        """Keep a result."""
+        self.results[name] = plain(result)
+        with self._file.open("ab") as file:
+            file.write(self._line(name, self.results[name]))
+
+    def _line(self, name: str, result: dict[str, Any]) -> bytes:
+        return msgspec.json.encode((self._source, name, result)) + b"\n"
+
+
 def told_outcomes(
-    call: Callable[..., Any], items: Sequence[Any], workers: int, console: Console,
+    call: Callable[..., dict[str, Any]], items: Sequence[Any], workers: int, console: Console, kept: Kept,
     about: Callable[[Any], str], verdict: Callable[[Any], str],
-) -> list[Any]:  # fmt: skip
+) -> list[dict[str, Any]]:  # fmt: skip
     """Outcomes on this machine in the order of the items, without those that are lost; each is told as it is done."""
-    found = {}
-    for done, (index, outcome) in enumerate(outcomes(call, items, local_pool(workers)), 1):
-        said = f"  {done}/{len(items)} {about(items[index])}"
+    names = [about(item) for item in items]
+    missing = [item for item, name in zip(items, names, strict=True) if name not in kept.results]
+    if len(missing) < len(items):
+        console.print(f"  {len(items) - len(missing)} of {len(items)} are known")
+    for done, (index, outcome) in enumerate(outcomes(call, missing, local_pool(workers)), 1):
+        said = f"  {done}/{len(missing)} {about(missing[index])}"
         if isinstance(outcome, Lost):
             console.print(f"{said}: lost, {outcome.reason}", style="red", markup=False)
         else:
-            found[index] = outcome
+            kept.add(about(missing[index]), outcome)
             console.print(f"{said}: {verdict(outcome)}", markup=False)
-    return [found[index] for index in sorted(found)]
+    return [kept.results[name] for name in names if name in kept.results]
 
 
 def _round(

@@ -76,6 +76,24 @@ def test_situations_are_run_and_make_one_table(tmp_path, short, console):
     assert "turns" in console.export_text()
 
 
+def test_what_was_run_before_is_not_run_again(tmp_path, short, console):
+    """Broken off after 42 of 150 trials, it had kept nothing."""
+    bench_people(["turns"], ["fast"], 1, 1, tmp_path, console)
+    kept, report = tmp_path / "people.jsonl", tmp_path / "people.json"
+    first = json.loads(report.read_text(encoding="utf-8"))
+    line = kept.read_bytes()
+    kept.write_bytes(line.replace(b"turns", b"group") + line + line[:40])  # another case, this one, one that was cut
+    bench_people(["turns"], ["fast"], 1, 1, tmp_path, console)
+    again = json.loads(report.read_text(encoding="utf-8"))
+    assert (again["rows"], again["whole"]) == (first["rows"], first["whole"])
+    said = console.export_text()
+    assert "1 of 1 are known" in said and said.count("turns seed 0 fast") == 1
+    assert len(kept.read_bytes().splitlines()) == 2
+    kept.write_bytes(line.replace(line.split(b'"')[1], b"another source"))
+    bench_people(["turns"], ["fast"], 1, 1, tmp_path, console)
+    assert "turns seed 0 fast" in console.export_text()
+
+
 @pytest.mark.parametrize(
     ("options", "said"), [("--situations circus", "circle"), ("--methods nobody", "nobody"), ("--trials 0", "0 trials")]
 )
