@@ -21,9 +21,8 @@ BESIDE = 0.25  # [m] objects this near may be in the way of a hand that grasps
 OVER_TARGET = 0.13  # [m] furniture higher than this above a target is a wall: the hand may not get over it
 TALL_TARGET = 0.35  # [m] tall walls, which the arm never reaches over, are higher than this above a target
 TALL_MOUNT = 0.55  # [m] above its mount: the shoulder is at 0.33, and reaches down over what is lower
-OVER_RIM = 0.055  # [m] of a held object over the bin's rim
 STRETCHED = 0.02  # [m] further than it hovers, for the grasp itself
-LET_GO_NEARER = 0.06  # [m] than over a bin's centre
+LET_GO_NEARER = 0.06  # [m] than over a bin's centre, where the bin is wide enough
 NEAR = 1.5  # [m] further from a target no arm has its mount
 TABLE = 0.3  # [m] lower things do not carry objects
 
@@ -61,13 +60,12 @@ class Targets:
                 tolerance=task.tolerance,
             )
         if isinstance(task, Pick):
-            kind, name = "pick", task.object
-            position = self.tracker.world_position(name, observation)[:2]
+            kind, name, top = "pick", task.object, float(self.objects[task.object].position[2])
+            position, reach = self.tracker.world_position(name, observation)[:2], self._reach_of_pick(top)
         else:
-            kind, name = "place", task.bin
-            position = np.array(self.bins[name].centre)
-        top = self.objects[name].position[2] if kind == "pick" else self.bins[name].rim_z
-        walls, tall = self._walls(position, float(top))
+            kind, name, top = "place", task.bin, self.bins[task.bin].rim_z
+            position, reach = np.array(self.bins[name].centre), self._reach_of_place(self.bins[name])
+        walls, tall = self._walls(position, top)
         return Target(
             kind=kind,
             name=name,
@@ -75,16 +73,20 @@ class Targets:
             walls=walls,
             tall=tall,
             dwell=self._reach.dwell(kind) if dwell is None else dwell,
-            reach=self._reach_at(kind, float(top)),
+            reach=reach,
         )
 
-    def _reach_at(self, kind: str, top: float) -> float:
-        """Reach [m] of the hand, tilted outwards, over an object's middle or a bin's rim at this height [m]."""
-        p, place = self._arm, kind == "place"
-        height = top + OVER_RIM * place - self.known.robot.arm.mount_z
-        return reach_radius(height, p.place_tilt if place else p.pick_tilt, p.stretch) + (
-            LET_GO_NEARER if place else STRETCHED
-        )
+    def _reach_of_pick(self, middle: float) -> float:
+        """Reach [m] of the hand, tilted outwards, to an object with its middle at this height [m]."""
+        p = self._arm
+        return reach_radius(middle - self.known.robot.arm.mount_z, p.pick_tilt, p.stretch) + STRETCHED
+
+    def _reach_of_place(self, place: Bin) -> float:
+        """Reach [m] of the hand, tilted outwards, to the middle of a bin; the widest object may be what it holds."""
+        p, widest = self._arm, max((item.side for item in self.known.objects), default=0.0)
+        half = 0.5 * place.side - place.wall - 0.5 * widest - p.release_margin
+        over = reach_radius(place.rim_z + p.release_height - self.known.robot.arm.mount_z, p.place_tilt, p.stretch)
+        return min(over, p.place_reach) + min(LET_GO_NEARER, max(0.0, half))
 
     def _walls(self, position: Array, height: float) -> tuple[Array, Array]:
         """Edges x, y, x, y [m] of walls near a target, and of those that the arm never reaches over; (k, 4) each."""

@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 
+from motm_twin.control.arm.geometry import reach_radius
 from motm_twin.control.arm.parameters import ArmParameters
 from motm_twin.control.targets import Targets, world_in_odometry
 from motm_twin.model.known import known_world
@@ -103,3 +104,21 @@ def test_the_base_goes_nearer_to_what_is_high_for_the_hand_reaches_less_far_ther
     model = ReachModel(known.robot, ReachParameters())
     assert target.reach == pytest.approx(reach, abs=0.015)
     assert model.r_max(target) == min(ReachParameters().r_max_pick, target.reach)
+
+
+@pytest.mark.parametrize(("side", "nearer"), [(0.4, 0.06), (0.24, 0.035), (0.17, 0.0)])
+def test_the_base_goes_nearer_to_a_bin_that_is_so_narrow_that_all_falls_into_its_middle(tmp_path, side, nearer):
+    """Before a bin of 17 cm it stood 5 cm too far for 30 s, and the hand waited at the end of its reach."""
+    path = tmp_path / "narrow.yaml"
+    path.write_text(
+        "format: motm-scene/1\ntitle: narrow\nstart: {x: 0.0, y: 0.0, heading_deg: 0}\nfurniture:\n"
+        "  table: {shape: box, centre: [2.0, 0.0], size: [0.8, 1.6], z: [0.0, 0.6], style: table}\n"
+        "objects:\n  cube: {surface: table, at: [2.1, 0.0], yaw_deg: 0, side: 0.04}\n"
+        f"bins:\n  narrow: {{at: [0.0, 3.0], side: {side}, rim_z: 0.72, floor_z: 0.6}}\n"
+        "tasks:\n  - pick: cube\n  - {place: narrow}\n"
+    )
+    scene, p = load_scene(str(path), None, 0), ArmParameters()
+    known, observation = known_world(scene), SimulatedPlant(scene).observe()
+    targets = Targets(known, ObjectTracker(known), ReachParameters(), p)
+    hover = reach_radius(0.72 + p.release_height - known.robot.arm.mount_z, p.place_tilt, p.stretch)
+    assert targets.base_target(Place(bin="narrow"), observation, None).reach == pytest.approx(hover + nearer)
