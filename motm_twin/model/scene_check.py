@@ -8,7 +8,7 @@ impossible; one that passes may still be hard, or impossible, too.
 import itertools
 import math
 from collections.abc import Iterator
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from shapely.geometry import LineString, Polygon, box
@@ -23,12 +23,20 @@ from motm_twin.model.names import hint
 from motm_twin.model.plant import SLOW_AGE
 from motm_twin.model.profile import READY
 from motm_twin.model.scene import Agent, Bin, DriveTo, Pick, Place, Point, Scene, SceneObject, Solid
-from motm_twin.model.scene_shapes import base_outline, bin_solid, outline, rectangle, surface
+from motm_twin.model.scene_shapes import REST, base_outline, bin_solid, covers, outline, rectangle, surface
 from motm_twin.model.scene_yaml import Node
 
 TOUCH = 1e-3  # [m] bodies may overlap by this much: rounding of the numbers in a file
 MAX_EXTENT = 60.0  # [m] side of the map
 FINGER_ROOM = 0.01  # [m] the open gripper must be wider than the cube by this
+LOW_FLOOR = 0.2  # [m] a bin with its floor so low stands on the room's floor: baskets have feet and thick bottoms
+
+
+def check_file(scene: Scene, root: Node) -> None:
+    """Raise SceneError for the first thing that cannot be right in a file, with its slots as a run draws them."""
+    check_scene(scene, root)
+    check_support(scene, root)
+    check_filling(scene, root)
 
 
 def check_scene(scene: Scene, root: Node) -> None:
@@ -131,6 +139,38 @@ def check_bin(scene: Scene, item: Bin, node: Node) -> None:
         )
 
 
+def check_support(scene: Scene, root: Node) -> None:
+    """The middle of every bin is over something that it stands on."""
+    for item in scene.bins:
+        under = [s for s in scene.solids if s.z_max <= item.floor_z + TOUCH and covers(s.shape, item.centre)]
+        highest_one = max(under, key=lambda solid: solid.z_max, default=None)
+        if item.floor_z <= (LOW_FLOOR if highest_one is None else max(LOW_FLOOR, highest_one.z_max + REST)):
+            continue
+        below = "the floor" if highest_one is None else f"'{highest_one.name}', {highest_one.z_max:g} m high"
+        raise root.at("bins", item.name).error(
+            f"it floats: its floor_z is {item.floor_z:g} m, and under its middle is {below}: move it over its stand, "
+            "or lower floor_z and rim_z"
+        )
+
+
+def check_filling(scene: Scene, root: Node) -> None:
+    """The cubes that the tasks put into a bin have no more volume than it has up to its rim."""
+    sides = {item.name: item.side for item in scene.objects}
+    held, volumes = "", {item.name: 0.0 for item in scene.bins}
+    for task in scene.tasks:
+        if isinstance(task, Pick):
+            held = task.object
+        elif isinstance(task, Place):
+            volumes[task.bin] += sides[held] ** 3
+    for item in scene.bins:
+        room = (item.side - 2.0 * item.wall) ** 2 * (item.rim_z - item.floor_z)
+        if volumes[item.name] > room:
+            raise root.at("bins", item.name).error(
+                f"{1e3 * volumes[item.name]:.2g} litres of cubes go into it, up to its rim it holds {1e3 * room:.2g}: "
+                "make it larger, or put less into it"
+            )
+
+
 def _overlapping(scene: Scene, shape: BaseGeometry, low: float, high: float) -> Iterator[Solid]:
     """Furniture that overlaps a shape between two heights [m]."""
     for solid in scene.solids:
@@ -155,12 +195,24 @@ def _surface(scene: Scene, node: Node) -> str:
 
 def check_object(scene: Scene, item: SceneObject, root: Node) -> None:
     """A cube fits the gripper, rests wholly on a surface, and is inside nothing."""
-    node = object_node(root, item.name)
     widest = scene.robot.gripper.max_width - FINGER_ROOM
     if item.side > widest:
         raise _side_node(root, item.name).error(
             f"a cube of {item.side:g} m is too wide for the gripper: at most {widest:.3g} m"
         )
+    _check_rest(scene, item, object_node(root, item.name))
+
+
+def check_slot(scene: Scene, item: SceneObject, node: Node) -> None:
+    """A cube on a slot would rest on its surface, in the open: in no bin, and under nothing."""
+    _check_rest(scene, item, node)
+    _check_out_of_bins(scene, item, node)
+    if scene.robot.has_arm:
+        _check_cube_cover(scene, item, node)
+
+
+def _check_rest(scene: Scene, item: SceneObject, node: Node) -> None:
+    """A cube rests wholly on a surface, and is inside no furniture."""
     x, y, z = item.position
     square, bottom, top = cube_outline(item), z - item.side / 2.0, z + item.side / 2.0
     under = [outline(s.shape) for s in scene.solids if abs(s.z_max - bottom) <= TOUCH]
@@ -179,21 +231,26 @@ def check_pairs(scene: Scene, root: Node) -> None:
     """No two cubes or bins are in the same place, and no names are shared."""
     for index, item in enumerate(scene.objects):
         node, square = object_node(root, item.name), cube_outline(item).buffer(-TOUCH / 2.0)
-        bottom, top = item.position[2] - item.side / 2.0, item.position[2] + item.side / 2.0
         for other in scene.objects[:index]:
             if other.name == item.name:
                 raise node.error(f"two objects are called '{item.name}': rename one")
             level = abs(other.position[2] - item.position[2]) < (item.side + other.side) / 2.0 - TOUCH
             if level and cube_outline(other).intersects(square):
                 raise node.at("at").error(f"it overlaps the object '{other.name}': move one of them")
-        for other in scene.bins:
-            if bottom < other.rim_z and top > other.floor_z and bin_outline(other).intersects(square):
-                raise node.at("at").error(f"it is in the bin '{other.name}' or its wall: move one of them")
+        _check_out_of_bins(scene, item, node)
     for index, item in enumerate(scene.bins):
         for other in scene.bins[:index]:
             level = item.floor_z < other.rim_z and other.floor_z < item.rim_z
             if level and bin_outline(item).buffer(-TOUCH).intersects(bin_outline(other)):
                 raise root.at("bins", item.name, "at").error(f"it overlaps the bin '{other.name}': move one of them")
+
+
+def _check_out_of_bins(scene: Scene, item: SceneObject, node: Node) -> None:
+    square = cube_outline(item).buffer(-TOUCH / 2.0)
+    bottom, top = item.position[2] - item.side / 2.0, item.position[2] + item.side / 2.0
+    for other in scene.bins:
+        if bottom < other.rim_z and top > other.floor_z and bin_outline(other).intersects(square):
+            raise node.at("at").error(f"it is in the bin '{other.name}' or its wall: move one of them")
 
 
 def check_tasks(scene: Scene, root: Node) -> None:
@@ -340,15 +397,23 @@ def highest(scene: Scene, tilt: float) -> float:
     return scene.robot.arm.mount_z + SHOULDER + STRAIGHT - TOOL * math.cos(tilt) + WRIST * math.sin(tilt)
 
 
-def free_space(scene: Scene) -> Any:
-    """Places that the base frame can reach from the start, for the disc inscribed in the footprint."""
+class FreeSpace(NamedTuple):
+    """Places of the base frame where the disc inscribed in the footprint is free."""
+
+    everywhere: BaseGeometry
+    reached: BaseGeometry  # from the start
+    radius: float  # [m] of the disc
+
+
+def free_space(scene: Scene) -> FreeSpace:
+    """Free places of the base in a scene."""
     body = scene.robot.footprint
     radius = min(body.width / 2.0, body.length / 2.0 - abs(body.offset_x))
     walls = unary_union([outline(solid.shape) for solid in blocking(scene, scene.robot.driving_top)])
     free = box(*scene.bounds).difference(walls.buffer(radius - TOUCH))
     start = ShapelyPoint(scene.start[:2])
     parts = getattr(free, "geoms", [free])
-    return min(parts, key=start.distance)
+    return FreeSpace(free, min(parts, key=start.distance), radius)
 
 
 def check_reach(scene: Scene, root: Node) -> None:
@@ -360,8 +425,7 @@ def check_reach(scene: Scene, root: Node) -> None:
             _check_target(
                 scene, free, ("object", i.name, i.position), (reach(scene, i.position[2], PICK_TILT), top), node
             )
-            bottom = i.position[2] - i.side / 2.0
-            _check_cover(scene, cube_outline(i), (bottom, bottom + i.side), PICK_TILT, node)
+            _check_cube_cover(scene, i, node)
         for i in scene.bins:
             node, far = root.at("bins", i.name), reach(scene, i.rim_z, PLACE_TILT) + 0.5 * i.side
             _check_target(scene, free, ("bin", i.name, (*i.centre, i.rim_z)), (far, highest(scene, PLACE_TILT)), node)
@@ -372,7 +436,7 @@ def check_reach(scene: Scene, root: Node) -> None:
 
 
 def _check_target(
-    scene: Scene, free: Any, target: tuple[str, str, tuple[float, ...]], limits: tuple[float, float], node: Node
+    scene: Scene, free: FreeSpace, target: tuple[str, str, tuple[float, ...]], limits: tuple[float, float], node: Node
 ) -> None:
     """A target (kind, name, position) is not too high, and near enough to some place of the base.
 
@@ -384,20 +448,34 @@ def _check_target(
             f"the {kind} '{name}' is unreachable: {z:.2f} m high, the arm reaches up to {top:.2f} m with the gripper "
             "pointing down"
         )
-    if ShapelyPoint(x, y).distance(free) > radius + math.hypot(arm.mount_x, arm.mount_y):
+    far = radius + math.hypot(arm.mount_x, arm.mount_y)
+    if ShapelyPoint(x, y).distance(free.everywhere) <= far < ShapelyPoint(x, y).distance(free.reached):
+        raise node.error(
+            f"the {kind} '{name}' is unreachable: there is a free base position near it, but {_no_way(free)}"
+        )
+    if ShapelyPoint(x, y).distance(free.reached) > far:
         raise node.error(
             f"the {kind} '{name}' is unreachable: no free base position within {radius:.2f} m of the arm; "
             "move it towards an edge or make room"
         )
 
 
+def _no_way(free: FreeSpace) -> str:
+    return f"no way to it from the start: make a passage wider than {2.0 * free.radius:g} m"
+
+
+def _check_cube_cover(scene: Scene, item: SceneObject, node: Node) -> None:
+    bottom = item.position[2] - item.side / 2.0
+    _check_cover(scene, cube_outline(item), (bottom, bottom + item.side), PICK_TILT, node)
+
+
 def _check_cover(scene: Scene, target: Polygon, heights: tuple[float, float], tilt: float, node: Node) -> None:
-    """No furniture is over all of a target so low that fingers at it, or the tool above them, would be in it.
+    """No furniture or bin is over all of a target so low that fingers at it, or the tool above them, would be in it.
 
     ``heights`` [m]: of the fingertips at least, and of the target's top.
     """
     low, top = heights
-    for solid in scene.solids:
+    for solid in (*scene.solids, *map(bin_solid, scene.bins)):
         over = solid.z_min - low
         if solid.z_min < top - TOUCH or over >= TOOL * math.cos(tilt):
             continue
@@ -409,12 +487,13 @@ def _check_cover(scene: Scene, target: Polygon, heights: tuple[float, float], ti
             )
 
 
-def _check_goal(scene: Scene, task: DriveTo, free: Any, node: Node) -> None:
-    if ShapelyPoint(task.point).distance(free) > TOUCH:
-        raise node.error(
-            f"the robot cannot get to ({task.point[0]:g}, {task.point[1]:g}): it is in or too close to furniture, "
-            "or shut off from the start"
-        )
+def _check_goal(scene: Scene, task: DriveTo, free: FreeSpace, node: Node) -> None:
+    goal = ShapelyPoint(task.point)
+    if goal.distance(free.reached) > TOUCH:
+        why = "it is in or too close to furniture: move it"
+        if goal.distance(free.everywhere) <= TOUCH:
+            why = f"there is room for the base, but {_no_way(free)}"
+        raise node.error(f"the robot cannot get to ({task.point[0]:g}, {task.point[1]:g}): {why}")
     if task.heading is None:
         return
     body = base_outline((*task.point, task.heading), scene.robot.footprint)

@@ -6,7 +6,8 @@ The format is documented in ``docs/scenes.md``; its types are in ``scene_format.
 import dataclasses
 import difflib
 import importlib
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from numbers import Integral
 from pathlib import Path
 
@@ -16,7 +17,7 @@ from motm_twin.model.assets import scenes_dir
 from motm_twin.model.bounds import SEED
 from motm_twin.model.names import SceneError, hint
 from motm_twin.model.scene import Scene
-from motm_twin.model.scene_check import check_scene
+from motm_twin.model.scene_check import check_file, check_scene, check_slot
 from motm_twin.model.scene_format import FORMAT, SceneFile
 from motm_twin.model.scene_resolve import Resolver
 from motm_twin.model.scene_yaml import MAX_BYTES, Node, check_types, parse_yaml, show
@@ -276,22 +277,66 @@ def check_all(name_or_path: str) -> tuple[Scene, ...]:
 def check_document(document: Document) -> tuple[Scene, ...]:
     """Every variant of a document, resolved and checked; raises SceneError for the first that is wrong.
 
-    Slots that another seed would draw are checked, too.
+    Slots that another seed would draw are checked, too, and so are those that nothing uses.
     """
     scenes = []
     for variant in document.variants() or [None]:
         scenes.append(_resolve(document, variant, None))
         root, chosen = with_variant(document, variant)
-        for drawn in Resolver(root, None).draws():
-            check_scene(Resolver(root, None, drawn).scene(document.name, chosen), root)
+        with _naming(document, chosen):
+            for drawn in Resolver(root, None).draws():
+                check_scene(Resolver(root, None, drawn).scene(document.name, chosen), root)
+    _check_slots(document)
     return tuple(scenes)
+
+
+def _check_slots(document: Document) -> None:
+    """Every slot could hold a cube in some variant; raises SceneError for the first that could not."""
+    good, wrong = set(), {}
+    for variant in document.variants() or [None]:
+        root, chosen = with_variant(document, variant)
+        resolver = Resolver(root, None)
+        scene = resolver.scene(document.name, chosen)
+        for name in resolver.slots:
+            node = root.at("slots", name)
+            definition = (node.file, node.line, node.place)
+            try:
+                check_slot(scene, resolver.cube_on(name), node)
+                good.add(definition)
+            except SceneError as error:
+                wrong.setdefault(definition, error)
+    for definition, error in wrong.items():
+        if definition not in good:
+            raise error
 
 
 def _resolve(document: Document, variant: str | None, seed: int | None) -> Scene:
     if seed is not None and (not isinstance(seed, Integral) or SEED.refusal("seed", seed)):
         raise SceneError(f"the seed must be a whole number from 0 to 2^63 - 1, got {seed!r}", file=document.file)
     root, chosen = with_variant(document, variant)
-    resolver = Resolver(root, seed)
-    scene = resolver.scene(document.name, chosen)
-    check_scene(scene, root)
+    with _naming(document, chosen):
+        scene = Resolver(root, seed).scene(document.name, chosen)
+        check_file(scene, root)
     return scene
+
+
+@contextmanager
+def _naming(document: Document, variant: str) -> Iterator[None]:
+    """A refusal names the variant, unless its place does, or the scene without variants is refused alike."""
+    try:
+        yield
+    except SceneError as error:
+        if not variant or error.place.startswith(f"variants.{variant}.") or str(error) == _problem_alone(document):
+            raise
+        problem = f"{error.problem} (in the variant '{variant}')"
+        raise SceneError(problem, file=error.file, line=error.line, place=error.place) from error
+
+
+def _problem_alone(document: Document) -> str:
+    """The refusal of a scene without its variants."""
+    kept = {key: node for key, node in document.root.value.items() if key not in ("variants", "default_variant")}
+    try:
+        _resolve(dataclasses.replace(document, root=dataclasses.replace(document.root, value=kept)), None, None)
+    except SceneError as error:
+        return str(error)
+    return ""

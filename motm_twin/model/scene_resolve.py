@@ -136,12 +136,15 @@ class Resolver:
         objects: list[SceneObject] = []
         tasks: list[Task] = []
         for index, slot_name in enumerate(self._slot_names(deliver.slots, node)):
-            slot = self.slots[slot_name]
-            top = self.surface(slot.surface, self.root.at("slots", slot_name, "surface")).z_max
-            name = f"cube_{slot_name}"
-            objects.append(_cube(name, slot, top, deliver))
-            tasks += [resolved.Pick(object=name), resolved.Place(bin=deliver.to[index % len(deliver.to)])]
+            objects.append(self.cube_on(slot_name))
+            tasks += [resolved.Pick(object=objects[-1].name), resolved.Place(bin=deliver.to[index % len(deliver.to)])]
         return tuple(objects), tuple(tasks)
+
+    def cube_on(self, slot_name: str) -> SceneObject:
+        """The cube that a slot would hold; without `deliver`, one of the usual size."""
+        slot = self.slots[slot_name]
+        top = self.surface(slot.surface, self.root.at("slots", slot_name, "surface")).z_max
+        return _cube(f"cube_{slot_name}", slot, top, self.file.deliver or fmt.DeliverFile())
 
     def draws(self) -> list[list[str]]:
         """Slots that may be drawn, together if several are; none when they are named."""

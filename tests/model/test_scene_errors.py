@@ -51,6 +51,10 @@ BENCH = """\
   back: {shape: box, centre: [1.6, -3.3], size: [1.0, 0.1], z: [0.6, 0.9], group: bench}
 """
 
+B = "  B: {surface: table, at: [1.6, -0.3]}"
+TRAY = "tray: {at: [0.5, 2.3]"
+WORK = "  - pick: cube\n  - place: tray\n  - drive_to: {x: 0.0, y: -1.0, heading_deg: 90}\n"
+
 # name: (old text, new text, place, what the message says)
 BAD = {
     # YAML itself
@@ -130,6 +134,14 @@ BAD = {
     "a bin upside down": ("at: [0.5, 2.3]", "at: [0.5, 2.3], rim_z: 0.6", "bins.tray", "must be above the floor"),
     "a bin in the desk": ("at: [0.5, 2.3]", "at: [0.5, 2.3], floor_z: 0.5", "bins.tray", "sunk into 'desk'"),
     "a bin too narrow": ("at: [0.5, 2.3]", "at: [0.5, 2.3], side: 0.06", "bins.tray", "too narrow"),
+    "a bin on nothing": (TRAY, "tray: {at: [-1.0, -2.0]", "bins.tray", "under its middle is the floor: move it over"),
+    "a bin over an edge": (TRAY, "tray: {at: [0.5, 1.95]", "bins.tray", "it floats: its floor_z is 0.62 m, and under"),
+    "a bin above its desk": (TRAY, TRAY + ", floor_z: 0.65", "bins.tray", "under its middle is 'desk', 0.6 m high"),
+    "a bin too full": (TRAY, TRAY + ", side: 0.08, rim_z: 0.64", "bins.tray",
+                       "0.13 litres of cubes go into it, up to its rim it holds 0.072: make it larger"),
+    "an unused slot off its table": (B, B + "\n  C: {surface: table, at: [1.3, 0.3]}", "slots.C.at", "is off its surf"),
+    "an unused slot on nothing": (B, B + "\n  C: {surface: tabel, at: [1.6, 0.4]}", "slots.C.surface", "mean table?"),
+    "an unused slot in a bin": (B, B + "\n  C: {surface: desk, at: [0.5, 2.3]}", "slots.C.at", "in the bin 'tray'"),
     "a name for two things": ("  tray: {", "  table: {", "bins.table", "also used in furniture"),
     # reach
     "an unreachable cube": ("[2.0, 0.0], size: [1.0, 1.0]", "[3.5, 0.0], size: [4, 4]", "objects.other", "unreachable"),
@@ -147,8 +159,7 @@ BAD = {
     "nothing held": ("  - pick: cube\n", "", "tasks[0].place", "nothing is held"),
     "two held": ("  - place: tray", "  - pick: other", "tasks[1].pick", "'cube' is still held"),
     "a task of two kinds": ("  - place: tray", "  - {pick: other, place: tray}", "tasks[1]", "exactly one of pick"),
-    "no tasks": ("  - pick: cube\n  - place: tray\n  - drive_to: {x: 0.0, y: -1.0, heading_deg: 90}\n", "  []\n",
-                 "tasks", "at least 1 entries"),
+    "no tasks": (WORK, "  []\n", "tasks", "at least 1 entries"),
     # agents
     "a waypoint in furniture": ("[-3, 1],", "[-2.1, 0.1],", "agents.temi.waypoints[2]", "inside 'pillar'"),
     "a way through furniture": (WAYS, "[[-1, 0], [-3, 0]]", "agents.temi.waypoints[1]", "leads through 'pillar'"),
@@ -361,3 +372,72 @@ def test_a_board_so_low_that_no_hand_comes_between_is_refused(scene, board, says
         assert says in refusal(scene)
     else:
         check_all(str(scene))
+
+
+def test_a_slot_that_one_variant_only_can_use_is_good(scene):
+    text = GOOD.replace(B, B + "\n  C: {surface: shelf, at: [-1.0, -3.0]}")
+    shelf = "{shape: box, centre: [-1, -3], size: [0.6, 0.6], z: [0, 0.7]}"
+    scene.write_text(text.replace("one: {}", f"one: {{}}\n  more: {{furniture: {{shelf: {shelf}}}}}"), encoding="utf-8")
+    check_all(str(scene))
+
+
+def test_a_cube_below_a_bin_is_refused(scene):
+    """Furniture above a cube was looked for, bins were not."""
+    text = GOOD.replace(
+        "slots:\n", "  pole: {shape: cylinder, centre: [2.33, 0.07], radius: 0.02, z: [0.75, 0.86]}\nslots:\n"
+    )
+    scene.write_text(
+        text.replace("bins:\n", "bins:\n  high: {at: [2.33, 0.07], rim_z: 0.97, floor_z: 0.87}\n"), "utf-8"
+    )
+    assert "objects.other.at: the hand reaches it only from above, and 'high' is 0.07 m above it" in refusal(scene)
+
+
+@pytest.mark.parametrize(
+    ("doorway", "goal", "says"),
+    [
+        (
+            0.4,
+            "y: -1.0",
+            "bins.tray: the bin 'tray' is unreachable: there is a free base position near it, but no way to",
+        ),
+        (
+            0.4,
+            "y: 4.0",
+            "tasks[0].drive_to: the robot cannot get to (0, 4): there is room for the base, but no way to it",
+        ),
+        (0.6, "y: 4.0", ""),
+    ],
+)
+def test_a_place_behind_a_narrow_doorway_is_told_from_one_without_room(scene, doorway, goal, says):
+    """A doorway too narrow for the base was told as no free position beside the bin."""
+    wall = 6.0 - doorway / 2.0
+    walls = "".join(
+        f"  {name}: {{shape: box, centre: [{side * (6.0 - wall / 2.0)}, 1.35], size: [{wall}, 0.1], z: [0, 2]}}\n"
+        for name, side in (("left", 1.0), ("right", -1.0))
+    )
+    text = GOOD.replace("slots:\n", walls + "slots:\n").replace(TRAY, "tray: {at: [0.5, 2.8]")
+    text = text.replace("seed: 3", "bounds: [-6, -4, 6, 5]").replace("y: -1.0", goal)
+    if goal != "y: -1.0":
+        text = text.replace("  - pick: cube\n  - place: tray\n", "").replace("robot:\n", "robot:\n  arm: none\n")
+        text = text.replace("two: {deliver: {slots: [A, B], to: [tray]}}", "two: {}")
+    scene.write_text(text, encoding="utf-8")
+    if not says:
+        check_all(str(scene))
+        return
+    message = refusal(scene)
+    assert says in message
+    assert message.endswith("make a passage wider than 0.5 m")
+
+
+@pytest.mark.parametrize(
+    ("slots", "says"),
+    [
+        ("[A, B]", "deliver.slots[1]: there is no slot 'B'; there are: A (in the variant 'two')"),
+        ("[A, C]", "deliver.slots[1]: there is no slot 'C'; there are: A, B"),  # without variants, too
+    ],
+)
+def test_a_refusal_names_the_variant_that_is_the_cause(scene, slots, says):
+    """A variant took a slot away that the scene's own `deliver` used, and the message pointed at `deliver`."""
+    text = GOOD.replace("tasks:\n" + WORK, f"deliver: {{slots: {slots}, to: [tray]}}\n")
+    scene.write_text(text.replace("two: {deliver: {slots: [A, B], to: [tray]}}", "two: {slots: {B: null}}"), "utf-8")
+    assert refusal(scene).endswith(says)
