@@ -63,6 +63,13 @@ def test_scene_check_reads_standard_input(call):
     assert code == BAD_INPUT and "standard input:2" in error and "robot" in error
 
 
+def test_scene_check_goes_on_after_a_scene_that_is_wrong(call):
+    code, out, error = call("scene", "check", "line", "no_such_scene", "turn")
+    assert code == BAD_INPUT
+    assert "line: good." in out and "turn: good." in out
+    assert "no scene is called 'no_such_scene'" in error
+
+
 def test_a_run_takes_parameters_and_its_session_keeps_them(call, tmp_path):
     file = tmp_path / "turn.json"
     scene = tmp_path / "short.yaml"

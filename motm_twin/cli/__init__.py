@@ -43,34 +43,34 @@ def _serve(settings: Annotated[ServeSettings, arg(name="")]) -> int:
 
 def _scene(
     action: Positional[Literal["list", "check", "schema", "generate"]],
-    path: Annotated[Positional[str | None], arg(metavar="[SCENE]")] = None,
+    paths: Annotated[Positional[tuple[str, ...]], arg(metavar="[SCENE ...]")] = (),
     /,
     seed: Seed = None,
     difficulty: Annotated[float | None, arg(metavar="FLOAT")] = None,
     output: Annotated[Path | None, arg(aliases=["-o"], metavar="FILE")] = None,
 ) -> int:
-    """List the shipped scenes, check a scene file, print the JSON Schema of scene files, or make a new scene.
+    """List the shipped scenes, check scene files, print the JSON Schema of scene files, or make a new scene.
 
     Args:
         action: What to do.
-        path: For check: name or file of a scene; - reads standard input.
-        seed: For generate: the same seed and difficulty give the same file.
+        paths: For check: names or files of scenes; - reads standard input.
+        seed: For generate: the same seed and difficulty give the same file. (check looks at what any seed draws.)
         difficulty: For generate: from 0 (easy) to 1 (hard); 0.5 without it.
         output: For generate: the new file; without it, the scene is printed.
     """
-    from motm_twin.cli.scene import check_scene, generate_scene, list_scenes, print_schema
+    from motm_twin.cli.scene import check_scenes, generate_scene, list_scenes, print_schema
 
     if action == "generate":
-        return generate_scene(seed, difficulty, output, path)
+        return generate_scene(seed, difficulty, output, paths[0] if paths else None)
     if (seed, difficulty, output) != (None, None, None):
         raise SceneError(f"scene {action}: --seed, --difficulty and --output belong to scene generate")
     if action == "list":
         return list_scenes()
     if action == "schema":
         return print_schema()
-    if path is None:
+    if not paths:
         raise SceneError("scene check: name a shipped scene or a file to check")
-    return check_scene(path)
+    return check_scenes(paths)
 
 
 def _bench(settings: Annotated[BenchSettings, arg(name="")]) -> int:

@@ -2,6 +2,7 @@
 
 import json
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 from motm_twin.generate.scenes import DIFFICULTY, generate
@@ -29,7 +30,12 @@ def list_scenes() -> int:
     return OK
 
 
-def check_scene(name_or_path: str) -> int:
+def check_scenes(names_or_paths: Sequence[str]) -> int:
+    """Check scenes one by one; bad input if one of them is."""
+    return max([_check(name) for name in names_or_paths])
+
+
+def _check(name_or_path: str) -> int:
     """Check every variant of a scene and print what it holds, or the one thing that is wrong; "-": standard input."""
     try:
         if name_or_path == "-":
@@ -93,4 +99,4 @@ def _refuse(error: SceneError) -> int:
     return BAD_INPUT
 
 
-__all__ = ["check_scene", "generate_scene", "list_scenes", "print_schema", "schema_text"]
+__all__ = ["check_scenes", "generate_scene", "list_scenes", "print_schema", "schema_text"]

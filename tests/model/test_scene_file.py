@@ -248,14 +248,14 @@ def test_every_section_and_key_of_the_format_is_documented():
 def test_the_command_line_lists_checks_and_prints_the_schema(capsys):
     assert cli_scene.list_scenes() == 0
     assert "trial1 (default)" in capsys.readouterr().out
-    assert cli_scene.check_scene("exp1a") == 0
+    assert cli_scene.check_scenes(["exp1a"]) == 0
     assert "exp1a: good" in capsys.readouterr().out
     assert cli_scene.print_schema() == 0
     assert json.loads(capsys.readouterr().out)["title"] == "motm-twin scene"
 
 
 def test_the_command_line_ends_with_2_and_one_line_for_a_bad_scene(capsys):
-    assert cli_scene.check_scene("exp9") == 2
+    assert cli_scene.check_scenes(["exp9"]) == 2
     assert capsys.readouterr().err.count("\n") == 1
 
 
