@@ -17,6 +17,11 @@ from motm_twin.model.profile import DEG
 FORMAT = "motm-scene/1"
 MOST_TASKS = 200  # of a scene, and still to be done in a list
 UNITS = {"deg": DEG, "dps": DEG, "dps2": DEG, "mps": 1.0, "mps2": 1.0, "hz": 1.0}  # by the end of a key
+COLOURS = {  # of cubes, as page and markers draw them
+    "red": (232, 22, 28), "green": (52, 148, 82), "blue": (46, 100, 190), "yellow": (236, 190, 44),
+    "orange": (236, 130, 40), "purple": (122, 63, 160), "brown": (134, 88, 54), "white": (240, 240, 240),
+    "black": (40, 40, 40), "grey": (140, 140, 140),
+}  # fmt: skip
 
 Coordinate = Annotated[float, FARTHEST.meta]
 Height = Annotated[float, Meta(ge=0, le=5, description="[m] above the floor")]
@@ -27,7 +32,7 @@ Degrees = Annotated[float, Meta(ge=-360, le=360, description="[deg]")]
 Point = tuple[Coordinate, Coordinate]
 Name = Annotated[str, Meta(pattern="^[A-Za-z][A-Za-z0-9_-]{0,39}$")]
 Text = Annotated[str, Meta(min_length=1, max_length=200)]
-Colour = Annotated[str, Meta(pattern="^([a-z]{3,20}|#[0-9a-fA-F]{6})$")]
+Colour = Annotated[str, Meta(pattern=f"^({'|'.join(COLOURS)}|#[0-9a-fA-F]{{6}})$")]
 Seed = Annotated[int, SEED.meta]
 GraspSpeed = Annotated[float, Meta(ge=0.001, le=1, description="[m/s]")]
 CubeSide = Annotated[float, Meta(ge=0.02, le=0.2, description="[m]")]

@@ -18,6 +18,7 @@ import yaml
 from msgspec import inspect
 
 from motm_twin.model.names import SceneError, hint
+from motm_twin.model.scene_format import COLOURS
 
 MAX_BYTES = 1 << 20
 MAX_DEPTH = 24
@@ -234,14 +235,14 @@ def _advice(value: Any, info: Any) -> str:
 def _check_text(node: Node, info: inspect.StrType) -> None:
     text = node.value
     if info.pattern and not re.fullmatch(info.pattern.strip("^$"), text):
-        raise node.error(f"{show(text)} is not allowed here: {_pattern_words(info.pattern)}")
+        raise node.error(f"{show(text)} is not allowed here: {_pattern_words(info.pattern, text)}")
     if not (info.min_length or 0) <= len(text) <= (info.max_length or len(text)):
         raise node.error(f"needs {info.min_length or 0} to {info.max_length} characters, got {len(text)}")
 
 
-def _pattern_words(pattern: str) -> str:
+def _pattern_words(pattern: str, text: str) -> str:
     if "#" in pattern:
-        return "a colour is a lower-case name or '#rrggbb'"
+        return f"a colour is '#rrggbb' or a name; {hint(text, COLOURS)}"
     return "a name begins with a letter and goes on with letters, digits, _ or -, at most 40"
 
 
@@ -287,7 +288,7 @@ def _check_dict(node: Node, info: inspect.DictType) -> None:
     pattern = getattr(info.key_type, "pattern", None) or ".*"
     for key, item in node.value.items():
         if not re.fullmatch(pattern.strip("^$"), key):
-            raise item.error(f"the name {show(key)} is not allowed: {_pattern_words(pattern)}")
+            raise item.error(f"the name {show(key)} is not allowed: {_pattern_words(pattern, key)}")
         _check(item, info.value_type)
 
 

@@ -209,7 +209,7 @@ class Markers:
 
     def __init__(self) -> None:
         self._scene: Scene | None = None
-        self._colours: dict[str, str] = {}
+        self._colours: dict[str, colours.Rgb] = {}
         self._numbers: dict[tuple[str, str], int] = {}
         self._shown: set[tuple[str, int]] = set()
         self._standing: tuple[Any, list[Message]] = (None, [])  # furniture is made anew only when it was moved
@@ -217,15 +217,14 @@ class Markers:
     def show(self, scene: Scene) -> None:
         """Another scene."""
         self._scene, self._standing = scene, (None, [])
-        self._colours = {item.name: item.colour for item in scene.objects}
+        self._colours = {item.name: colours.of_cube(item.colour) for item in scene.objects}
 
     def array(self, tick: messages.TickMessage) -> Message:
         """Everything as it is at a tick, and a deletion for what is no longer there."""
         found = [*self._furniture(tick), *_placement(tick.placement)]
         grey = colours.NAMED["grey"]
         for body in tick.objects:
-            colour = colours.NAMED.get(self._colours.get(body.name, ""), grey)
-            found.append(self._body("objects", body, colour))
+            found.append(self._body("objects", body, self._colours.get(body.name, grey)))
         for space, group in (("agents", tick.agents), ("obstacles", tick.obstacles)):
             found += [self._body(space, body, _BODY_COLOURS.get(body.kind, _OBSTACLE)) for body in group]
         shown = {(marker["ns"], marker["id"]) for marker in found}

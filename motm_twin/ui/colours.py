@@ -6,6 +6,8 @@ The ground is brown where it is costly, paths are red, cyan and blue, and costs 
 import numpy as np
 from numpy.typing import NDArray
 
+from motm_twin.model.scene_format import COLOURS
+
 Rgb = tuple[int, int, int]
 
 BRAND: Rgb = (37, 99, 150)  # of the panel
@@ -21,10 +23,7 @@ REJECTED: Rgb = (158, 162, 168)
 SELECTED: Rgb = (17, 24, 39)
 OTHERS: tuple[Rgb, ...] = ((240, 140, 30), (22, 140, 90))  # two runs that are compared
 
-NAMED: dict[str, Rgb] = {
-    "red": (232, 22, 28), "green": (52, 148, 82), "blue": (46, 100, 190), "yellow": (236, 190, 44),
-    "orange": (236, 130, 40), "white": (240, 240, 240), "black": (40, 40, 40), "grey": (140, 140, 140),
-}  # fmt: skip
+NAMED: dict[str, Rgb] = COLOURS
 
 _VIRIDIS = np.array(
     [(68, 1, 84), (71, 44, 122), (59, 81, 139), (44, 113, 142), (33, 144, 141), (39, 173, 129), (92, 200, 99),
@@ -34,6 +33,14 @@ _GROUND = np.array(
     [(214, 186, 140, 0), (212, 180, 130, 70), (200, 158, 100, 110), (182, 132, 74, 140), (158, 104, 52, 160),
      (128, 76, 34, 185)], dtype=float
 )  # fmt: skip
+
+
+def of_cube(colour: str) -> Rgb:
+    """Colour of a cube by its name or as ``#rrggbb``; red for a name that no scene file may give."""
+    if colour.startswith("#"):
+        red, green, blue = bytes.fromhex(colour[1:])
+        return red, green, blue
+    return NAMED.get(colour, NAMED["red"])
 
 
 def scale(values: NDArray[np.float64]) -> NDArray[np.uint8]:

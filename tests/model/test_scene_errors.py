@@ -129,6 +129,7 @@ BAD = {
     "two cubes in one place": ("[2.4, 0.0]", "[1.63, 0.0]", "objects.other.at", "overlaps the object 'cube'"),
     "a cube in a bin": ("{z: 0.75, at: [2.4, 0.0]", "{surface: desk, at: [0.5, 2.4]", "objects.other.at", "in the bin"),
     "a cube too wide": ("yaw_deg: 20", "side: 0.09", "objects.cube.side", "too wide for the gripper"),
+    "a colour with a typo": ("yaw_deg: 20", "colour: blu", "objects.cube.colour", "or a name; did you mean blue?"),
     "cubes of slots too wide": ("to: [tray]}", "to: [tray], side: 0.08}", "variants.two.deliver.side", "too wide"),
     "a gripper too narrow": (ROBOT, ROBOT + "  gripper: {max_width: 0.045}\n", "robot.gripper.max_width", "too wide"),
     "a bin upside down": ("at: [0.5, 2.3]", "at: [0.5, 2.3], rim_z: 0.6", "bins.tray", "must be above the floor"),

@@ -59,7 +59,7 @@ class BodyView:
         """Forget the bodies of the last scene."""
         for name in list(self._bodies):
             self._remove(name)
-        self._colours = {item.name: colours.NAMED.get(item.colour, colours.NAMED["red"]) for item in scene.objects}
+        self._colours = {item.name: colours.of_cube(item.colour) for item in scene.objects}
 
     def update(self, tick: TickMessage) -> None:
         """Draw the bodies of a tick; one that is held here is drawn under the pointer."""
