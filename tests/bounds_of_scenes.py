@@ -22,7 +22,7 @@ furniture:
 objects:
   cube: {surface: table, at: [2.3, 0.75]}
 bins:
-  tray: {at: [2.0, -3.0], floor_z: 0.1}
+  tray: {at: [2.0, -3.0]}
 agents:
   guest: {waypoints: [[-5, 4], [5, 4]]}
 tasks:

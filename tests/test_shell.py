@@ -70,6 +70,14 @@ def test_scene_check_goes_on_after_a_scene_that_is_wrong(call):
     assert "no scene is called 'no_such_scene'" in error
 
 
+def test_scene_check_prints_doubts_and_finds_the_scene_good(call):
+    code, out, error = call("scene", "check", "strangers/cluttered_workbench")
+    assert (code, error) == (OK, "")
+    assert out.splitlines()[-1].startswith(
+        "doubt: scenes/strangers/cluttered_workbench.yaml:52: objects.cork.at: no room"
+    )
+
+
 def test_a_run_takes_parameters_and_its_session_keeps_them(call, tmp_path):
     file = tmp_path / "turn.json"
     scene = tmp_path / "short.yaml"

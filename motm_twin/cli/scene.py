@@ -7,7 +7,8 @@ from pathlib import Path
 
 from motm_twin.generate.scenes import DIFFICULTY, generate
 from motm_twin.model.names import SceneError
-from motm_twin.model.scene_file import check_all, check_document, text_document
+from motm_twin.model.scene_doubts import doubts
+from motm_twin.model.scene_file import check_document, load_document, text_document
 from motm_twin.model.scene_file import list_scenes as shipped_scenes
 from motm_twin.model.scene_format import json_schema
 from motm_twin.program import BAD_INPUT, OK
@@ -36,12 +37,13 @@ def check_scenes(names_or_paths: Sequence[str]) -> int:
 
 
 def _check(name_or_path: str) -> int:
-    """Check every variant of a scene and print what it holds, or the one thing that is wrong; "-": standard input."""
+    """Check every variant of a scene; print its content and doubts, or the one thing wrong; "-": standard input."""
     try:
         if name_or_path == "-":
-            scenes = check_document(text_document(sys.stdin.buffer.read(), "standard input"))
+            document = text_document(sys.stdin.buffer.read(), "standard input")
         else:
-            scenes = check_all(name_or_path)
+            document = load_document(name_or_path)
+        scenes, doubted = check_document(document), doubts(document)
     except SceneError as error:
         return _refuse(error)
     first = scenes[0]
@@ -54,6 +56,8 @@ def _check(name_or_path: str) -> int:
     )
     if variants:
         print(f"{len(variants)} variants: {shown}")
+    for doubt in doubted:
+        print(f"doubt: {doubt}")
     return OK
 
 

@@ -23,20 +23,12 @@ from motm_twin.model.names import hint
 from motm_twin.model.plant import SLOW_AGE
 from motm_twin.model.profile import READY
 from motm_twin.model.scene import Agent, Bin, DriveTo, Pick, Place, Point, Scene, SceneObject, Solid
-from motm_twin.model.scene_shapes import REST, base_outline, bin_solid, covers, outline, rectangle, surface
+from motm_twin.model.scene_shapes import base_outline, bin_solid, outline, rectangle, surface
 from motm_twin.model.scene_yaml import Node
 
 TOUCH = 1e-3  # [m] bodies may overlap by this much: rounding of the numbers in a file
 MAX_EXTENT = 60.0  # [m] side of the map
 FINGER_ROOM = 0.01  # [m] the open gripper must be wider than the cube by this
-LOW_FLOOR = 0.2  # [m] a bin with its floor so low stands on the room's floor: baskets have feet and thick bottoms
-
-
-def check_file(scene: Scene, root: Node) -> None:
-    """Raise SceneError for the first thing that cannot be right in a file, with its slots as a run draws them."""
-    check_scene(scene, root)
-    check_support(scene, root)
-    check_filling(scene, root)
 
 
 def check_scene(scene: Scene, root: Node) -> None:
@@ -139,38 +131,6 @@ def check_bin(scene: Scene, item: Bin, node: Node) -> None:
         )
 
 
-def check_support(scene: Scene, root: Node) -> None:
-    """The middle of every bin is over something that it stands on."""
-    for item in scene.bins:
-        under = [s for s in scene.solids if s.z_max <= item.floor_z + TOUCH and covers(s.shape, item.centre)]
-        highest_one = max(under, key=lambda solid: solid.z_max, default=None)
-        if item.floor_z <= (LOW_FLOOR if highest_one is None else max(LOW_FLOOR, highest_one.z_max + REST)):
-            continue
-        below = "the floor" if highest_one is None else f"'{highest_one.name}', {highest_one.z_max:g} m high"
-        raise root.at("bins", item.name).error(
-            f"it floats: its floor_z is {item.floor_z:g} m, and under its middle is {below}: move it over its stand, "
-            "or lower floor_z and rim_z"
-        )
-
-
-def check_filling(scene: Scene, root: Node) -> None:
-    """The cubes that the tasks put into a bin have no more volume than it has up to its rim."""
-    sides = {item.name: item.side for item in scene.objects}
-    held, volumes = "", {item.name: 0.0 for item in scene.bins}
-    for task in scene.tasks:
-        if isinstance(task, Pick):
-            held = task.object
-        elif isinstance(task, Place):
-            volumes[task.bin] += sides[held] ** 3
-    for item in scene.bins:
-        room = (item.side - 2.0 * item.wall) ** 2 * (item.rim_z - item.floor_z)
-        if volumes[item.name] > room:
-            raise root.at("bins", item.name).error(
-                f"{1e3 * volumes[item.name]:.2g} litres of cubes go into it, up to its rim it holds {1e3 * room:.2g}: "
-                "make it larger, or put less into it"
-            )
-
-
 def _overlapping(scene: Scene, shape: BaseGeometry, low: float, high: float) -> Iterator[Solid]:
     """Furniture that overlaps a shape between two heights [m]."""
     for solid in scene.solids:
@@ -200,18 +160,10 @@ def check_object(scene: Scene, item: SceneObject, root: Node) -> None:
         raise _side_node(root, item.name).error(
             f"a cube of {item.side:g} m is too wide for the gripper: at most {widest:.3g} m"
         )
-    _check_rest(scene, item, object_node(root, item.name))
+    check_rest(scene, item, object_node(root, item.name))
 
 
-def check_slot(scene: Scene, item: SceneObject, node: Node) -> None:
-    """A cube on a slot would rest on its surface, in the open: in no bin, and under nothing."""
-    _check_rest(scene, item, node)
-    _check_out_of_bins(scene, item, node)
-    if scene.robot.has_arm:
-        _check_cube_cover(scene, item, node)
-
-
-def _check_rest(scene: Scene, item: SceneObject, node: Node) -> None:
+def check_rest(scene: Scene, item: SceneObject, node: Node) -> None:
     """A cube rests wholly on a surface, and is inside no furniture."""
     x, y, z = item.position
     square, bottom, top = cube_outline(item), z - item.side / 2.0, z + item.side / 2.0
@@ -237,7 +189,7 @@ def check_pairs(scene: Scene, root: Node) -> None:
             level = abs(other.position[2] - item.position[2]) < (item.side + other.side) / 2.0 - TOUCH
             if level and cube_outline(other).intersects(square):
                 raise node.at("at").error(f"it overlaps the object '{other.name}': move one of them")
-        _check_out_of_bins(scene, item, node)
+        check_out_of_bins(scene, item, node)
     for index, item in enumerate(scene.bins):
         for other in scene.bins[:index]:
             level = item.floor_z < other.rim_z and other.floor_z < item.rim_z
@@ -245,7 +197,8 @@ def check_pairs(scene: Scene, root: Node) -> None:
                 raise root.at("bins", item.name, "at").error(f"it overlaps the bin '{other.name}': move one of them")
 
 
-def _check_out_of_bins(scene: Scene, item: SceneObject, node: Node) -> None:
+def check_out_of_bins(scene: Scene, item: SceneObject, node: Node) -> None:
+    """A cube is in no bin, nor in its wall."""
     square = cube_outline(item).buffer(-TOUCH / 2.0)
     bottom, top = item.position[2] - item.side / 2.0, item.position[2] + item.side / 2.0
     for other in scene.bins:
@@ -425,7 +378,7 @@ def check_reach(scene: Scene, root: Node) -> None:
             _check_target(
                 scene, free, ("object", i.name, i.position), (reach(scene, i.position[2], PICK_TILT), top), node
             )
-            _check_cube_cover(scene, i, node)
+            check_cube_cover(scene, i, node)
         for i in scene.bins:
             node, far = root.at("bins", i.name), reach(scene, i.rim_z, PLACE_TILT) + 0.5 * i.side
             _check_target(scene, free, ("bin", i.name, (*i.centre, i.rim_z)), (far, highest(scene, PLACE_TILT)), node)
@@ -464,7 +417,8 @@ def _no_way(free: FreeSpace) -> str:
     return f"no way to it from the start: make a passage wider than {2.0 * free.radius:g} m"
 
 
-def _check_cube_cover(scene: Scene, item: SceneObject, node: Node) -> None:
+def check_cube_cover(scene: Scene, item: SceneObject, node: Node) -> None:
+    """Nothing is over a cube so low that no hand comes between."""
     bottom = item.position[2] - item.side / 2.0
     _check_cover(scene, cube_outline(item), (bottom, bottom + item.side), PICK_TILT, node)
 

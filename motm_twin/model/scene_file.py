@@ -17,7 +17,7 @@ from motm_twin.model.assets import scenes_dir
 from motm_twin.model.bounds import SEED
 from motm_twin.model.names import SceneError, hint
 from motm_twin.model.scene import Scene
-from motm_twin.model.scene_check import check_file, check_scene, check_slot
+from motm_twin.model.scene_check import check_scene
 from motm_twin.model.scene_format import FORMAT, SceneFile
 from motm_twin.model.scene_resolve import Resolver
 from motm_twin.model.scene_yaml import MAX_BYTES, Node, check_types, parse_yaml, show
@@ -277,7 +277,7 @@ def check_all(name_or_path: str) -> tuple[Scene, ...]:
 def check_document(document: Document) -> tuple[Scene, ...]:
     """Every variant of a document, resolved and checked; raises SceneError for the first that is wrong.
 
-    Slots that another seed would draw are checked, too, and so are those that nothing uses.
+    Slots that another seed would draw are checked, too.
     """
     scenes = []
     for variant in document.variants() or [None]:
@@ -286,28 +286,7 @@ def check_document(document: Document) -> tuple[Scene, ...]:
         with _naming(document, chosen):
             for drawn in Resolver(root, None).draws():
                 check_scene(Resolver(root, None, drawn).scene(document.name, chosen), root)
-    _check_slots(document)
     return tuple(scenes)
-
-
-def _check_slots(document: Document) -> None:
-    """Every slot could hold a cube in some variant; raises SceneError for the first that could not."""
-    good, wrong = set(), {}
-    for variant in document.variants() or [None]:
-        root, chosen = with_variant(document, variant)
-        resolver = Resolver(root, None)
-        scene = resolver.scene(document.name, chosen)
-        for name in resolver.slots:
-            node = root.at("slots", name)
-            definition = (node.file, node.line, node.place)
-            try:
-                check_slot(scene, resolver.cube_on(name), node)
-                good.add(definition)
-            except SceneError as error:
-                wrong.setdefault(definition, error)
-    for definition, error in wrong.items():
-        if definition not in good:
-            raise error
 
 
 def _resolve(document: Document, variant: str | None, seed: int | None) -> Scene:
@@ -316,7 +295,7 @@ def _resolve(document: Document, variant: str | None, seed: int | None) -> Scene
     root, chosen = with_variant(document, variant)
     with _naming(document, chosen):
         scene = Resolver(root, seed).scene(document.name, chosen)
-        check_file(scene, root)
+        check_scene(scene, root)
     return scene
 
 

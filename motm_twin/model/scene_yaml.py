@@ -242,7 +242,7 @@ def _check_text(node: Node, info: inspect.StrType) -> None:
 
 def _pattern_words(pattern: str, text: str) -> str:
     if "#" in pattern:
-        return f"a colour is '#rrggbb' or a name; {hint(text, COLOURS)}"
+        return f"a colour is a lower-case name or '#rrggbb'; {hint(text, COLOURS)}"
     return "a name begins with a letter and goes on with letters, digits, _ or -, at most 40"
 
 

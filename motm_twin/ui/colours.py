@@ -36,7 +36,7 @@ _GROUND = np.array(
 
 
 def of_cube(colour: str) -> Rgb:
-    """Colour of a cube by its name or as ``#rrggbb``; red for a name that no scene file may give."""
+    """Colour of a cube by its name or as ``#rrggbb``; red for an unknown name."""
     if colour.startswith("#"):
         red, green, blue = bytes.fromhex(colour[1:])
         return red, green, blue

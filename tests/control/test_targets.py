@@ -113,7 +113,6 @@ def test_the_base_goes_nearer_to_a_bin_that_is_so_narrow_that_all_falls_into_its
     path.write_text(
         "format: motm-scene/1\ntitle: narrow\nstart: {x: 0.0, y: 0.0, heading_deg: 0}\nfurniture:\n"
         "  table: {shape: box, centre: [2.0, 0.0], size: [0.8, 1.6], z: [0.0, 0.6], style: table}\n"
-        "  stand: {shape: cylinder, centre: [0.0, 3.0], radius: 0.08, z: [0.0, 0.59], style: desk}\n"
         "objects:\n  cube: {surface: table, at: [2.1, 0.0], yaw_deg: 0, side: 0.04}\n"
         f"bins:\n  narrow: {{at: [0.0, 3.0], side: {side}, rim_z: 0.72, floor_z: 0.6}}\n"
         "tasks:\n  - pick: cube\n  - {place: narrow}\n"

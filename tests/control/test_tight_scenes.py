@@ -154,7 +154,6 @@ def test_the_hand_comes_over_a_ledge_where_there_is_no_other_way(run, behind):
   desk: {{shape: box, centre: [2.4, 0.0], size: [0.8, 1.6], z: [0.0, 0.72], style: desk}}
   ledge: {{shape: box, centre: [2.13, 0.0], size: [0.06, 1.6], z: [0.72, 0.87], style: shelf}}
   back: {{shape: box, centre: [3.0, 0.0], size: [0.4, 3.0], z: [0.0, 1.9], style: wall}}
-  stand: {{shape: box, centre: [0.3, 2.6], size: [0.4, 0.4], z: [0.0, 0.49], style: desk}}
   left: {{shape: box, centre: [2.5, 1.1], size: [0.6, 0.4], z: [0.0, 1.9], style: wall}}
   right: {{shape: box, centre: [2.5, -1.1], size: [0.6, 0.4], z: [0.0, 1.9], style: wall}}
 objects:

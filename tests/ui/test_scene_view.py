@@ -231,7 +231,9 @@ def test_relative_costs_run_from_the_cheapest_to_the_dearest(tick):
     assert tuple(colours.scale(np.array([0.0]))[0]) == (253, 231, 37)
 
 
-@pytest.mark.parametrize(("given", "drawn"), [("purple", (122, 63, 160)), ("#7a3fa1", (122, 63, 161))])
+@pytest.mark.parametrize(
+    ("given", "drawn"), [("purple", (122, 63, 160)), ("#7a3fa1", (122, 63, 161)), ("pnik", (232, 22, 28))]
+)
 def test_a_cube_is_drawn_in_the_colour_that_its_scene_gives(given, drawn):
     """Purple, brown and all of `#rrggbb` were drawn red."""
     assert colours.of_cube(given) == drawn
