@@ -9,9 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from motm_twin.control.arm.bodies import FINGERS, HELD, arm_balls, mapped_solids, placed, solid_distance
-from motm_twin.control.arm.limits import damper_line
+from motm_twin.control.arm.limits import Rows, damper_line
 from motm_twin.control.arm.parameters import QpParameters
-from motm_twin.control.arm.program import base_bounds, joint_bounds, lag_factor
+from motm_twin.control.arm.program import base_bounds, brakable_share, joint_bounds, lag_factor
 from motm_twin.control.arm.view import hand_state
 from motm_twin.model.arm_kernels import CAPSULE_LINKS, CAPSULE_RADII, HAND, capsule_segments, fk_arm
 from motm_twin.model.assets import finger_boxes
@@ -159,3 +159,15 @@ def test_the_balls_of_a_finger_are_as_wide_as_it_is_whatever_the_gripper_opens(w
     middles, sizes = zip(*finger_boxes("panda_leftfinger"), strict=True)
     outer = 0.5 * width + max(float(m[1] + 0.5 * s[1]) for m, s in zip(middles, sizes, strict=True))
     assert (centre[left, 1] + radius[left]).max() == pytest.approx(outer, abs=0.001)
+
+
+@pytest.mark.parametrize(("room", "speed", "share"), [
+    (0.09, 0.5, 0.6), (0.09, -0.5, 1.0), (0.0, 0.5, 0.06), (-0.01, 0.5, 0.06), (0.0, 0.03, 1.0), (0.3, 0.5, 1.0),
+])  # fmt: skip
+def test_a_base_carries_its_arm_at_furniture_no_faster_than_it_can_brake(room, speed, share):
+    """It drove on at 0.4 m/s beside a pillar; the forearm gave way until the hand lay level, 8 cm in the table."""
+    slope, braking = 0.112 / 0.6, 0.5
+    rows = Rows(np.array([[1.0] + 8 * [0.0]]), np.array([room / slope]), np.zeros(1, np.int64))
+    found = brakable_share(rows, np.array([True]), np.array([speed, 0.0]), braking, slope)
+    assert found == pytest.approx(share)
+    assert brakable_share(rows, np.array([False]), np.array([speed, 0.0]), braking, slope) == 1.0

@@ -172,3 +172,10 @@ def test_between_furniture_1_to_3_cm_beside_the_hand_all_is_placed_where_localis
     result = run_scene(load_scene("strangers/cluttered_e", None, 0), method=find_method("fast"))
     assert result["success"], result["reason"]
     assert not result["contacts"]
+
+
+@pytest.mark.slow
+def test_an_arm_behind_a_pillar_is_not_driven_into_it_by_its_base():
+    result = run_scene(load_scene("strangers/vase_m", None, 2), method=find_method("fast"))
+    assert result["contacts_caused_by_robot"] == 0
+    assert result["success"]

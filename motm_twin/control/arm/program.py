@@ -16,8 +16,9 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from motm_twin.control.arm.bodies import arm_balls, placed
+from motm_twin.control.arm.bodies import BODIES, HAND_BODY, arm_balls, placed
 from motm_twin.control.arm.geometry import polar
 from motm_twin.control.arm.limits import (
     Around,
@@ -34,6 +35,7 @@ from motm_twin.control.arm.parameters import ArmParameters, Numbers, QpParameter
 from motm_twin.control.arm.qp import Program
 from motm_twin.control.arm.types import ArmInputs, Phase
 from motm_twin.control.arm.view import Arm, ManipulatorState, View
+from motm_twin.control.reasons import STANDSTILL
 from motm_twin.model.arm_kernels import factored_gradient
 from motm_twin.model.compiler import njit
 from motm_twin.model.geometry import Array
@@ -58,6 +60,7 @@ _SLACKS = SLACK.start, SLACK.stop - SLACK.start
 _SLACK_BOUND = 20.0  # [m/s, rad/s]
 STUCK_RATE = 0.05  # [rad/s] with which a stuck joint is tried: enough to tell from the noise of its rate
 _SPEED = 2  # row of `joint_limits`
+_CARRIED = tuple(f"{body} - " for body in BODIES[: HAND_BODY - 1])  # beginnings of names of rows
 _FREE = 1.0e3  # bound of elastic variables [m/s]
 
 
@@ -87,10 +90,15 @@ class ArmProgram:
         p = parameters
         limits = (*arm_limits(known, p.avoidance), *more)
         self._names = tuple(name for limit in limits for name in limit.names)
+        self._carried = np.array(
+            [not limit.soft and name.startswith(_CARRIED) for limit in limits for name in limit.names]
+        )
         self._hard = frozenset(name for limit in limits if not limit.soft for name in limit.names)
         first = itertools.accumulate((len(limit.names) for limit in limits), initial=0)
         self._limits = list(zip(limits, first, strict=False))
         self._avoidance = numbers(p.avoidance)
+        self._braking = known.robot.base.linear_acceleration
+        self._slope = (p.avoidance.furniture_d_i - p.avoidance.furniture_d_s) / p.avoidance.xi
         self._blind = p.avoidance.blind
         self._lag = known.robot.arm.velocity_lag
         self._weights = {
@@ -118,11 +126,23 @@ class ArmProgram:
         G, h, which = stacked(found, view.beta, arm.measured)
         cost = self._weights[swinging, state.holding]
         c, A, b, lower, upper = _program(
-            arm, velocity, state.twist, *self._joints(state.rates, inputs.stuck_joint), cost,
-            (view.manipulability, view.beta, inputs.dt, swinging),
+            arm, velocity, self._brakable(arm.wanted, found), state.twist,
+            *self._joints(state.rates, inputs.stuck_joint), cost, (view.manipulability, view.beta, inputs.dt, swinging),
         )  # fmt: skip
         program = Program(P=cost, c=c, A=A, b=b, G=G, h=h, lower=lower, upper=upper, slack=_SLACKS)
         return program, ActiveRows(self._names, self._hard, which, *_limiter(around.gripper))
+
+    def _brakable(self, wanted: Array, found: Sequence[tuple[Rows, int, bool]]) -> Array:
+        """The base twist (2,), slowed where the base could not brake before it has carried the arm into furniture.
+
+        Only elbow and forearm count: the hand keeps its place whatever the base does, and they are where that leaves
+        them.
+        """
+        share = 1.0
+        for rows, first, _ in found:
+            of = self._carried[first + rows.name]
+            share = min(share, brakable_share(rows, of, wanted, self._braking, self._slope))
+        return share * wanted
 
     def _joints(self, rates: Array, stuck: int | None) -> tuple[Array, _Constants]:
         """Arm rates commanded last and constants; a ``stuck`` joint is only tried, and the others do its work."""
@@ -240,6 +260,21 @@ def stacked(limits: Sequence[tuple[Rows, int, bool]], beta: float, measured: Arr
 
 
 @njit(cache=True)
+def brakable_share(rows: Rows, of: NDArray[np.bool_], wanted: Array, braking: float, slope: float) -> float:
+    """Largest share of a base twist (2,) with which no row marked in ``of`` (k,) is approached too fast to brake.
+
+    ``braking`` [m/s^2]: of the base; ``slope`` [s]: room over speed of the rows' damper line.
+    """
+    share = 1.0
+    for k in range(rows.h.shape[0]):
+        carried = rows.G[k, 0] * wanted[0] + rows.G[k, 1] * wanted[1]
+        if of[k] and carried > STANDSTILL[0]:
+            fastest = max(STANDSTILL[0], math.sqrt(2.0 * braking * slope * max(rows.h[k], 0.0)))
+            share = min(share, fastest / carried)
+    return share
+
+
+@njit(cache=True)
 def _of_commands(G: Array, h: Array, beta: float, measured: Array) -> None:
     """Turn rows over the base twist that there will be into rows over the one that is commanded, in place."""
     for r in range(G.shape[0]):
@@ -269,7 +304,7 @@ def weights(parameters: QpParameters, *, swinging: bool, laden: bool) -> Array:
 
 @njit(cache=True)
 def _program(
-    arm: Arm, velocity: Array, twist: Array, rates: Array, constants: _Constants, cost: Array,
+    arm: Arm, velocity: Array, wanted: Array, twist: Array, rates: Array, constants: _Constants, cost: Array,
     now: tuple[float, float, float, bool],
 ) -> tuple[Array, Array, Array, Array, Array]:  # fmt: skip
     """Linear cost, rows A x = b and bounds; ``twist``, ``rates``: commanded last, ``cost`` from `weights`.
@@ -284,7 +319,7 @@ def _program(
     azimuth = polar(arm.p, arm.pose, arm.base_mount)[1]
     error = posture_error(arm.q, azimuth, more * n.posture_gain, more * n.posture_rate)
     for k in range(2):
-        c[k] = -n.base_weight * arm.wanted[k]
+        c[k] = -n.base_weight * wanted[k]
     for k in range(7):
         c[2 + k] = cost[2 + k] * error[k] - n.manipulability_weight * gradient[k]
     c[LIDAR_ELASTIC] = c[FURNITURE_ELASTIC] = n.elastic_weight
