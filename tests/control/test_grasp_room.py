@@ -199,6 +199,13 @@ def test_the_hand_knows_the_top_of_what_is_on_its_way_to_the_target(piece, top):
         assert room.top_between(past, target, NO_TURN) == -math.inf
 
 
+@pytest.mark.parametrize(("x", "z", "top"), [(0.6, 0.85, TOP), (1.03, 0.85, TOP), (1.1, 0.85, None), (0.6, 0.6, None)])
+def test_a_hand_over_a_table_keeps_over_it_however_low_its_target_is(x, z, top):
+    """On its way to a bin 0.35 m lower it sank into a tray that it swung across, and stood there for 5 s."""
+    room, target = GraspRoom(known(), AvoidanceParameters()), np.array([1.3, 0.0, 0.2])
+    assert room.top_between(np.array([x, 0.0, z]), target, NO_TURN) == (-math.inf if top is None else top)
+
+
 @pytest.mark.parametrize(("outward", "higher"), [(math.pi, True), (0.0, False)])
 def test_a_tilted_palm_clears_an_object_that_is_higher_than_its_target(outward, higher):
     """Tilted by 9 deg, the palm came down 4 mm into a cube 1 cm higher than the one between the fingers."""

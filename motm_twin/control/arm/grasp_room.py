@@ -112,15 +112,15 @@ class GraspRoom:
         """Highest top [m] of furniture above the target's height on the line from a position to it, (3,); -inf: none.
 
         Furniture beside the target itself is ignored, since the hand comes down there, and so is furniture that is too
-        high to pass over.
+        high to pass over, unless the hand is above it now.
         """
-        here, there = to_frame(T_odom_world, position), to_frame(T_odom_world, target)
-        return _top_between(here[0], here[1], np.array([there[0], there[1], target[2]]), self._mapped.solids)
+        return _top_between(to_frame(T_odom_world, position), to_frame(T_odom_world, target), self._mapped.solids)
 
 
 @njit(cache=True)
-def _top_between(x: float, y: float, target: Array, solids: Solids) -> float:
-    """`GraspRoom.top_between`; ``target``: x, y, z [m], world."""
+def _top_between(position: Array, target: Array, solids: Solids) -> float:
+    """`GraspRoom.top_between`; ``position`` and ``target``: x, y, z [m], world."""
+    x, y = position[0], position[1]
     top, bounds = -np.inf, solids.bounds
     length = hypot(target[0] - x, target[1] - y)
     if length <= _BEFORE:
@@ -128,13 +128,13 @@ def _top_between(x: float, y: float, target: Array, solids: Solids) -> float:
     steps = int(math.ceil((length - _BEFORE) / _STEP))
     for k in range(solids.z.shape[0]):
         high = solids.z[k, 1]
-        if not max(top, target[2]) < high < target[2] + _HIGHEST:
+        if not max(top, target[2]) < high < max(target[2] + _HIGHEST, position[2]):
             continue
         if bounds[k, 0] - _ASIDE > max(x, target[0]) or bounds[k, 1] + _ASIDE < min(x, target[0]):
             continue
         if bounds[k, 2] - _ASIDE > max(y, target[1]) or bounds[k, 3] + _ASIDE < min(y, target[1]):
             continue
-        for i in range(steps + 1):
+        for i in range(steps + 1 if high < target[2] + _HIGHEST else 1):
             part = i / steps * (length - _BEFORE) / length
             at_x, at_y = x + part * (target[0] - x), y + part * (target[1] - y)
             if solid_distance(at_x, at_y, 0.5 * (solids.z[k, 0] + high), k, solids)[0] < _ASIDE:
