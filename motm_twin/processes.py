@@ -159,6 +159,12 @@ def stop_event(with_parent: bool) -> threading.Event:
     return stop
 
 
+def await_stop(stop: threading.Event) -> None:
+    """Wait for a `stop_event`: a signal that another thread receives is handled when this one wakes."""
+    while not stop.wait(1.0):
+        continue
+
+
 def at_end_of_input(act: Callable[[], object]) -> None:
     """Call a function, in another thread, when standard input ends: the parent closes it, or is gone."""
 

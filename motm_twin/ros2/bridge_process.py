@@ -27,7 +27,7 @@ from motm_twin.bus.connection import (
 from motm_twin.model import bounds
 from motm_twin.model.geometry import wrap_angle
 from motm_twin.model.scene import Scene
-from motm_twin.processes import Reporter, leave, stop_event
+from motm_twin.processes import Reporter, await_stop, leave, stop_event
 from motm_twin.program import BAD_INPUT
 from motm_twin.ros2 import convert
 from motm_twin.ros2 import forms as topics
@@ -326,7 +326,7 @@ def main() -> None:
     bridge = Bridge(twin, ros, client, form, options.meshes, say)
     where = options.ros_endpoint or options.endpoint
     report("ros2", text=f"topics in the form of {_FORM_NAMES[options.form]} at {where}")
-    stop.wait()
+    await_stop(stop)
     faulthandler.dump_traceback_later(CLOSING, exit=True)  # what hangs says where, and ends
     bridge.close()
     client.close()

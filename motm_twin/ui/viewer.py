@@ -22,7 +22,7 @@ from motm_twin.bus.client import Grid, TwinClient
 from motm_twin.bus.commands import Audience
 from motm_twin.bus.connection import DEFAULT_PORT, DEFAULT_TWIN, LOOPBACK
 from motm_twin.bus.messages import NumberedEvent, TickMessage
-from motm_twin.processes import Reporter, leave, stop_event
+from motm_twin.processes import Reporter, await_stop, leave, stop_event
 from motm_twin.program import BAD_INPUT, freeze_setup, share_arenas
 from motm_twin.ui.history import History
 from motm_twin.ui.hub import Hub, Shown
@@ -205,7 +205,7 @@ def main() -> None:
     drawing.start()
     freeze_setup()
     report("page", url=page_url(options.host, server.get_port(), token), port=server.get_port())
-    stop.wait()
+    await_stop(stop)
     viewer.stop()
     drawing.join(0.5)
     server.stop()
