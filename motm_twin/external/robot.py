@@ -254,7 +254,7 @@ class ReferenceRobot:
         self._up: Link[bytes] = Link(self._spec, 0)
         self._down: Link[tuple[str, bytes]] = Link(self._spec, 1)
         self._steps = 0
-        self._sent: tuple[Scan | None, float | None] = (None, None)  # scan, and stamp of the picture, sent last
+        self._sent: tuple[Scan | None, object] = (None, None)  # scan, and picture, sent last
 
     @property
     def time(self) -> float:
@@ -344,11 +344,12 @@ class ReferenceRobot:
         seen = plant.observe()
         if seen.scan is not None and seen.scan is not self._sent[0]:
             self._down.send(("scan", encode(to_message(seen.scan, ScanData, **self._about()))), now)
-        if seen.camera_stamp is not None and seen.camera_stamp != self._sent[1]:
+        picture = (seen.camera_stamp, seen.detections)
+        if seen.camera_stamp is not None and picture != self._sent[1]:
             detections = [to_message(one, DetectionData) for one in seen.detections]
             frame = DetectionList(**self._about(), stamp=seen.camera_stamp, detections=detections)
             self._down.send(("detections", encode(frame)), now)
-        self._sent = (seen.scan, seen.camera_stamp)
+        self._sent = (seen.scan, picture)
         state = to_message(
             seen,
             RobotState,

@@ -104,7 +104,7 @@ def test_what_is_observed_under_any_fault_is_within_the_space():
 
 
 def test_the_pose_is_the_one_that_the_robot_believes_and_looking_changes_nothing():
-    """Where localisation had jumped, targets were observed beside their places."""
+    """Targets were observed beside their places once localisation had jumped."""
     env = begun(seed=1)
     for _ in range(40):
         env.step(zeros(env))
