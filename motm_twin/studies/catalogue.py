@@ -111,10 +111,11 @@ def further_specs(methods: Sequence[str], trials: int | None) -> Iterable[TrialS
 
 
 def strangers_specs(methods: Sequence[str], trials: int | None) -> Iterable[TrialSpec]:
-    """The scenes of strangers; ``trials``: seeds of each, from 0."""
-    for seed in range(trials or 1):
+    """The scenes of strangers and their variants with the seeds in their files; ``trials``: further seeds, from 0."""
+    for seed in (None, *range(trials or 0)):
         for scene in strangers_names():
-            yield from (TrialSpec(scene, None, seed, method) for method in methods)
+            for variant in listing(load_document(scene)).variants or (None,):
+                yield from (TrialSpec(scene, variant, seed, method) for method in methods)
 
 
 def generated_specs(methods: Sequence[str], trials: int | None) -> Iterable[TrialSpec]:

@@ -219,14 +219,14 @@ def _height_over(position: Array, yaw: float, axis: Array, width: float, items: 
     """`height_over` of one place (3,), objects (n, 6), the goal's own first; ``axis`` (3,): that of the tool."""
     low, height = np.array([position[0], position[1], -np.inf]), -np.inf  # so low that every part counts
     palm = low - PALM[2] * axis
-    across = math.sin(yaw) * axis[0] - math.cos(yaw) * axis[1]  # the axis along which the fingers close, downwards
+    across = math.sin(yaw) * axis[0] - math.cos(yaw) * axis[1]
     sink = (0.5 * width + 2.0 * _PARTS[0][0]) * abs(across)  # [m] of the lower finger
     for n in range(items.shape[0]):
         item = items[n]
         top = item[2] + 0.5 * item[4] + _HIGHER
         if item[5] == 0.0:
             continue
-        if _fingers_gap(low, yaw, width, item) < _BESIDE:
+        if _fingers_gap(low, yaw, across, width, item) < _BESIDE:
             height = max(height, top - _PARTS[0][3] + sink)
         elif n > 0 and _part_gap(palm, yaw, 0.0, PALM[0], PALM[1], item) < _BESIDE:
             height = max(height, top - _underside(position, yaw, axis, item))
@@ -246,21 +246,25 @@ def _underside(position: Array, yaw: float, axis: Array, item: Array) -> float:
 @njit(cache=True)
 def _object_gap(position: Array, yaw: float, width: float, item: Array) -> float:
     """Gap [m] between the open hand over a position and an upright cube; negative: they overlap seen from above."""
-    gap = _fingers_gap(position, yaw, width, item)
+    gap = _fingers_gap(position, yaw, 0.0, width, item)
     if item[2] + 0.5 * item[4] + _HIGHER > position[2] + PALM[2] + _MOST_OVER_MIDDLE:
         gap = min(gap, _part_gap(position, yaw, 0.0, PALM[0], PALM[1], item))
     return gap
 
 
 @njit(cache=True)
-def _fingers_gap(position: Array, yaw: float, width: float, item: Array) -> float:
-    """The same of the fingers alone."""
-    gap = np.inf
+def _fingers_gap(position: Array, yaw: float, across: float, width: float, item: Array) -> float:
+    """The same of the fingers alone, by their lower ends.
+
+    ``across``: sine of the tilt along the closing axis. It brings the lower finger nearer to the middle.
+    """
+    gap, level = np.inf, math.sqrt(1.0 - across * across)
     top = item[2] + 0.5 * item[4] + _HIGHER
     for middle, half, depth, bottom in _PARTS:
         if top > position[2] + bottom:
             for sign in (1.0, -1.0):
-                gap = min(gap, _part_gap(position, yaw, sign * (0.5 * width + middle), half, depth, item))
+                out = sign * level * (0.5 * width + middle) - bottom * across
+                gap = min(gap, _part_gap(position, yaw, out, half, depth, item))
     return gap
 
 
