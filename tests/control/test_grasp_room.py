@@ -219,3 +219,17 @@ def test_a_tilted_palm_clears_an_object_that_is_higher_than_its_target(outward, 
     assert 0.0 < level < 0.008, "level, the palm has room a little above the middle of the target"
     assert (tilted > level + 0.07 * math.sin(math.radians(9.0))) == higher
     assert not GraspRoom(known(), AvoidanceParameters()).room(target, quarter, 0.055, NO_TURN, 0.0).blocked
+
+
+@pytest.mark.parametrize("tilt", [-0.6, -0.3, 0.0, 0.3, 0.6])
+def test_a_hand_tilted_across_its_fingers_comes_down_only_where_the_tips_clear_the_object(tilt):
+    """Tilted by 33 deg, a hand hovered 4 s with its lower finger 5 mm in the cube: seen from above it had room."""
+    free = []
+    for off in np.linspace(-0.03, 0.03, 61):
+        tool = np.array([0.0, off, TOP + 0.02])
+        R = tool_rotation(0.0, tilt, math.pi / 2)
+        tips = [tool + R @ np.array([0.0, side * 0.04, 0.009]) for side in (1.0, -1.0)]
+        if height_over(tool[None], R, 0.08, goal()) == -math.inf:
+            free.append(off)
+            assert all(abs(tip[1]) > 0.02 for tip in tips)
+    assert len(free) > 4, "in the middle there is room"
