@@ -1,5 +1,7 @@
 """From tasks and beliefs to what the base and the hand have to do, each in its own frame."""
 
+from collections.abc import Collection
+
 import numpy as np
 
 from motm_twin.control.arm.geometry import reach_radius
@@ -8,6 +10,7 @@ from motm_twin.control.arm.parameters import ArmParameters
 from motm_twin.control.arm.types import ArmGoal
 from motm_twin.control.task_list import name_of
 from motm_twin.control.tick import ObjectBelief
+from motm_twin.model.exact import hypot
 from motm_twin.model.geometry import Array, compose, from_frame, inverse, to_frame, wrap_angle
 from motm_twin.model.known import KnownWorld, known_solids
 from motm_twin.model.plant import Observation
@@ -121,13 +124,14 @@ class Targets:
                 last_seen=last_seen,
                 neighbours=np.array(near).reshape(-1, 6),
                 neighbour_names=names,
+                others=self._others(observation, {task.object, held}),
             )
         if task is None or isinstance(task, DriveTo):
             return ArmGoal(
                 kind="none", name="", position=np.zeros(3), yaw=0.0, side=side, position_sd=0.0, last_seen=None
             )
         place = self.bins[task.bin]
-        inside = self._inside(place, held, observation, T_odom_world)
+        names, inside = self._inside(place, held, observation, T_odom_world)
         top = max([place.rim_z, *(z + 0.5 * side for _, _, z, _, side, seen in inside if seen)])
         position = from_frame(T_odom_world, np.array([*place.centre, top])) + self._over_middle(side)
         return ArmGoal(
@@ -140,21 +144,36 @@ class Targets:
             last_seen=observation.time,
             release_half_width=place.side / 2.0 - place.wall,
             neighbours=np.array(inside).reshape(-1, 6),
+            others=self._others(observation, {held, *names}),
         )
+
+    def _others(self, observation: Observation, without: Collection[str]) -> Array:
+        """Objects seen near the robot, as neighbours of an `ArmGoal`."""
+        x, y, _ = observation.odometry.tolist()
+        found = [
+            (*position.tolist(), yaw, self.objects[name].side, 1.0)
+            for name, position, yaw in self.tracker.seen_places()
+            if name not in without and hypot(position[0] - x, position[1] - y) < NEAR
+        ]
+        return np.array(found).reshape(-1, 6)
 
     def _over_middle(self, side: float) -> Array:
         """From the middle of an object to where it is grasped, (3,) [m]."""
         return np.array([0.0, 0.0, over_middle(side, self._arm.pick_tilt)])
 
-    def _inside(self, place: Bin, held: str, observation: Observation, T_odom_world: Array) -> list[tuple[float, ...]]:
-        """Objects that are believed in a bin, as neighbours of an `ArmGoal`; seen: since they were let go."""
+    def _inside(
+        self, place: Bin, held: str, observation: Observation, T_odom_world: Array
+    ) -> tuple[tuple[str, ...], list[tuple[float, ...]]]:
+        """Objects believed in a bin: names, and as neighbours of an `ArmGoal`; seen: since they were let go."""
         frame, known = compose(T_odom_world, np.array([*place.centre, place.yaw])), self.tracker.places(observation)
-        seen = {name for name, _ in self.tracker.seen_places()}
-        return [
-            (*position.tolist(), 0.0, self.objects[name].side, float(name in seen))
+        inside = [
+            (name, position)
             for name, position in zip(known.names, known.positions, strict=True)
             if name != held and np.abs(to_frame(frame, position[:2])).max() < 0.5 * place.side
         ]
+        seen = {name for name, _, _ in self.tracker.seen_places()}
+        items = [(*at.tolist(), 0.0, self.objects[name].side, float(name in seen)) for name, at in inside]
+        return tuple(name for name, _ in inside), items
 
     def top_below(self, point: Array) -> float | None:
         """Height [m] of the furniture of the map below a point (3,) [m], world; None over the floor."""

@@ -141,10 +141,11 @@ class ObjectTracker(Stateful[TrackerState]):
             agreeing=settings.agreeing,
         )
 
-    def seen_places(self) -> Iterator[tuple[str, Array]]:
-        """Objects that were seen, since they were let go if they were: names and positions (3,) [m], odometry frame."""
+    def seen_places(self) -> Iterator[tuple[str, Array, float]]:
+        """Objects that were seen, since they were let go if they were: name, position (3,) [m], yaw; odometry frame."""
         sure = (0.5 * self._settings.bin_sd) ** 2
-        return ((name, track.position) for name, track in self._state.tracks.items() if track.variance <= sure)
+        tracks = self._state.tracks.items()
+        return ((name, track.position, track.yaw) for name, track in tracks if track.variance <= sure)
 
     def knows(self, name: str) -> bool:
         """This is an object of the scene."""

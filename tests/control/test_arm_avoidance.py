@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from motm_twin.control.arm import limits as arm_limits
+from motm_twin.control.arm.bodies import BODIES, arm_balls, placed
 from motm_twin.control.arm.geometry import nearest_distance
 from motm_twin.control.arm.limits import LidarLimits, damper_line
 from motm_twin.control.arm.parameters import AvoidanceParameters, numbers
@@ -115,3 +116,14 @@ def test_something_static_does_not_hide_what_moves_beside_it():
     points = np.array([[0.40, 0.0], [0.42, 0.0]])
     limits = lidar_limits(np.zeros(3), (points, np.array([True, False])), NO_TARGETS, PARAMETERS)
     assert sorted(limits.static.tolist()) == [False, True]
+
+
+@pytest.mark.parametrize("side", [0.03, 0.06])
+def test_the_balls_of_a_held_cube_cover_its_lower_half_to_the_corners(side):
+    """A tilted cube of 6 cm met a chair with a lower corner, which stood out of its one ball by 9 mm."""
+    balls = placed(arm_balls(), side, side)
+    held = [k for k in range(len(balls.body)) if BODIES[balls.body[k]] == "held object"]
+    half = 0.5 * side * np.linspace(-1.0, 1.0, 5)
+    surface = [(x, y, z) for x in half for y in half for z in half[2:] if max(map(abs, (x, y, z))) > 0.49 * side]
+    for point in surface:
+        assert min(np.linalg.norm(balls.centre[k] - point) - balls.radius[k] for k in held) < 1e-6

@@ -74,6 +74,28 @@ def test_a_low_hand_rises_before_it_withdraws(above, phase):
         assert velocity[0] < -0.5
 
 
+@pytest.mark.parametrize(("at", "over"), [((0.75, 0.0), True), ((1.0, 0.0), True), ((0.75, 0.4), False)])
+@pytest.mark.parametrize("held", [False, True])
+def test_a_hand_on_its_way_keeps_over_the_objects_that_it_crosses(at, over, held):
+    """A plan came and went, the hand swung out and back, sank, and met a cube that was 0.3 m from its target."""
+    plant, manipulator = SimulatedPlant(SCENE), Manipulator(known_world(SCENE))
+    inputs, mount, z = inputs_of(plant, time_to_range=0.5), SCENE.robot.arm.mount_z, CUBE.position[2]
+    other = (*at, z + 0.02, 0.3, 0.08, 1.0)
+    goal = msgspec.structs.replace(
+        inputs.goal, kind="place" if held else "pick", position=np.array([1.2, 0.0, z]), others=np.array([other])
+    )
+    observation = msgspec.structs.replace(
+        inputs.observation, q=planar_joints(0.5, z + 0.04 - mount, 0.4), odometry=np.zeros(3)
+    )
+    inputs = msgspec.structs.replace(inputs, observation=observation, goal=goal, T_odom_world=np.zeros(3))
+    p = manipulator.parameters
+    state = ManipulatorState(phase=Phase.TRANSIT, holding="it" if held else "", side=0.04)
+    motion = hand_motion(state, manipulator.look(inputs), inputs, p, numbers(p))
+    assert motion.crosses == over
+    if over:
+        assert motion.reference[2] > z + 0.06 + (0.02 if held else 0.009), "its lower end clears the other's top"
+
+
 def straight(v: float, lateral: float) -> Pass:
     x, y, _ = CUBE.position
     return Pass(start=(x - 1.4, y - lateral, 0.0), twist=lambda t: (v, 0.0), object=CUBE.name, time=9.0)

@@ -2,6 +2,7 @@
 
 import math
 
+import msgspec
 import numpy as np
 import pytest
 
@@ -57,10 +58,13 @@ def test_an_object_is_let_go_over_the_rim_or_over_what_was_seen_to_lie_higher(he
     lies = known.objects[0]
     tracker.move_belief(lies.name, np.array([*seen]), observation, sd)
     assert np.allclose(frame, 0.0, atol=0.1)  # odometry begins in the world
-    goal = targets.arm_goal(Place(bin="order_2"), known.objects[1].name, observation, frame)
+    here = msgspec.structs.replace(observation, odometry=np.array([place.centre[0], place.centre[1] - 0.9, 0.0]))
+    goal = targets.arm_goal(Place(bin="order_2"), known.objects[1].name, here, frame)
     assert goal.position[2] == pytest.approx(place.rim_z + higher)
     inside = [] if aside else [[*seen, 0.0, lies.side, float(sd < 0.05)]]
     np.testing.assert_allclose(goal.neighbours, np.reshape(inside, (-1, 6)))
+    crossed = [[*seen, 0.0, lies.side, 1.0]] if aside else []
+    np.testing.assert_allclose(goal.others[:, :3], np.reshape(crossed, (-1, 6))[:, :3])
     assert lies.side == pytest.approx(0.04)
 
 

@@ -45,6 +45,11 @@ _FINGER = (  # balls: x across, y from the pad outwards, z beyond the hand, radi
     (0.0, 0.006, 0.1024, 0.010),
     *((x, y, 0.1094, 0.003) for x in (-0.0075, 0.0075) for y in (0.003, 0.0138)),  # the lowest of a tilted one
 )
+_IN_CORNER = 0.5 - 0.25 / math.sqrt(3.0)  # a ball of radius 0.25 there touches the corner
+_HELD = (  # balls of a cube of side 1, from the tool centre point: x, y, z, radius
+    *((x, y, _IN_CORNER, 0.25) for x in (-_IN_CORNER, _IN_CORNER) for y in (-_IN_CORNER, _IN_CORNER)),  # its lower end
+    (0.0, 0.0, 0.0, 0.72),  # its edges
+)
 PALM = (0.104, 0.0320, 0.0374)  # half width, half depth, bottom over the tool centre point [m]
 _PALM_BALLS, _PALM_RADIUS, _CORNER_RADIUS = 10, 0.0274, 0.010  # in a row, and at its corners [m]
 _COLUMN_RADIUS, _COLUMN_TOP = 0.10, 0.42  # [m] the arm's own column, top above the mount
@@ -129,10 +134,11 @@ def arm_balls() -> Balls:
             centres.append(np.array([x, side * y, z]))
             radii.append(radius)
             bodies.append(FINGERS if side > 0.0 else FINGERS + 1)
-    frames.append(TCP)
-    centres.append(np.zeros(3))
-    radii.append(0.0)
-    bodies.append(HELD)
+    for _ in _HELD:
+        frames.append(TCP)
+        centres.append(np.zeros(3))
+        radii.append(0.0)
+        bodies.append(HELD)
     return Balls(np.array(frames), np.array(centres), np.array(radii), np.array(bodies))
 
 
@@ -152,11 +158,14 @@ def _palm() -> list[tuple[float, float, float, float]]:
 def placed(balls: Balls, width: float, held_side: float) -> Balls:
     """The balls with the fingers at the gripper's width and the held cube; radius 0: not there."""
     centre, radius = balls.centre.copy(), balls.radius.copy()
-    tips = len(_FINGER)
+    tips, held = len(_FINGER), len(radius) - len(_HELD)
     for k in range(tips):
-        centre[-1 - 2 * tips + k, 1] += 0.5 * width
-        centre[-1 - tips + k, 1] -= 0.5 * width
-    radius[-1] = 0.72 * held_side
+        centre[held - 2 * tips + k, 1] += 0.5 * width
+        centre[held - tips + k, 1] -= 0.5 * width
+    for k in range(len(_HELD)):
+        for axis in range(3):
+            centre[held + k, axis] = _HELD[k][axis] * held_side
+        radius[held + k] = _HELD[k][3] * held_side
     return Balls(balls.frame, centre, radius, balls.body)
 
 

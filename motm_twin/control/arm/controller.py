@@ -187,7 +187,7 @@ class Manipulator(Stateful[ManipulatorState]):
     def _program(self, view: View, inputs: ArmInputs, motion: Motion) -> tuple[Program, ActiveRows]:
         """The program of this step."""
         state = self._state
-        program, rows = self._programs.fill(view, state, inputs, self._relaxing(view, inputs), motion.velocity)
+        program, rows = self._programs.fill(view, state, inputs, self._relaxing(view, inputs), motion)
         if state.phase in (Phase.STOW, Phase.CARRY) and view.time - state.since > self.parameters.stuck_time:
             program = self._free_return(view, program)
         return self._ways.program(state, view, motion, program), rows
@@ -260,7 +260,7 @@ class Manipulator(Stateful[ManipulatorState]):
         """The step for the Tick."""
         state, motion = self._state, decided.motion
         if motion is not None:
-            there, error, _ = motion
+            there, error = motion.reference, motion.error
             there.setflags(write=False)
         else:
             there, error = frozen(np.zeros(3) if view is None else view.p), 0.0

@@ -190,8 +190,13 @@ def _object_room(position: Array, yaw: float, width: float, neighbours: Array) -
 
 def over_middle(side: float, tilt: float) -> float:
     """Height [m] over an object's middle at which the fingers take it, so that a palm tilted [rad] clears its top."""
-    top = 0.5 * side * (math.cos(tilt) + math.sqrt(2.0) * math.sin(tilt))
-    return min(max(top + _UNDER_PALM - PALM[2], 0.0), _MOST_OVER_MIDDLE)
+    return min(max(corner(side, math.cos(tilt)) + _UNDER_PALM - PALM[2], 0.0), _MOST_OVER_MIDDLE)
+
+
+@njit(cache=True)
+def corner(side: float, level: float) -> float:
+    """Height [m] of the highest corner of a cube over its middle; ``level``: cosine of its tilt."""
+    return 0.5 * side * (level + math.sqrt(2.0) * math.sqrt(max(0.0, 1.0 - level * level)))
 
 
 def height_over(places: Array, R: Array, width: float, goal: ArmGoal) -> float:
@@ -202,21 +207,34 @@ def height_over(places: Array, R: Array, width: float, goal: ArmGoal) -> float:
     hand is tilted.
     """
     own = np.array([[*goal.position, goal.yaw, goal.side, 1.0]])
-    return _highest(places, hand_yaw(R), R[:, 2].copy(), width, np.concatenate((own, goal.neighbours)))
+    return _highest(places, hand_yaw(R), R[:, 2].copy(), (width, 0.0), np.concatenate((own, goal.neighbours)))
+
+
+def height_across(places: Array, R: Array, width: float, held: float, goal: ArmGoal) -> float:
+    """The same over all objects seen in reach; ``held``: side [m] of what the fingers hold, 0 for nothing.
+
+    The goal's own counts when it is to be picked, and nothing that is in its bin.
+    """
+    own = np.array([[*goal.position, goal.yaw, goal.side, float(goal.kind == "pick")]])
+    return _highest(places, hand_yaw(R), R[:, 2].copy(), (width, held), np.concatenate((own, goal.others)))
 
 
 @njit(cache=True)
-def _highest(places: Array, yaw: float, axis: Array, width: float, items: Array) -> float:
+def _highest(places: Array, yaw: float, axis: Array, grip: tuple[float, float], items: Array) -> float:
     """The highest `_height_over` of the places (k, 3)."""
     height = -np.inf
     for k in range(places.shape[0]):
-        height = max(height, _height_over(places[k], yaw, axis, width, items))
+        height = max(height, _height_over(places[k], yaw, axis, grip, items))
     return height
 
 
 @njit(cache=True)
-def _height_over(position: Array, yaw: float, axis: Array, width: float, items: Array) -> float:
-    """`height_over` of one place (3,), objects (n, 6), the goal's own first; ``axis`` (3,): that of the tool."""
+def _height_over(position: Array, yaw: float, axis: Array, grip: tuple[float, float], items: Array) -> float:
+    """`height_over` of one place (3,), objects (n, 6), the goal's own first; ``axis`` (3,): that of the tool.
+
+    ``grip``: width of the gripper and side of what it holds [m].
+    """
+    width, held = grip
     low, height = np.array([position[0], position[1], -np.inf]), -np.inf  # so low that every part counts
     palm = low - PALM[2] * axis
     across = math.sin(yaw) * axis[0] - math.cos(yaw) * axis[1]
@@ -226,6 +244,8 @@ def _height_over(position: Array, yaw: float, axis: Array, width: float, items: 
         top = item[2] + 0.5 * item[4] + _HIGHER
         if item[5] == 0.0:
             continue
+        if held > 0.0 and _part_gap(low, yaw, 0.0, 0.5 * held, 0.5 * held, item) < _BESIDE:
+            height = max(height, top + corner(held, -axis[2]))
         if _fingers_gap(low, yaw, across, width, item) < _BESIDE:
             height = max(height, top - _PARTS[0][3] + sink)
         elif n > 0 and _part_gap(palm, yaw, 0.0, PALM[0], PALM[1], item) < _BESIDE:

@@ -19,7 +19,7 @@ from motm_twin.control.arm.geometry import (
     tilt_of,
     tool_rotation,
 )
-from motm_twin.control.arm.grasp_room import height_over
+from motm_twin.control.arm.grasp_room import height_across, height_over
 from motm_twin.control.arm.parameters import ArmParameters, Numbers
 from motm_twin.control.arm.phases import grasp_point
 from motm_twin.control.arm.types import ArmInputs, Phase
@@ -38,6 +38,7 @@ _SWINGS = {
     Phase.TRANSIT: _OUT,
 }  # phases in which the hand swings about the mount
 _SHARES = np.array([[0.0], [0.5], [1.0]])  # of the way to the target at which objects are looked for
+_AHEAD = np.linspace(0.0, 0.4, 11)  # [m] of the way to the target at which other objects are looked for
 _ANCHORED = (Phase.CLOSING, Phase.LIFT, Phase.RELEASE)  # phases in which it keeps to a point chosen before
 
 
@@ -47,6 +48,7 @@ class Motion(NamedTuple):
     reference: Array  # desired tool centre point, odometry frame [m], shape (3,)
     error: float  # [m] of the tool centre point from there
     velocity: Array  # nu: linear [m/s], angular [rad/s], odometry frame, shape (6,)
+    crosses: bool = False  # other objects, whose tops it must clear
 
 
 class _Swing(NamedTuple):
@@ -89,21 +91,30 @@ def hand_motion(
     kind = _SWINGS.get(phase, _FIXED)
     reference = _point(state, view, parameters) if kind == _FIXED else np.empty(3)
     yaw = math.nan if state.yaw is None or phase == Phase.RELEASE else state.yaw
+    over = _over_objects(state, view, parameters)
     way = _Way(
         kind, state.anchor if phase in _ANCHORED else view.target, inputs.plan_times, inputs.plan_poses,
         view.radius, view.azimuth, view.distance, view.time_to_range, _GOALS.index(view.goal.kind), state.clear_z,
-        state.top_between, _over_objects(state, view, parameters), state.anchor, yaw,
+        state.top_between, over, state.anchor, yaw,
         parameters.hold_speed if phase == Phase.CLOSING else parameters.hand_speed,
     )  # fmt: skip
     error, velocity = _motion(view.arm, way, numbers, reference)
-    return Motion(reference, error, velocity)
+    return Motion(reference, error, velocity, over > -math.inf)
 
 
 def _over_objects(state: ManipulatorState, view: View, p: ArmParameters) -> float:
-    """Least height [m] of a hand that comes to a pick, over the objects on its way and beside it; -inf far from it."""
-    if state.phase != Phase.TRANSIT or view.goal.kind != "pick" or view.distance > 2.0 * p.sink_distance:
+    """Least height [m] of a hand on its way, over the objects that it crosses and beside a pick; -inf: none."""
+    if state.phase != Phase.TRANSIT:
         return -math.inf
-    return height_over(view.p + _SHARES * (view.target - view.p), view.R, view.width, view.goal)
+    height, pick = -math.inf, view.goal.kind == "pick"
+    if pick and view.distance <= 2.0 * p.sink_distance:
+        height = height_over(view.p + _SHARES * (view.target - view.p), view.R, view.width, view.goal)
+    if len(view.goal.others):
+        ahead = _AHEAD if pick else _AHEAD[_AHEAD < view.distance - p.sink_distance]
+        places = view.p + np.minimum(ahead / max(view.distance, 1e-9), 1.0)[:, None] * (view.target - view.p)
+        held = state.side if state.holding else 0.0
+        height = max(height, height_across(places, view.R, view.width, held, view.goal))
+    return height
 
 
 @njit(cache=True)

@@ -31,6 +31,7 @@ from motm_twin.control.arm.limits import (
     furniture_distances,
     lidar_limits,
 )
+from motm_twin.control.arm.motion import Motion
 from motm_twin.control.arm.parameters import ArmParameters, Numbers, QpParameters, numbers
 from motm_twin.control.arm.qp import Program
 from motm_twin.control.arm.types import ArmInputs, Phase
@@ -102,18 +103,18 @@ class ArmProgram:
         self._blind = p.avoidance.blind
         self._lag = known.robot.arm.velocity_lag
         self._weights = {
-            (swinging, laden): weights(p.qp, swinging=swinging, laden=laden)
+            (swinging, kept): weights(p.qp, swinging=swinging, kept=kept)
             for swinging in (False, True)
-            for laden in (False, True)
+            for kept in (False, True)
         }
         joints = joint_limits(p.qp.elbow_limit)
         self._constants = _Constants(numbers(p.qp), numbers(known.robot.base), joints)
         self._balls = arm_balls()
 
     def fill(
-        self, view: View, state: ManipulatorState, inputs: ArmInputs, relaxing: Array, velocity: Array
+        self, view: View, state: ManipulatorState, inputs: ArmInputs, relaxing: Array, motion: Motion
     ) -> tuple[Program, ActiveRows]:
-        """The program of one step, for the hand's ``velocity`` (6,).
+        """The program of one step, for a motion of the hand.
 
         ``relaxing`` [m], shape (t, 2): grasps for which static obstacles give way. The commands that the state
         remembers are kept near what the robot does, should somebody else have commanded it.
@@ -124,9 +125,9 @@ class ArmProgram:
         found = [(limit.rows(arm, around), first, limit.soft) for limit, first in self._limits]
         found = [one for one in found if len(one[0].h)]
         G, h, which = stacked(found, view.beta, arm.measured)
-        cost = self._weights[swinging, state.holding]
+        cost = self._weights[swinging, state.holding or motion.crosses]
         c, A, b, lower, upper = _program(
-            arm, velocity, self._brakable(arm.wanted, found), state.twist,
+            arm, motion.velocity, self._brakable(arm.wanted, found), state.twist,
             *self._joints(state.rates, inputs.stuck_joint), cost, (view.manipulability, view.beta, inputs.dt, swinging),
         )  # fmt: skip
         program = Program(P=cost, c=c, A=A, b=b, G=G, h=h, lower=lower, upper=upper, slack=_SLACKS)
@@ -282,10 +283,10 @@ def _of_commands(G: Array, h: Array, beta: float, measured: Array) -> None:
         G[r, 0], G[r, 1] = beta * G[r, 0], beta * G[r, 1]
 
 
-def weights(parameters: QpParameters, *, swinging: bool, laden: bool) -> Array:
+def weights(parameters: QpParameters, *, swinging: bool, kept: bool) -> Array:
     """Diagonal of the quadratic cost, shape (17,); ``swinging``: on the way, where nothing must be met exactly.
 
-    But for the height of a ``laden`` hand: what it holds would meet what is below.
+    But for the height where it is ``kept``: a low hand, or what it holds, would meet what is below.
     """
     p = parameters
     linear = p.swing_linear_slack_weight if swinging else p.linear_slack_weight
@@ -295,7 +296,7 @@ def weights(parameters: QpParameters, *, swinging: bool, laden: bool) -> Array:
         [p.base_weight] * 2
         + [twist if joint in TWISTING else p.rate_weight for joint in range(7)]
         + [linear] * 2
-        + [p.linear_slack_weight if laden else linear]
+        + [p.linear_slack_weight if kept else linear]
         + [tilt] * 2
         + [p.swing_yaw_slack_weight if swinging else p.yaw_slack_weight]
         + [p.elastic_weight] * 2

@@ -29,6 +29,7 @@ class ArmGoal(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     release_half_width: float = 0.0  # [m] place: half of the square in which the released object must be
     neighbours: Array = NO_NEIGHBOURS  # beside the object or in the bin: x, y, z [m], yaw [rad], side [m], 1: seen
     neighbour_names: tuple[str, ...] = ()
+    others: Array = NO_NEIGHBOURS  # that were seen, in reach and not in the bin: the hand may swing across them; (n, 6)
 
 
 class ArmObstacles(msgspec.Struct, frozen=True, kw_only=True, eq=False):
