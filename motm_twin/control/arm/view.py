@@ -19,6 +19,7 @@ from motm_twin.model.state import LATER
 
 _NOTHING, _PICK, _PLACE = 0, 1, 2
 _GOALS = {"pick": _PICK, "place": _PLACE}
+_LANDING = 0.005  # [m] by which one object is elsewhere than seen, and another lands elsewhere than expected
 
 
 @dataclass
@@ -201,7 +202,7 @@ def taken(goal: ArmGoal, turned: float) -> Array:
     if goal.kind != "place" or not len(goal.neighbours):
         return np.zeros((0, 3))
     apart = 0.5 * (goal.neighbours[:, 4] + goal.side) * (1.0 + turned * (math.sqrt(2.0) - 1.0))
-    return np.column_stack([goal.neighbours[:, :2], apart])
+    return np.column_stack([goal.neighbours[:, :2], apart + _LANDING])
 
 
 @njit(cache=True)
