@@ -340,13 +340,19 @@ class ControlLoop(Stateful[LoopState]):
         elif step.outcome == "lost" and held:
             self._lose(held, step.reference, observation, T_odom_world)
         elif step.outcome == "placed" and held:
-            self.tracker.move_belief(held, goal.position, observation, self.settings.parameters.objects.bin_sd)
+            self._let_go(held, goal, observation)
         events = self.sequence.apply(step.outcome, observation.time, step.why)
         if self.sequence.index < index:  # back to a pick: tasks may have other numbers now
             self._begin_another()
         elif self.sequence.index > index:
             self._state.dwell, self._state.engaged = None, False
         return tuple(events)
+
+    def _let_go(self, name: str, goal: ArmGoal, observation: Observation) -> None:
+        """Believe a placed object on the floor of its bin."""
+        low = self.targets.bins[goal.name].floor_z + 0.5 * self.targets.objects[name].side
+        place = np.array([goal.position[0], goal.position[1], low])
+        self.tracker.move_belief(name, place, observation, self.settings.parameters.objects.bin_sd)
 
     def _lose(self, name: str, hand: Array, observation: Observation, T_odom_world: Array) -> None:
         """Believe a lost object on the furniture below the hand, or else back where it was picked."""

@@ -113,6 +113,8 @@ class SelfCheck(Stateful[SelfCheckState]):
         scan = self._usable_scan(now, believed)
         believed, scan = self._matched(believed, scan)
         seen = _shifted(now, believed)  # what the camera says, in the odometry that is believed
+        if state.detection.association.stamp > -math.inf:  # a camera that gives no names
+            self._tracker.reconsider(seen, held)
         beliefs = Beliefs(self._tracker, seen, robot, settings.detections, self._known.bins, self._screens)
         detections = detection_check.checked(state.detection, seen, beliefs, held, robot, settings.detections)
         self._gather(now, seen, beliefs, held, detections)

@@ -12,7 +12,7 @@ from motm_twin.model.arm_kernels import HAND, fk_arm
 from motm_twin.model.compiler import njit
 from motm_twin.model.exact import hypot
 from motm_twin.model.geometry import Array, compose, from_frame, inverse, to_frame
-from motm_twin.model.known import KnownWorld
+from motm_twin.model.known import KnownWorld, known_solids
 from motm_twin.model.number import OWN, Number
 from motm_twin.model.plant import Detection, Observation
 from motm_twin.model.profile import RobotProfile
@@ -75,12 +75,11 @@ class Screens(NamedTuple):
 
     @classmethod
     def of(cls, known: KnownWorld) -> "Screens":
-        """All sides of all pieces of the map."""
-        outlines = [outline(solid.shape) for solid in known.solids]
+        """All sides of all pieces of the map, and of bins."""
+        solids = known_solids(known)
+        outlines = [outline(solid.shape) for solid in solids]
         edges = [np.hstack([corners, np.roll(corners, -1, axis=0)]) for corners in outlines]
-        z = [
-            np.tile((solid.z_min, solid.z_max), (len(side), 1)) for solid, side in zip(known.solids, edges, strict=True)
-        ]
+        z = [np.tile((solid.z_min, solid.z_max), (len(side), 1)) for solid, side in zip(solids, edges, strict=True)]
         return cls(np.vstack([np.zeros((0, 4)), *edges]), np.vstack([np.zeros((0, 2)), *z]))
 
 

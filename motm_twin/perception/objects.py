@@ -77,6 +77,8 @@ class TrackerState:
     odometry: Array | None = None
     anchor: Array | None = None  # the world in the odometry frame, averaged, shape (3,)
     anchored: float = 0.0  # [s] when it was last moved
+    fresh: list[str] = field(default_factory=list)  # objects that got their first detection since `reconsider`
+    moved: set[str] = field(default_factory=set)  # objects that are not where they stood at first
 
 
 class ObjectTracker(Stateful[TrackerState]):
@@ -200,6 +202,7 @@ class ObjectTracker(Stateful[TrackerState]):
     def move_belief(self, name: str, position: Array, observation: Observation, sd: float) -> None:
         """Believe an object at a position [m], odometry frame, shape (3,): where the hand has dropped or lost it."""
         yaw = self.belief(name, observation)[1]
+        self._state.moved.add(name)
         self._state.tracks[name] = Track(np.array(position, dtype=float), yaw, sd**2, observation.time)
 
     def forget(self, name: str) -> bool:
@@ -211,6 +214,28 @@ class ObjectTracker(Stateful[TrackerState]):
         tracks = self._state.tracks
         swapped = {one: tracks.pop(other, None), other: tracks.pop(one, None)}
         tracks.update({name: track for name, track in swapped.items() if track is not None})
+
+    def reconsider(self, observation: Observation, held: str | None) -> None:
+        """Exchange objects that were just named for the first time, where the priors say the other way round.
+
+        Of two side by side, the first in view takes the name of the nearer prior, which may be that of the second.
+        """
+        state = self._state
+        fresh, state.fresh = state.fresh, []
+        standing = [name for name in state.tracks if name not in state.moved and name != held]
+        for name in fresh:
+            if name not in standing:
+                continue
+            gains = {other: self._gain(name, other, observation) for other in standing if other != name}
+            best = max(gains, key=gains.__getitem__, default=name)
+            if gains.get(best, 0.0) > self._prior_sd**2:
+                self.exchange(name, best)
+
+    def _gain(self, one: str, other: str, observation: Observation) -> float:
+        """Square distances [m^2] to their priors that two objects lose when they are exchanged."""
+        a, b = (self._state.tracks[name].position for name in (one, other))
+        p, q = (self._prior_in_odometry(name, observation)[0] for name in (one, other))
+        return float(((a - p) ** 2 + (b - q) ** 2 - (a - q) ** 2 - (b - p) ** 2).sum())
 
     def carry(
         self, stands: Callable[[Array], bool], transform: Array, observation: Observation, *, held: str, before: float
@@ -291,12 +316,14 @@ class ObjectTracker(Stateful[TrackerState]):
             variance = self._prior_sd**2 + settings.localisation_sd**2
             track = state.tracks[detection.name] = Track(position, yaw, variance, detection.stamp)
             track.yaw = _towards(yaw, yaw_seen, 1.0)
+            state.fresh.append(detection.name)
         variance = track.variance + settings.drift**2 * max(0.0, detection.stamp - track.last_seen)
         innovation = seen_at - track.position
         noise = detection.position_sd**2
         reach = settings.gate_floor + settings.gate * math.sqrt(variance + noise)
         if float(np.abs(innovation).max()) > reach:
-            self._elsewhere(track, detection, seen_at, yaw_seen)
+            if self._elsewhere(track, detection, seen_at, yaw_seen):
+                state.moved.add(detection.name)
             return
         gain = variance / (variance + noise) if variance + noise > 0.0 else 1.0
         track.position = track.position + gain * innovation
@@ -305,19 +332,21 @@ class ObjectTracker(Stateful[TrackerState]):
         track.last_seen = detection.stamp
         track.elsewhere = []
 
-    def _elsewhere(self, track: Track, detection: Detection, seen_at: Array, yaw_seen: float) -> None:
-        """Count outliers that agree; enough of them move the belief."""
+    def _elsewhere(self, track: Track, detection: Detection, seen_at: Array, yaw_seen: float) -> bool:
+        """Count outliers that agree; True when there are enough of them, and the belief moves."""
         settings = self._settings
         reach = settings.gate_floor + settings.gate * math.sqrt(2.0) * detection.position_sd
         agreeing = [p for p in track.elsewhere if float(np.abs(p - seen_at).max()) <= reach]
         track.elsewhere = [*agreeing, seen_at]
-        if len(track.elsewhere) >= settings.agreeing:
-            count = len(track.elsewhere)
-            track.position = np.mean(track.elsewhere, axis=0)
-            track.variance = detection.position_sd**2 / count
-            track.yaw = _towards(track.yaw, yaw_seen, 1.0)
-            track.last_seen = detection.stamp
-            track.elsewhere = []
+        count = len(track.elsewhere)
+        if count < settings.agreeing:
+            return False
+        track.position = np.mean(track.elsewhere, axis=0)
+        track.variance = detection.position_sd**2 / count
+        track.yaw = _towards(track.yaw, yaw_seen, 1.0)
+        track.last_seen = detection.stamp
+        track.elsewhere = []
+        return True
 
 
 def _usable(detection: Detection) -> bool:

@@ -10,7 +10,7 @@ from motm_twin.model.geometry import to_frame
 from motm_twin.model.known import KnownWorld
 from motm_twin.model.plant import Detection, Observation
 from motm_twin.model.profile import READY, RobotProfile
-from motm_twin.model.scene import Box, Cylinder, Solid
+from motm_twin.model.scene import Bin, Box, Cylinder, Solid
 from motm_twin.perception.detection_check import (
     DetectionSettings,
     DetectionState,
@@ -63,6 +63,18 @@ def judge(now, beliefs, state=None, held=None):
     kept = checked(state, now, beliefs, held, PROFILE, SETTINGS)
     found = findings(state, now, beliefs, held, PROFILE, SETTINGS)
     return [one.name for one in kept], [one.kind for one in found]
+
+
+@pytest.mark.parametrize(("z", "screened"), [(0.05, True), (0.6, False)])
+def test_the_wall_of_a_bin_hides_what_lies_in_it(z, screened):
+    """Whenever a cube had been let go into a deep bin, the camera was said to have lost it."""
+    place = Bin(name="tub", centre=(1.0, 0.0), side=0.4, floor_z=0.0, rim_z=0.6)
+    known = KnownWorld(
+        robot=PROFILE, start=(0.0, 0.0, 0.0), solids=(), objects=(), object_sd=0.03, bins=(place,), tasks=(),
+        bounds=(-2.0, -2.0, 2.0, 2.0),
+    )  # fmt: skip
+    eye, point = np.array([0.4, 0.0, 0.9]), np.array([1.0, 0.0, z])
+    assert _screened(eye, point, SETTINGS.above, *Screens.of(known)) == screened
 
 
 @pytest.mark.parametrize(

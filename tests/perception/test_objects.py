@@ -2,11 +2,13 @@
 
 import math
 
+import msgspec
 import numpy as np
 import pytest
 
 from motm_twin.model.geometry import compose, from_frame, inverse, to_frame
 from motm_twin.model.plant import Detection
+from motm_twin.model.scene import SceneObject
 from motm_twin.model.state import state_hash
 from motm_twin.perception.objects import ObjectTracker
 
@@ -42,6 +44,38 @@ def test_before_it_is_seen_an_object_is_where_the_prior_says_through_the_present
     assert (sd, last_seen) == (0.03, None)
     world = tracker.world_position("cube", observe(0.0, pose=pose, odometry=odometry))
     np.testing.assert_allclose(world, [2.2, 1.2, 0.8])
+
+
+TWO = np.array([[2.549, 1.475, 0.80], [2.684, 1.416, 0.80]])  # priors of a and b
+HERE = np.array([[2.62, 1.40, 0.80], [2.685, 1.40, 0.80]])  # a and b
+
+
+@pytest.fixture
+def pair(known):
+    """Believes two cubes, of which b is the nearer one to where a is."""
+    priors = tuple(SceneObject(name=name, position=tuple(at), yaw=0.0) for name, at in zip("ab", TWO, strict=True))
+    return ObjectTracker(msgspec.structs.replace(known, objects=priors, object_sd=0.03))
+
+
+@pytest.mark.parametrize(("moved", "right"), [(False, True), (True, False)])
+def test_two_that_were_named_the_wrong_way_round_are_exchanged_when_both_are_seen(pair, moved, right):
+    """The first in view took the name of the nearer prior; the other one went into its bin."""
+    for k, (name, at) in enumerate([("b", HERE[0]), ("a", HERE[1])]):
+        feed(pair, 0.1 * k, name=name, at=at)
+        if moved and name == "b":
+            pair.move_belief("b", HERE[0], NOW, 0.005)
+        pair.reconsider(NOW, None)
+    seen = HERE if right else HERE[::-1]
+    for name, at in zip("ab", seen, strict=True):
+        np.testing.assert_allclose(pair.belief(name, NOW)[0], at, atol=0.006)
+
+
+def test_two_that_were_named_the_right_way_round_stay(pair):
+    for name, at in zip("ab", HERE, strict=True):
+        feed(pair, 0.1, name=name, at=at)
+    for held in (None, "a"):
+        pair.reconsider(NOW, held)
+    np.testing.assert_allclose(pair.belief("a", NOW)[0], HERE[0], atol=0.006)
 
 
 def test_detections_bring_the_belief_to_the_true_place_from_any_base_pose(tracker):
