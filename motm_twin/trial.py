@@ -187,10 +187,26 @@ def failure(twin: Twin, tick: Tick, completed: bool, caused: int, failures: tupl
             return f"dropped, and not picked up and placed again: {', '.join(truth.dropped)}"
         if truth is not None and truth.places == places:
             return "the referee sees nothing in the gripper, and the robot believes to hold an object"
-        return "the referee counts fewer objects in their bins than the robot believes to have placed"
+        return f"the referee does not find in their bins what the robot believes to have placed{_astray(tick)}"
     if caused:
         return f"{caused} contact(s) caused by the robot"
     return ""
+
+
+def _astray(tick: Tick) -> str:
+    """': pin is not in tray' for each object that is not in the bin of its last place task."""
+    assert tick.truth is not None
+    bins: dict[str, str] = {}
+    held = ""
+    for task in tick.tasks:
+        if task.status == "done" and task.kind in ("pick", "place"):
+            if task.kind == "pick":
+                held = task.target
+            elif held:
+                bins[held] = task.target
+    states = {one.name: one.state for one in tick.truth.objects}
+    wrong = [f"{name} is not in {place}" for name, place in bins.items() if states.get(name) != f"binned:{place}"]
+    return f": {', '.join(wrong)}" if wrong else ""
 
 
 def _count(tick: Tick, kind: str) -> int:

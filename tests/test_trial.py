@@ -9,6 +9,7 @@ import motm_twin
 from motm_twin.bus.encode import tick_message
 from motm_twin.bus.events import EventLog, EventWatch
 from motm_twin.bus.messages import CutInMessage
+from motm_twin.control.tick import TaskState
 from motm_twin.gym.env import RewardWeights, Score, reward, score_of
 from motm_twin.model.names import MethodError, SceneError
 from motm_twin.model.plant import Contact, Truth
@@ -101,6 +102,18 @@ def test_what_was_dropped_and_not_put_right_is_known_by_its_name(truth):
     assert score_of(Score(), SimpleNamespace(tasks=()), dropped, 0.0).dropped == {"cube3"}
     tick = SimpleNamespace(done=True, truth=dropped, tasks=())
     assert failure(SimpleNamespace(), tick, False, 0, ()) == "dropped, and not picked up and placed again: cube3"
+
+
+def test_an_object_in_another_bin_than_the_robot_believes_is_named(truth):
+    """Of two look-alikes each was put where the other belongs: which ones was not said."""
+    a, b = (one.name for one in truth.objects[:2])
+    states = dict(zip((a, b), ("binned:drop2", "binned:drop1"), strict=True))
+    objects = tuple(msgspec.structs.replace(one, state=states.get(one.name, one.state)) for one in truth.objects)
+    done = [("pick", a), ("place", "drop1"), ("pick", b), ("place", "drop1")]
+    tasks = tuple(TaskState(kind=kind, target=target, status="done", attempts=1) for kind, target in done)
+    tick = SimpleNamespace(done=True, truth=msgspec.structs.replace(truth, objects=objects, places=1), tasks=tasks)
+    said = failure(SimpleNamespace(), tick, False, 0, ())
+    assert said.endswith(f"believes to have placed: {a} is not in drop1")
 
 
 def test_a_cut_in_is_told_once(truth):
