@@ -116,7 +116,7 @@ class AvoidanceParameters(msgspec.Struct, frozen=True, kw_only=True):
             "Distance that elbow, forearm and wrist keep from moving obstacles; the paper limits only the gripper.",
             (0.02, 0.15, 0.01))] = 0.05  # fmt: skip
     link_d_i: Annotated[float, Number("m", OWN, "from which on a link is slowed")] = 0.35
-    furniture_d_s: Annotated[float, Number("m", OWN, "from furniture, and 1 sd of the robot's place on the map"),
+    furniture_d_s: Annotated[float, Number("m", OWN, "from furniture, and 2 sd of the robot's place on the map"),
         Slider("Clearance of the arm", "Safety",
             "Distance that the whole arm keeps from mapped furniture, except for the fingers at a grasp.",
             (0.004, 0.04, 0.004))] = 0.008  # fmt: skip
