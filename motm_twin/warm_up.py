@@ -20,8 +20,9 @@ from numba.core import event
 
 from motm_twin.control.arm.controller import Manipulator
 from motm_twin.control.arm.geometry import reach_radius, room_at, rotation_error
-from motm_twin.control.arm.grasp_room import height_over
+from motm_twin.control.arm.grasp_room import height_over, over_middle
 from motm_twin.control.arm.monitor import ArmMonitor
+from motm_twin.control.arm.motion import palm_drop
 from motm_twin.control.arm.parameters import ArmParameters
 from motm_twin.control.arm.program import base_bounds, joint_bounds
 from motm_twin.control.arm.types import ArmGoal, ArmInputs, ArmObstacles
@@ -232,6 +233,8 @@ def _arm() -> None:
     fast = Actuation(twist=frozen(np.array([0.5, 0.1])), joint_velocity=frozen(np.zeros(7)), gripper="open")
     monitor.check(fast, narrow, ARM_STEP, scan_stamp=narrow.time)  # brakes
     height_over(np.zeros((1, 3)), -np.eye(3), known.robot.gripper.max_width, inputs.goal)  # on its way down
+    over_middle(0.04, 0.1)
+    palm_drop(-np.eye(3), 0.1)
     _called_by_other_arms(known.robot)
 
 

@@ -210,13 +210,10 @@ def height_over(places: Array, R: Array, width: float, goal: ArmGoal) -> float:
     return _highest(places, hand_yaw(R), R[:, 2].copy(), (width, 0.0), np.concatenate((own, goal.neighbours)))
 
 
-def height_across(places: Array, R: Array, width: float, held: float, goal: ArmGoal) -> float:
-    """The same over all objects seen in reach; ``held``: side [m] of what the fingers hold, 0 for nothing.
-
-    The goal's own counts when it is to be picked, and nothing that is in its bin.
-    """
-    own = np.array([[*goal.position, goal.yaw, goal.side, float(goal.kind == "pick")]])
-    return _highest(places, hand_yaw(R), R[:, 2].copy(), (width, held), np.concatenate((own, goal.others)))
+def height_across(places: Array, R: Array, width: float, held: float, goal: ArmGoal, *, own: bool) -> float:
+    """The same over the others seen in reach, and the goal's ``own`` object; ``held``: side [m] of what it holds."""
+    first = np.array([[*goal.position, goal.yaw, goal.side, float(own)]])
+    return _highest(places, hand_yaw(R), R[:, 2].copy(), (width, held), np.concatenate((first, goal.others)))
 
 
 @njit(cache=True)

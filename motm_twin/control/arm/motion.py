@@ -77,7 +77,7 @@ class _Way(NamedTuple):
     goal: int  # index into `_GOALS`
     clear_z: float
     top_between: float
-    over_objects: float  # [m] least height of the tool centre point on its way to a pick
+    over_objects: float  # [m] least height of the tool centre point on its way, over objects
     anchor: Array
     yaw: float  # [rad], nan: as the arm has it
     fastest: float  # [m/s]
@@ -91,30 +91,42 @@ def hand_motion(
     kind = _SWINGS.get(phase, _FIXED)
     reference = _point(state, view, parameters) if kind == _FIXED else np.empty(3)
     yaw = math.nan if state.yaw is None or phase == Phase.RELEASE else state.yaw
-    over = _over_objects(state, view, parameters)
+    over, clear_z = _over_others(state, view, parameters), state.clear_z
+    if view.goal.kind == "pick" and view.distance < parameters.neighbours:  # a pick that is broken off
+        clear_z = max(clear_z, view.target[2] + parameters.transit_clearance)
     way = _Way(
         kind, state.anchor if phase in _ANCHORED else view.target, inputs.plan_times, inputs.plan_poses,
-        view.radius, view.azimuth, view.distance, view.time_to_range, _GOALS.index(view.goal.kind), state.clear_z,
-        state.top_between, over, state.anchor, yaw,
+        view.radius, view.azimuth, view.distance, view.time_to_range, _GOALS.index(view.goal.kind), clear_z,
+        state.top_between, max(over, _over_goal(state, view, parameters)), state.anchor, yaw,
         parameters.hold_speed if phase == Phase.CLOSING else parameters.hand_speed,
     )  # fmt: skip
     error, velocity = _motion(view.arm, way, numbers, reference)
     return Motion(reference, error, velocity, over > -math.inf)
 
 
-def _over_objects(state: ManipulatorState, view: View, p: ArmParameters) -> float:
-    """Least height [m] of a hand on its way, over the objects that it crosses and beside a pick; -inf: none."""
-    if state.phase != Phase.TRANSIT:
+def _over_others(state: ManipulatorState, view: View, p: ArmParameters) -> float:
+    """Least height [m] of a swinging hand, over the objects that it crosses; -inf: none.
+
+    On its way these are all but its goal; on its way back the goal of a pick counts, too.
+    """
+    goal, out = view.goal, state.phase == Phase.TRANSIT
+    back = goal.kind == "pick" and not out
+    if state.phase not in _SWINGS or not (back or len(goal.others)):
         return -math.inf
-    height, pick = -math.inf, view.goal.kind == "pick"
-    if pick and view.distance <= 2.0 * p.sink_distance:
-        height = height_over(view.p + _SHARES * (view.target - view.p), view.R, view.width, view.goal)
-    if len(view.goal.others):
-        ahead = _AHEAD if pick else _AHEAD[_AHEAD < view.distance - p.sink_distance]
-        places = view.p + np.minimum(ahead / max(view.distance, 1e-9), 1.0)[:, None] * (view.target - view.p)
-        held = state.side if state.holding else 0.0
-        height = max(height, height_across(places, view.R, view.width, held, view.goal))
-    return height
+    ahead = _AHEAD
+    if goal.kind == "place" and out:
+        ahead = _AHEAD[_AHEAD < view.distance - p.sink_distance]
+    end = view.target if out else view.mount
+    way = end - view.p
+    places = view.p + np.minimum(ahead / max(hypot(way[0], way[1]), 1e-9), 1.0)[:, None] * way
+    return height_across(places, view.R, view.width, state.side if state.holding else 0.0, goal, own=back)
+
+
+def _over_goal(state: ManipulatorState, view: View, p: ArmParameters) -> float:
+    """Least height [m] of a hand that comes to a pick, over the object and its neighbours; -inf far from it."""
+    if state.phase != Phase.TRANSIT or view.goal.kind != "pick" or view.distance > 2.0 * p.sink_distance:
+        return -math.inf
+    return height_over(view.p + _SHARES * (view.target - view.p), view.R, view.width, view.goal)
 
 
 @njit(cache=True)
@@ -167,7 +179,7 @@ def _final_point(state: ManipulatorState, view: View, p: ArmParameters) -> Array
             point[2] = max(point[2], min(point[2] + rise, highest))
         return point
     point[2] += min(max((view.distance - p.funnel_radius) * p.funnel_slope, 0.0), p.hover_height)
-    point[2] += PALM[0] * math.sin(max(view.tilt - p.close_tilt, 0.0))
+    point[2] += palm_drop(view.R, p.close_tilt)
     point[2] = max(point[2], over)
     return point
 
@@ -199,11 +211,18 @@ def _stowed(arm: Arm, way: _Way, parameters: Numbers) -> _Swing:
     """Gripper, object and elbow inside the footprint, turned a little towards the target, unless there is none."""
     n, p, mount = parameters[0], arm.p, arm.mount
     azimuth = 0.0 if way.goal == _NONE else min(max(way.azimuth, -n.stow_azimuth), n.stow_azimuth)
+    clear = max(way.clear_z + palm_drop(arm.R, n.close_tilt), way.over_objects)
     z = mount[2] + n.stow_height
     if hypot(p[0] - mount[0], p[1] - mount[1]) > n.retract_radius:
-        z = max(z, way.clear_z)
-    swing = _Swing(n.stow_radius, azimuth, z, 0.0, 0.0, n.k_transit, n.k_transit)
-    return _first_up(swing, way.clear_z, arm, n.pick_tilt, parameters)
+        z = max(z, clear)
+    swing = _Swing(n.stow_radius, azimuth, max(z, way.over_objects), 0.0, 0.0, n.k_transit, n.k_transit)
+    return _first_up(swing, clear, arm, n.pick_tilt, parameters)
+
+
+@njit(cache=True)
+def palm_drop(R: Array, upright: float) -> float:
+    """Length [m] by which the edge of the palm is lower than in a hand tilted by ``upright`` [rad]."""
+    return PALM[0] * math.sin(max(tilt_of(R) - upright, 0.0))
 
 
 @njit(cache=True)
@@ -281,7 +300,7 @@ def _transit_swing(arm: Arm, way: _Way, lowest: float, parameters: Numbers) -> _
     if arm.p[2] < z - 0.03 and now < n.foot_radius + 0.02:  # first up, then out
         radius, radius_rate = min(radius, n.foot_radius), 0.0
     elif early > 0.0 and radius < now:  # the edge of the palm clears them, too
-        z += PALM[0] * math.sin(max(tilt_of(arm.R) - n.close_tilt, 0.0))
+        z += palm_drop(arm.R, n.close_tilt)
     if arm.p[2] < way.top_between + 0.5 * n.transit_clearance:  # and then over
         radius, radius_rate = min(radius, now), 0.0
     swing = _Swing(max(radius, n.swing_radius), azimuth, z, radius_rate, azimuth_rate, n.k_transit, gain)
