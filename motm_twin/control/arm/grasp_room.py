@@ -49,6 +49,7 @@ _PARTS = (  # of the hand: middle beyond the pad and half width along the closin
 _BESIDE = 0.003  # [m] that fingers keep from objects as they come down: the camera, and a hand that is turning still
 _SURE = 0.01  # [m] 1 sd: a robot that knows its place no better may find room in some seconds
 _UNDER_PALM = 0.003  # [m] between a tilted palm and the object's top: camera
+_LEVEL = 0.1  # cosine of a hand's tilt that is not looked beyond: it lies on its side
 _MOST_OVER_MIDDLE = 0.008  # [m]: the pads still hold it, whatever the camera is off by
 
 
@@ -257,7 +258,7 @@ def _underside(position: Array, yaw: float, axis: Array, item: Array) -> float:
     edge = PALM[0] * abs(s * axis[0] - c * axis[1]) + PALM[1] * abs(c * axis[0] + s * axis[1])
     near = axis[0] * (item[0] - position[0]) + axis[1] * (item[1] - position[1])
     near -= math.sqrt(0.5) * item[4] * hypot(axis[0], axis[1])  # its corner
-    return (PALM[2] + max(near, -edge)) / -axis[2]
+    return (PALM[2] + max(near, -edge)) / max(-axis[2], _LEVEL)
 
 
 @njit(cache=True)
@@ -275,7 +276,7 @@ def _fingers_gap(position: Array, yaw: float, across: float, width: float, item:
 
     ``across``: sine of the tilt along the closing axis. It brings the lower finger nearer to the middle.
     """
-    gap, level = np.inf, math.sqrt(1.0 - across * across)
+    gap, level = np.inf, math.sqrt(max(0.0, 1.0 - across * across))
     top = item[2] + 0.5 * item[4] + _HIGHER
     for middle, half, depth, bottom in _PARTS:
         if top > position[2] + bottom:
