@@ -145,7 +145,6 @@ class SelfCheck(Stateful[SelfCheckState]):
         found, settings = self._state.detection.association, self._settings.detections.association
         for name in association.disproved(found, now.time - now.ahead, settings):
             self._tracker.forget(name)
-            del found.absent[name]
 
     def trust(self) -> Trust:
         """The share of its speed that the robot keeps, and the reason of the worst finding."""

@@ -103,6 +103,7 @@ class AssociationState:
     candidates: list[Candidate] = field(default_factory=list)
     absent: dict[str, float] = field(default_factory=dict)  # [s] since when an object is in view and not reported
     missed: dict[str, Array] = field(default_factory=dict)  # where the fingers last closed on an object in vain
+    lost: list[str] = field(default_factory=list)  # objects that are not where they were believed, and unseen since
     denied: list[tuple[str, Array]] = field(default_factory=list)  # objects, and where something is that is another
 
 
@@ -136,7 +137,8 @@ def names_of(
         doubtful = all_alike.get(k) != i or picture.ambiguous(k, i, match, absent)
         name = "" if doubtful and not picture.places.seen[i] else picture.places.names[i]
         names[k], candidate.likely = (name, "") if sure else ("", name)
-    _claim(candidates, picture, names, match, sight, absent)
+    _claim(candidates, picture, names, match, sight, absent, state.lost)
+    state.lost = [name for name in state.lost if name not in names]
     if found:
         state.stamp = newest
         state.names = {one.p_base.tobytes(): name for one, name in zip(found, names, strict=True)}
@@ -148,15 +150,19 @@ def names_of(
 def unexplained(state: AssociationState, sight: Sight) -> bool:
     """Something is detected again and again where no object is known, and none is missing."""
     agreeing = sight.places().agreeing
-    return any(
+    return not state.absent and any(
         one.count > agreeing and not one.name and one.stamp == state.stamp and not sight.in_bin(one.position)
         for one in state.candidates
     )
 
 
 def disproved(state: AssociationState, now: float, settings: AssociationSettings) -> tuple[str, ...]:
-    """Objects that have been in view for long where they are believed, and were not reported."""
-    return tuple(name for name, since in state.absent.items() if now - since >= settings.disproved)
+    """Objects that have been in view for long where they are believed, and were not reported: they are lost."""
+    found = tuple(name for name, since in state.absent.items() if now - since >= settings.disproved)
+    for name in found:
+        del state.absent[name]
+    state.lost += [name for name in found if name not in state.lost]
+    return found
 
 
 def missed(state: AssociationState, name: str, place: Array, places: Places, settings: AssociationSettings) -> str:
@@ -301,9 +307,9 @@ def _is_absent(state: AssociationState, name: str, now: float, age: float, setti
 
 def _claim(
     candidates: Sequence[Candidate], picture: _Picture, names: list[str], match: dict[int, int], sight: Sight,
-    absent: Callable[[str], bool],
+    absent: Callable[[str], bool], lost: Sequence[str],
 ) -> None:  # fmt: skip
-    """Confirmed candidates are the objects that are missing, the nearest first."""
+    """Confirmed candidates are the objects that are missing or ``lost``, the nearest first."""
     places, taken, settings = picture.places, {*match.values()}, picture.settings
     pairs = []
     for k in range(len(names)):
@@ -317,8 +323,8 @@ def _claim(
             if i in taken or not picture.allowed[k, i]:
                 continue
             same_bin = in_bin and sight.in_bin(places.positions[i])
-            astray = one.count >= 2 * places.agreeing and not in_bin and places.seen[i]
-            astray = astray and picture.distance[k, i] < settings.astray and not sight.in_view(places.positions[i])
+            astray = not in_bin and picture.distance[k, i] < settings.astray and not sight.in_view(places.positions[i])
+            astray = astray and (name in lost or (one.count >= 2 * places.agreeing and places.seen[i]))
             if absent(name) or same_bin or astray or one.name == name:
                 pairs.append((one.name != name, not same_bin, float(picture.distance[k, i]), k, i, one))
     done: set[int] = set()
