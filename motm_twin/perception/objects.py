@@ -250,6 +250,7 @@ class ObjectTracker(Stateful[TrackerState]):
             at = from_frame(T_world_odom, track.position)
             if name == held or track.last_seen > before or not stands(at):
                 continue
+            self._state.moved.add(name)
             track.position = from_frame(inverse(T_world_odom), from_frame(transform, at))
             track.yaw = wrap_angle(track.yaw + float(transform[2]))
             track.elsewhere = []

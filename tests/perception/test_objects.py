@@ -70,6 +70,14 @@ def test_two_that_were_named_the_wrong_way_round_are_exchanged_when_both_are_see
         np.testing.assert_allclose(pair.belief(name, NOW)[0], at, atol=0.006)
 
 
+def test_what_was_carried_away_with_its_furniture_is_not_exchanged_for_where_it_stood(pair):
+    feed(pair, 0.0, name="b", at=HERE[0])
+    pair.carry(lambda at: True, np.array([0.0, 0.0, 0.0]), NOW, held="", before=1.0)
+    feed(pair, 0.1, name="a", at=HERE[1])
+    pair.reconsider(NOW, None)
+    np.testing.assert_allclose(pair.belief("b", NOW)[0], HERE[0], atol=0.006)
+
+
 def test_two_that_were_named_the_right_way_round_stay(pair):
     for name, at in zip("ab", HERE, strict=True):
         feed(pair, 0.1, name=name, at=at)

@@ -24,7 +24,7 @@ from motm_twin.control.arm.bodies import (
     solid_distance,
 )
 from motm_twin.control.arm.geometry import QUARTER, cube_yaw, hand_yaw, tool_rotation
-from motm_twin.control.arm.limits import PLACE_SDS, YIELDS
+from motm_twin.control.arm.limits import YIELDS
 from motm_twin.control.arm.parameters import AvoidanceParameters
 from motm_twin.control.arm.types import ArmGoal
 from motm_twin.model.arm_kernels import HAND, HAND_LENGTH
@@ -95,7 +95,7 @@ class GraspRoom:
         balls = placed(self._balls, width, 0.0)
         place = np.array([*to_frame(T_odom_world, goal.position), yaw - float(T_odom_world[2])])
         p = self._parameters
-        keep = np.array([p.furniture_d_s, p.fingers_d_s]) + PLACE_SDS * sd
+        keep = np.array([p.furniture_d_s, p.fingers_d_s]) + sd
         solid, k = _furniture_room(place, goal.side, balls, keep, self._mapped.solids)
         item, j = _object_room(goal.position, yaw, width, goal.neighbours)
         item -= p.objects_kept
@@ -106,7 +106,7 @@ class GraspRoom:
         cost -= p.tight_slope * min(solid, item)
         if item < 0.0:
             return Room(cost + BLOCKED, goal.neighbour_names[j], bool(goal.neighbours[j, 5] > 0.0), False)
-        blocked = solid < -YIELDS * p.furniture_d_s - PLACE_SDS * sd
+        blocked = solid < -YIELDS * p.furniture_d_s - sd
         return Room(cost + BLOCKED * blocked, self._mapped.names[k], blocked, sd > _SURE)
 
     def top_between(self, position: Array, target: Array, T_odom_world: Array) -> float:

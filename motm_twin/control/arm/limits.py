@@ -47,7 +47,7 @@ _LINK = 0.16  # [m] cells nearer than this belong to one obstacle
 _REACH = 1.2  # [m] from mount, gripper or target, beyond which nothing matters
 _HALF_CELL = 0.025  # [m] a seen point is the centre of a map cell
 YIELDS = 0.75  # share of furniture_d_s given up at a grasp; without it a full table would block every grasp
-PLACE_SDS = 2.0  # standard deviations of the robot's place on the map by which more is kept from furniture
+_PLACE_SDS = 2.0  # standard deviations of the robot's place on the map that are kept more, but at a grasp
 _SEEN_D_S = 0.02  # [m] of links from what is static and seen: of what is mapped more is known
 _FASTEST_RETREAT = -0.10  # [m/s] no row of furniture asks for a faster retreat than this
 _MOST, _MOST_OWN = 32, 12  # rows of furniture, and of the own base, the nearest first
@@ -349,9 +349,9 @@ def furniture_distances(avoidance: Numbers, touching: bool, blind: float, sd: fl
     ``sd`` [m]: 1 sd of the robot's position on the map.
     """
     a = avoidance[0]
-    d_s, d_i = np.full(len(BODIES), a.furniture_d_s + PLACE_SDS * sd), np.full(len(BODIES), a.furniture_d_i)
+    d_s, d_i = np.full(len(BODIES), a.furniture_d_s + _PLACE_SDS * sd), np.full(len(BODIES), a.furniture_d_i)
     if touching:
-        d_s[:] = (1.0 - YIELDS) * a.furniture_d_s + PLACE_SDS * sd
+        d_s[:] = (1.0 - YIELDS) * a.furniture_d_s + sd  # 2 sd would lift a hand between two things as it closes
         d_s[FINGERS:HELD], d_i[FINGERS:HELD] = a.fingers_d_s, a.fingers_d_i
         d_s[HELD], d_i[HELD] = -a.fingers_d_i, a.fingers_d_s
     return d_s, np.maximum(d_i, d_s + a.xi * blind)
