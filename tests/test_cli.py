@@ -94,6 +94,14 @@ def test_a_task_that_cannot_be_completed_exits_with_one_and_a_reason_in_whole_li
     assert re.fullmatch(r"period p50 .*; state [0-9a-f]{12}", last)
 
 
+def test_a_run_prints_what_touched_what_and_when(call, tmp_path):
+    temi = "agents:\n  temi: {waypoints: [[1.2, 0.0], [-1.0, 0.0]], speed_mps: 0.5, behaviour: blind}\n"
+    path = tmp_path / "run_into.yaml"
+    path.write_text(SECOND.read_text(encoding="utf-8") + temi)
+    printed = call("run", path).stdout
+    assert re.search(r"contacts 1 caused of 1,.*\n  1\.\d+ s: base in temi, [\d.]+ mm deep\n", printed), printed
+
+
 def test_a_saved_run_reruns_to_the_same_state_until_something_is_changed(call, short, tmp_path):
     equal = call("rerun", short.session, "--json", "-")
     assert equal.returncode == 0, equal.stderr

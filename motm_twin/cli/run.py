@@ -49,6 +49,7 @@ from motm_twin.trial import run_scene
 if TYPE_CHECKING:
     from motm_twin.studies.speed_plot import SpeedFigure
 
+SHOWN_CONTACTS = 5  # of a run; the others are in its JSON
 _PARTS = {"at_limit": "at the speed limit", "below_limit": "below it"}  # parts that the report names by one word
 
 
@@ -141,6 +142,11 @@ def print_report(result: dict) -> None:
         f"contacts {result['contacts_caused_by_robot']} caused of {len(result['contacts'])}"
         + (f", cut in on agents {len(result['cut_ins'])} times" if result["cut_ins"] else "")
     )
+    for contact in result["contacts"][:SHOWN_CONTACTS]:
+        deep = f"{1e3 * contact['depth']:.1f} mm deep" + ", not the robot's doing" * (not contact["caused_by_robot"])
+        console.print(f"  {contact['time']:.2f} s: {contact['body']} in {contact['other']}, {deep}")
+    if len(result["contacts"]) > SHOWN_CONTACTS:
+        console.print(f"  and {len(result['contacts']) - SHOWN_CONTACTS} more; all are in --json")
     measures = result["measures"]
     parts = ", ".join(
         f"{_PARTS.get(name, name.replace('_', ' '))} {seconds:.1f}" for name, seconds in measures["parts_s"].items()

@@ -1,5 +1,6 @@
 """Doubts about a scene that can run, but hardly as its author meant it: printed by `scene check`, never a refusal."""
 
+import itertools
 import math
 from collections.abc import Iterable, Iterator
 
@@ -23,6 +24,7 @@ from motm_twin.model.scene_yaml import Node, show
 LOW_FLOOR = 0.2  # [m] a bin with its floor so low stands on the room's floor: baskets have feet and thick bottoms
 _TIP = finger_boxes("panda_leftfinger")[1][1]  # [m] across, from the pad outwards, along the finger
 BESIDE = 0.027  # [m] beside a face: the fingertip, and half of the 19 mm by which it opens wider than a cube
+LIKELY_SWAPPED = 2.0  # standard deviations of their distance, below which one cube may be taken for another
 _NAMED = 3  # variants that a doubt names
 
 
@@ -55,6 +57,7 @@ def about_scene(scene: Scene, root: Node) -> Iterator[SceneError]:
     yield from about_filling(scene, root)
     yield from about_colours(root)
     yield from about_fingers(scene, root)
+    yield from about_look_alikes(scene, root)
 
 
 def about_support(scene: Scene, root: Node) -> Iterator[SceneError]:
@@ -119,6 +122,31 @@ def about_fingers(scene: Scene, root: Node) -> Iterator[SceneError]:
             )
 
 
+def about_look_alikes(scene: Scene, root: Node) -> Iterator[SceneError]:
+    """Cubes for different bins, nearer to each other than their expected places are certain, if none has a marker."""
+    apart = LIKELY_SWAPPED * math.sqrt(2.0) * scene.noise.slot_error_until_seen
+    if scene.detections == "named":
+        return
+    held, goal = "", {}
+    for task in scene.tasks:
+        held = task.object if isinstance(task, Pick) else held
+        if isinstance(task, Place):
+            goal.setdefault(held, task.bin)
+    there = [item for item in scene.objects if item.name in goal]
+    for one, other in itertools.combinations(there, 2):
+        away = math.dist(one.position, other.position)
+        if goal[one.name] != goal[other.name] and away < apart:
+            yield (
+                object_node(root, other.name)
+                .at("at")
+                .error(
+                    f"it may be taken for '{one.name}', {1e3 * away:.0f} mm away, which goes into another bin: where "
+                    f"they stand is known to {1e3 * scene.noise.slot_error_until_seen:.0f} mm; put them farther apart, "
+                    "or give them markers (detections: named)"
+                )
+            )
+
+
 def _beside_faces(scene: Scene, item: SceneObject, others: Iterable[SceneObject], beside: float) -> list[str]:
     """Names of things within ``beside`` [m] of each pair of faces, and as high as their middles; "": none."""
     x, y, z = item.position
@@ -162,4 +190,13 @@ def _check_slot(scene: Scene, item: SceneObject, node: Node) -> None:
         check_cube_cover(scene, item, node)
 
 
-__all__ = ["about_colours", "about_filling", "about_fingers", "about_scene", "about_slots", "about_support", "doubts"]
+__all__ = [
+    "about_colours",
+    "about_filling",
+    "about_fingers",
+    "about_look_alikes",
+    "about_scene",
+    "about_slots",
+    "about_support",
+    "doubts",
+]

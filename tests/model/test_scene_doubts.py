@@ -113,6 +113,22 @@ def test_a_cube_that_is_taken_away_before_leaves_room_for_the_fingers(scene, fir
     assert [doubt.place for doubt in doubts(document)] == ["objects.cube.at"] * doubted
 
 
+@pytest.mark.parametrize(("detections", "bin_", "apart", "doubted"), [
+    ("anonymous", "tub", 0.08, True), ("anonymous", "tub", 0.09, False), ("anonymous", "tray", 0.08, False),
+    ("named", "tub", 0.08, False),
+])  # fmt: skip
+def test_cubes_for_two_bins_nearer_than_their_places_are_known_may_be_taken_for_each_other(
+    scene, detections, bin_, apart, doubted
+):
+    text = GOOD.replace(OTHER, OTHER.replace("[2.4, 0.0]", f"[1.6, {apart}]"))
+    text = text.replace("  tray:", "  tub: {at: [0.3, 2.7], side: 0.3}\n  tray:").replace("[0.5, 2.3]", "[0.7, 2.3]")
+    tasks = f"tasks:\n  - pick: other\n  - place: {bin_}\n"
+    scene.write_text(f"detections: {detections}\n" + text.replace("tasks:\n", tasks), encoding="utf-8")
+    found = doubts(load_document(str(scene)))
+    assert [doubt.place for doubt in found] == ["objects.other.at"] * doubted
+    assert all("taken for 'cube', 80 mm away, which goes into another bin" in str(doubt) for doubt in found)
+
+
 def test_several_doubts_are_in_the_order_of_the_file(scene):
     text = GOOD.replace(TRAY, "tray: {at: [-1.0, -2.0]").replace(CUBE, CUBE + ", colour: blu")
     scene.write_text(text.replace(A, A + "\n  C: {surface: table, at: [1.3, 0.3]}"), encoding="utf-8")
@@ -120,8 +136,9 @@ def test_several_doubts_are_in_the_order_of_the_file(scene):
     assert places == ["slots.C.at", "objects.cube.colour", "bins.tray"]
 
 
-def test_shipped_scenes_give_no_doubt_but_a_cube_that_is_truly_too_tight():
+def test_shipped_scenes_give_no_doubt_but_one_cube_too_tight_and_two_that_look_alike():
     found = [doubt for name in [*shipped_names(), *strangers_names()] for doubt in doubts(load_document(name))]
     assert [(doubt.file, doubt.place) for doubt in found] == [
-        ("scenes/strangers/cluttered_workbench.yaml", "objects.cork.at")
+        ("scenes/strangers/cluttered_workbench.yaml", "objects.cork.at"),
+        ("scenes/strangers/floorbin_workshop_n.yaml", "objects.shim.at"),
     ]
