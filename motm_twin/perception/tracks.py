@@ -149,7 +149,7 @@ class DynamicTracker(Stateful[TrackState]):
         self._begin(points, owner < 0, scan)
 
     def _unexplained(self, scan: CheckedScan, world: WorldMap) -> Points:
-        """Points that are neither mapped furniture nor known to stand."""
+        """Points that are neither mapped furniture nor known to stand; those of who stands but has moved stay in."""
         p = self.parameters
         beam = np.flatnonzero(scan.ranges < min(p.reach, scan.range_max))
         reach = scan.ranges[beam]
@@ -159,15 +159,16 @@ class DynamicTracker(Stateful[TrackState]):
         inside = ((cell >= 0) & (cell < np.array(known.grid.shape))).all(axis=1)
         at, beam, reach, cell = at[inside], beam[inside], reach[inside], cell[inside]
         free = known.visible_distance[cell[:, 0], cell[:, 1]] > p.explained
-        stands = np.zeros((world.occupied.shape[0] + 2, world.occupied.shape[1] + 2), dtype=bool)
-        row, column = _cells(world.seen_points[world.seen_static], world)
-        for down in range(3):
-            for right in range(3):
-                stands[row + down, column + right] = True
-        row, column = _cells(at, world) + 1
-        within = (row >= 0) & (column >= 0) & (row < stands.shape[0]) & (column < stands.shape[1])
-        free[within] &= ~stands[row[within], column[within]]
+        free &= ~_known_to_stand(at, world) | self._belongs(at, world.resolution)
         return Points(np.ascontiguousarray(at[free]), beam[free], reach[free])
+
+    def _belongs(self, at: Array, slack: float) -> NDArray[np.bool_]:
+        """Which points (n, 2) are within ``slack`` [m] of a track that has moved: it may set off again; shape (n,)."""
+        near = np.zeros(len(at), dtype=bool)
+        for track in self._state.tracks:
+            if track.moved > -math.inf:
+                near |= np.hypot(*(at - track.state[:2]).T) <= track.radius + slack
+        return near
 
     def _share(self, at: Array, owner: NDArray[np.int64], alone: NDArray[np.bool_], scan: CheckedScan) -> None:
         """Give all of a segment (n, 2) to the only track that has points in it, if it may be one thing."""
@@ -380,6 +381,20 @@ def goes_on_hidden(beam: NDArray[np.int64], reach: Array, ranges: Array, gap: fl
             if 0 <= other < ranges.shape[0] and ranges[other] < reach[end] - gap:
                 return True
     return False
+
+
+def _known_to_stand(at: Array, world: WorldMap) -> NDArray[np.bool_]:
+    """Which points (n, 2) are in or beside a cell of the map that is known to stand; shape (n,)."""
+    stands = np.zeros((world.occupied.shape[0] + 2, world.occupied.shape[1] + 2), dtype=bool)
+    row, column = _cells(world.seen_points[world.seen_static], world)
+    for down in range(3):
+        for right in range(3):
+            stands[row + down, column + right] = True
+    row, column = _cells(at, world) + 1
+    within = (row >= 0) & (column >= 0) & (row < stands.shape[0]) & (column < stands.shape[1])
+    found = np.zeros(len(at), dtype=bool)
+    found[within] = stands[row[within], column[within]]
+    return found
 
 
 def _cells(points: Array, world: WorldMap) -> NDArray[np.int64]:

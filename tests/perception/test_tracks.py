@@ -26,7 +26,10 @@ FLOOR = KnownWorld(
 
 
 def follow(seconds, *discs, drive=0.0, walls=(), seed=1, at_one_second=lambda tracker: None):
-    """Maps while discs ((x, y), (vx, vy), radius) go straight on past a robot that drives along x, and its tracker."""
+    """Maps while discs ((x, y), (vx, vy), radius) go straight on past a robot that drives along x, and its tracker.
+
+    Instead of (x, y) a function of the time [s] may tell where it is.
+    """
     mapper, movers, tracker = Mapper(FLOOR), MoverTracker(), DynamicTracker(FLOOR)
     rng, maps = np.random.default_rng(seed), []
     for k in range(round(seconds / STEP)):
@@ -35,8 +38,10 @@ def follow(seconds, *discs, drive=0.0, walls=(), seed=1, at_one_second=lambda tr
             at_one_second(tracker)
         pose = np.array([drive * time, 0.0, 0.0])
         bodies = [
-            shapely.Point(x + time * vx, y + time * vy).buffer(radius, quad_segs=32)
-            for (x, y), (vx, vy), radius in discs
+            shapely.Point(place(time) if callable(place) else np.array(place) + time * np.array(velocity)).buffer(
+                radius, quad_segs=32
+            )
+            for place, velocity, radius in discs
         ]
         observation = Observation(
             time=time, pose=pose, odometry=pose, twist=np.zeros(2), q=np.zeros(7), dq=np.zeros(7), gripper_width=0.08,
@@ -98,6 +103,23 @@ def test_what_stands_is_no_track_and_what_starts_is_one():
     wall = shapely.box(3.0, -2.0, 3.2, 2.0)
     maps, _ = follow(3.0, ((2.0, 1.0), (0.0, 0.0), 0.25), drive=0.3, walls=(wall,))
     assert all(len(world.tracks) == 0 for world in maps)
+
+
+@pytest.mark.parametrize("course", [0.0, 0.5 * math.pi, math.pi, -0.5 * math.pi])
+def test_who_has_moved_and_stood_for_long_is_seen_to_set_off_within_a_second(course):
+    """Its points were those of furniture after 12 s: it was a new track then, 1.2 to 2.1 s after it had set off."""
+    sets_off, along = 18.5, np.array([math.cos(course), math.sin(course)])
+
+    def place(time):
+        since = max(0.0, time - sets_off)
+        way = 0.25 * since**2 if since < 0.8 else 0.16 + 0.4 * (since - 0.8)
+        return np.array([1.6, -1.0 + 0.4 * min(time, 2.5)]) + way * along
+
+    maps, _ = follow(sets_off + 1.0, (place, None, 0.25))
+    assert not any(len(world.tracks) for world in maps if 16.0 < world.stamp <= sets_off)
+    (row,) = maps[-1].tracks
+    assert math.dist(row[:2], place(maps[-1].stamp)) < 0.06
+    assert row[VX : VY + 1] @ along > 0.2
 
 
 def test_somebody_who_comes_into_sight_at_speed_counts_at_once():
