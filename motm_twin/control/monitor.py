@@ -31,7 +31,7 @@ from motm_twin.model.passive_safety import (
 from motm_twin.model.plant import SLOW_AGE, Actuation, Observation, Scan
 from motm_twin.model.profile import DQ_MAX, RobotProfile
 from motm_twin.model.reason import Kind, Reason
-from motm_twin.model.state import Stateful
+from motm_twin.model.state import LATER, Stateful
 from motm_twin.perception.floor import STALE, UNSEEN, Floor
 from motm_twin.perception.world_map import WorldMap
 
@@ -39,6 +39,7 @@ _MARGIN_OF_REACH = 0.1  # [m] beyond the stopping way and the footprint: nothing
 _SAME_BODY = 0.15  # [m] between the points of neighbouring beams that show the same body
 _ROUNDING = 1e-6  # [m] more than sums of lengths are wrong by
 _STANDS = 0.01  # [m/s], [rad/s] below which a base that holds its turn goes no further, or turns no more
+_WARY = 0.1  # [s] after braking, in which the base gets no faster, and a single point makes it brake on: two scans
 _NOISE = 0.004  # [m/s], [rad/s] of a twist: no command answers it
 _SENSORS = Reason(kind=Kind.NOT_FINITE, subject="sensors are")
 _NO_SCAN = Scan(
@@ -132,6 +133,7 @@ class MonitorState:
 
     twist: Array = field(default_factory=lambda: np.zeros(2))
     holds: int = BRAKES_BOTH  # until the other ended: `HOLDS_TURN`, `HOLDS_SPEED`
+    wary: float = field(default=0.0, metadata=LATER)  # [s] left, after braking, in which the base gets no faster
 
 
 class Monitor(Stateful[MonitorState]):
@@ -175,6 +177,7 @@ class Monitor(Stateful[MonitorState]):
         asked = _Asked(
             actuation.twist, actuation.joint_velocity, self._state.twist, dt, share, self._arm_share(now.age)
         )
+        enough = p.minimum_points if self._state.wary <= 0.0 else 1
         moved = max(now.ahead, now.age) > 0.0
         beams = _Beams(scan.ranges, scan.angle_min, scan.angle_step, scan.origin, scan.pose, moved)
         healthy, turning, holding = _examine(
@@ -182,7 +185,7 @@ class Monitor(Stateful[MonitorState]):
             asked,
             beams,
             self._base,
-            self._body,
+            self._body._replace(enough=enough),
             twist,
             rates,
         )
@@ -190,7 +193,11 @@ class Monitor(Stateful[MonitorState]):
             return self._let_through(actuation, self._brake(dt), np.zeros(7), _stopped(_SENSORS))
         if trust.joints is not None:
             rates *= trust.joints
-        if min(turning, holding) >= p.minimum_points:
+        if self._state.wary > 0.0:
+            most = np.abs(self._state.twist)
+            twist = np.clip(twist, -most, most)
+        self._state.wary = _WARY if min(turning, holding) >= p.minimum_points else max(0.0, self._state.wary - dt)
+        if min(turning, holding) >= enough:
             stop = np.array([0.0, twist[1] if holding < turning else 0.0])
             twist, reason = self._within_limits(stop, dt), self._braking(twist, observation)
         elif world is not None:

@@ -1,8 +1,12 @@
 """From tasks and beliefs to what the base and the hand have to do, each in its own frame."""
 
-from collections.abc import Collection
+import math
+from collections.abc import Collection, Sequence
+from typing import NamedTuple
 
 import numpy as np
+import shapely
+from numpy.typing import NDArray
 
 from motm_twin.control.arm.geometry import reach_radius
 from motm_twin.control.arm.grasp_room import over_middle
@@ -14,13 +18,14 @@ from motm_twin.model.exact import hypot
 from motm_twin.model.geometry import Array, compose, from_frame, inverse, to_frame, wrap_angle
 from motm_twin.model.known import KnownWorld, known_solids
 from motm_twin.model.plant import Observation
-from motm_twin.model.scene import Bin, DriveTo, Pick, Task
+from motm_twin.model.scene import Bin, DriveTo, Pick, Solid, Task
 from motm_twin.perception.footprints import distance_to_shape, outline
 from motm_twin.perception.objects import ObjectTracker
 from motm_twin.planning.parameters import ReachParameters
 from motm_twin.planning.types import Target
 
 BESIDE = 0.25  # [m] objects this near may be in the way of a hand that grasps
+ASIDE = 0.05  # [m] beside the middle of the hand in which its fingers are
 OVER_TARGET = 0.13  # [m] furniture higher than this above a target is a wall: the hand may not get over it
 TALL_TARGET = 0.35  # [m] tall walls, which the arm never reaches over, are higher than this above a target
 TALL_MOUNT = 0.55  # [m] above its mount: the shoulder is at 0.33, and reaches down over what is lower
@@ -28,6 +33,41 @@ STRETCHED = 0.02  # [m] further than it hovers, for the grasp itself
 LET_GO_NEARER = 0.06  # [m] than over a bin's centre, where the bin is wide enough
 NEAR = 1.5  # [m] further from a target no arm has its mount
 TABLE = 0.3  # [m] lower things do not carry objects
+_NO_EDGES = np.zeros((0, 4))
+
+
+class Furniture:
+    """Outlines and heights of solids, each shape (n,) or one per solid."""
+
+    def __init__(self, solids: Sequence[Solid]) -> None:
+        self.shapes = [solid.shape for solid in solids]
+        self.bottoms, self.tops = np.array([(one.z_min, one.z_max) for one in solids], dtype=float).reshape(-1, 2).T
+        outlines = [shapely.Polygon(outline(shape)) for shape in self.shapes]
+        self._bounds = shapely.bounds(outlines).reshape(-1, 4)
+        self.edges, self.wide = (
+            [_edges(one.buffer(by, join_style="mitre")) for one in outlines] for by in (0.0, ASIDE)
+        )
+
+    def near(self, position: Array, within: float, which: NDArray[np.bool_]) -> list[int]:
+        """Indices of those ``which`` (n,) of which the bounding box is within a distance [m] of a position (2,)."""
+        low, high = self._bounds[:, :2] - within, self._bounds[:, 2:] + within
+        return np.flatnonzero(which & (low < position).all(axis=1) & (position < high).all(axis=1)).tolist()
+
+
+class Walls(NamedTuple):
+    """What a hand does not get through on its way to a target: edges x, y, x, y [m], shape (k, 4).
+
+    Low ones, which it reaches over where there is no other way, are as much wider as a hand is.
+    """
+
+    edges: Array
+    tall: Array  # those of them that the arm never reaches over
+    reach_over: float  # [m] of a hand that comes over the low ones beside the target: it is high until it is past them
+
+
+def _edges(polygon: shapely.Polygon) -> Array:
+    corners = shapely.get_coordinates(polygon.exterior)
+    return np.hstack([corners[:-1], corners[1:]])
 
 
 def world_in_odometry(observation: Observation) -> Array:
@@ -44,11 +84,7 @@ class Targets:
         self.objects = {item.name: item for item in known.objects}
         self.bins = {item.name: item for item in known.bins}
         self._tall = known.robot.arm.mount_z + TALL_MOUNT
-        solids = known_solids(known)
-        outlines = [outline(solid.shape) for solid in solids]
-        self._edges = np.concatenate([np.hstack([c, np.roll(c, -1, axis=0)]) for c in outlines] or [np.zeros((0, 4))])
-        heights = np.array([(solid.z_min, solid.z_max) for solid in solids], dtype=float).reshape(-1, 2)
-        self._bottoms, self._tops = np.repeat(heights, [len(c) for c in outlines], axis=0).T
+        self._furniture = Furniture(known_solids(known))
 
     def base_target(self, task: Task | None, observation: Observation, dwell: float | None) -> Target | None:
         """A task as the base sees it, in the world frame; dwell [s] as the arm reports it, or the usual one."""
@@ -68,15 +104,16 @@ class Targets:
         else:
             kind, name, top = "place", task.bin, self.bins[task.bin].rim_z
             position, reach = np.array(self.bins[name].centre), self._reach_of_place(self.bins[name])
-        walls, tall = self._walls(position, top)
+        walls = self._walls(position, top)
         return Target(
             kind=kind,
             name=name,
             position=position,
-            walls=walls,
-            tall=tall,
+            walls=walls.edges,
+            tall=walls.tall,
             dwell=self._reach.dwell(kind) if dwell is None else dwell,
             reach=reach,
+            reach_over=walls.reach_over if kind == "pick" else math.inf,  # over a bin the hand is high anyway
         )
 
     def _reach_of_pick(self, middle: float) -> float:
@@ -91,17 +128,21 @@ class Targets:
         over = reach_radius(place.rim_z + p.release_height - self.known.robot.arm.mount_z, p.place_tilt, p.stretch)
         return min(over, p.place_reach) + min(LET_GO_NEARER, max(0.0, half))
 
-    def _walls(self, position: Array, height: float) -> tuple[Array, Array]:
-        """Edges x, y, x, y [m] of walls near a target, and of those that the arm never reaches over; (k, 4) each."""
-        edges, tops, never = self._edges, self._tops, max(height + TALL_TARGET, self._tall)
-        high = (tops > height + OVER_TARGET) & (self._bottoms < never)  # the arm passes below what begins higher
-        if not high.any():
-            return edges[:0], edges[:0]
-        x, y = position.tolist()
-        edges, tops = edges[high], tops[high]
-        low, far = np.minimum(edges[:, :2], edges[:, 2:]), np.maximum(edges[:, :2], edges[:, 2:])
-        near = (low[:, 0] < x + NEAR) & (far[:, 0] > x - NEAR) & (low[:, 1] < y + NEAR) & (far[:, 1] > y - NEAR)
-        return edges[near], edges[near & (tops > never)]
+    def _walls(self, position: Array, height: float) -> Walls:
+        """Walls near a target: what is between it and the arm's mount and higher than it."""
+        furniture, never = self._furniture, max(height + TALL_TARGET, self._tall)
+        high = (furniture.tops > height + OVER_TARGET) & (furniture.bottoms < never)  # the arm passes below the others
+        tall, low, over = [_NO_EDGES], [_NO_EDGES], math.inf
+        for k in furniture.near(position, NEAR, high):
+            if furniture.tops[k] > never:
+                tall.append(furniture.edges[k])
+                continue
+            away = float(distance_to_shape(furniture.shapes[k], position))
+            low.append((furniture.wide if away > ASIDE else furniture.edges)[k])
+            if 0.0 < away < BESIDE:
+                hand = furniture.tops[k] + self._arm.transit_clearance - self.known.robot.arm.mount_z
+                over = min(over, reach_radius(hand, self._arm.pick_tilt, self._arm.stretch) + max(0.0, away - ASIDE))
+        return Walls(np.concatenate(tall + low), np.concatenate(tall), over)
 
     def arm_goal(self, task: Task | None, held: str, observation: Observation, T_odom_world: Array) -> ArmGoal:
         """Goal of the hand for a task, in the odometry frame."""

@@ -26,7 +26,17 @@ from motm_twin.planning.cost_to_go import Table
 from motm_twin.planning.global_path import GraphCache, Poses, costs_to, grouped, path_to_goal, poses_at, robot_table
 from motm_twin.planning.parameters import PlacementParameters, PlanningParameters, room_for
 from motm_twin.planning.rejections import Here, Rejection
-from motm_twin.planning.types import BaseProblem, Mode, Placement, Target, empty_path, no_placement
+from motm_twin.planning.types import (
+    AROUND_WALLS,
+    OVER_FAR_WALLS,
+    OVER_WALLS,
+    BaseProblem,
+    Mode,
+    Placement,
+    Target,
+    empty_path,
+    no_placement,
+)
 from motm_twin.planning.visibility import Graph
 
 
@@ -129,13 +139,16 @@ class NextTargetPlacement(Stateful[PlacementState]):
         closest = candidates.mode == Mode.CLOSEST and chosen >= 0
         return placement, PlacementState(target=(target.kind, target.name), goal=np.array(goal), closest=closest)
 
-    def _judged(self, target: Target, survey: Survey) -> tuple[Judged, bool]:
-        """The candidates of the rule; and whether the arm reaches over low walls, as it does where nothing else is."""
+    def _judged(self, target: Target, survey: Survey) -> tuple[Judged, int]:
+        """The candidates of the rule, and how the arm comes to its target: over low walls where nothing else is."""
         judged = self.candidates(target, survey)
         if _serves(judged) or target.tall is None or len(target.tall) == len(target.walls):
-            return judged, False
-        over = self.candidates(target.over_low_walls(), survey)
-        return (over, True) if _serves(over) else (judged, False)
+            return judged, AROUND_WALLS
+        for how in (OVER_WALLS, OVER_FAR_WALLS) if target.reach_over < target.reach else (OVER_FAR_WALLS,):
+            over = self.candidates(target.over_low_walls(how), survey)
+            if _serves(over):
+                return over, how
+        return judged, AROUND_WALLS
 
     def _next_poses(self, target: Target | None, survey: Survey) -> Array | None:
         """`next_poses`, from the last call when neither the target nor the map has changed since."""

@@ -108,7 +108,7 @@ class BasePlanner:
         """Choose how to accelerate now."""
         seen = self._viewed(problem)
         if placement.over_low_walls and seen.target is not None:
-            seen = msgspec.structs.replace(seen, target=seen.target.over_low_walls())
+            seen = msgspec.structs.replace(seen, target=seen.target.over_low_walls(placement.over_low_walls))
         return self.controller.plan(seen, placement, budget)
 
     def _viewed(self, problem: BaseProblem) -> BaseProblem:

@@ -12,6 +12,8 @@ from motm_twin.model.geometry import Array, frozen
 from motm_twin.model.reason import Kind, Reason
 from motm_twin.perception.world_map import NO_TRACKS, WorldMap
 
+AROUND_WALLS, OVER_WALLS, OVER_FAR_WALLS = range(3)  # how an arm comes to its target; the last from anywhere in reach
+
 
 class Target(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """Something to be done at a point of the world frame."""
@@ -25,10 +27,14 @@ class Target(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     tall: Array | None = None  # those of them over which it does not even reach from where there is no other place
     dwell: float = 0.0  # [s] uninterrupted time in reach that the job still needs from now (0 for drive)
     reach: float = math.inf  # [m] of the arm at the target's height, horizontally from its mount
+    reach_over: float = math.inf  # [m] of an arm that comes to it over the low walls beside it
 
-    def over_low_walls(self) -> "Target":
-        """The same for an arm that has to reach over all but the tall walls."""
-        return self if self.tall is None else msgspec.structs.replace(self, walls=self.tall)
+    def over_low_walls(self, how: int) -> "Target":
+        """The same for an arm that has to reach over all but the tall walls, `OVER_WALLS` or `OVER_FAR_WALLS`."""
+        if self.tall is None or how == AROUND_WALLS:
+            return self
+        reach = min(self.reach, self.reach_over) if how == OVER_WALLS else self.reach
+        return msgspec.structs.replace(self, walls=self.tall, reach=reach)
 
 
 class Recovery(msgspec.Struct, frozen=True, kw_only=True, eq=False):
@@ -103,7 +109,7 @@ class Placement(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     rejected: tuple[str, ...]  # "" when viable, else the reason, length n
     chosen: int  # index into poses; -1: there is none, and the base brakes
     goal: Array  # pose to drive to, shape (3,)
-    over_low_walls: bool = False  # the arm reaches over low walls from there: it has no other place
+    over_low_walls: int = AROUND_WALLS  # the arm reaches over low walls from there: it has no other place
     goal_has_heading: bool
     why: Reason  # this goal
     next_goal: Array | None  # pose or point of the next target used for C_iN, shape (3,) or (2,)

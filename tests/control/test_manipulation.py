@@ -16,6 +16,7 @@ from motm_twin.model.arm_kernels import CAPSULE_RADII, capsule_segments, fk_arm
 from motm_twin.model.geometry import compose, inverse
 from motm_twin.model.kinematics import Frankie
 from motm_twin.model.known import known_world
+from motm_twin.model.scene import Box, Solid
 from motm_twin.model.scene_file import load_scene
 from motm_twin.model.state import state_hash
 from motm_twin.sim.plant import SimulatedPlant
@@ -94,6 +95,37 @@ def test_a_hand_on_its_way_keeps_over_the_objects_that_it_crosses(at, over, held
     assert motion.crosses == over
     if over:
         assert motion.reference[2] > z + 0.06 + (0.02 if held else 0.009), "its lower end clears the other's top"
+
+
+@pytest.mark.parametrize(("above", "aside", "low"), [(0.025, 0.035, True), (0.06, 0.035, False), (0.025, 0.0, False)])
+def test_a_hand_that_hangs_low_beside_its_own_object_rises_first_of_all(above, aside, low):
+    """Pushed aside by furniture it sank by 3 cm below where it hovers, and a finger met the cube."""
+    plant, manipulator = SimulatedPlant(SCENE), Manipulator(known_world(SCENE))
+    inputs, z = inputs_of(plant, time_to_range=0.0), CUBE.position[2]
+    q = planar_joints(0.65, z + above - SCENE.robot.arm.mount_z, 0.0)
+    inputs = msgspec.structs.replace(
+        inputs, observation=msgspec.structs.replace(inputs.observation, q=q, odometry=np.zeros(3)),
+        T_odom_world=np.zeros(3),
+    )  # fmt: skip
+    hand, side = manipulator.look(inputs).p, np.array([0.0, aside, 0.0])
+    goal = msgspec.structs.replace(inputs.goal, position=np.array([*hand[:2], z]) + side, side=0.045)
+    inputs = msgspec.structs.replace(inputs, goal=goal)
+    view, p = manipulator.look(inputs), manipulator.parameters
+    state = ManipulatorState(phase=Phase.TRANSIT, yaw=0.0)
+    assert hand_motion(state, view, inputs, p, numbers(p)).crosses == low
+
+
+@pytest.mark.parametrize(("top", "clears"), [(0.05, True), (-0.2, False), (0.5, False)])
+def test_a_hand_on_its_way_home_clears_furniture_that_is_higher_than_where_it_was(top, clears):
+    """From a low bin it came home against the side of a higher one, and the base that turned dragged it along that."""
+    plant, z = SimulatedPlant(SCENE), CUBE.position[2]
+    post = Solid(name="post", shape=Box(centre=(0.65, 0.0), size=(0.1, 0.1)), z_min=0.0, z_max=z + top, mapped=True)
+    manipulator = Manipulator(msgspec.structs.replace(known_world(SCENE), solids=(post,), bins=()))
+    q = planar_joints(0.8, z - SCENE.robot.arm.mount_z, 0.3)
+    inputs = inputs_of(plant)
+    observation = msgspec.structs.replace(inputs.observation, q=q, odometry=np.zeros(3))
+    manipulator.step(msgspec.structs.replace(inputs, observation=observation, T_odom_world=np.zeros(3)))
+    assert (manipulator.snapshot().clear_z >= z + top + manipulator.parameters.transit_clearance) == clears
 
 
 def straight(v: float, lateral: float) -> Pass:

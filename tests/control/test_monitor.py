@@ -109,6 +109,24 @@ def test_a_wall_within_the_stopping_distance_brakes():
     assert near.actuation.twist[0] < 0.5
 
 
+def test_a_base_that_has_begun_to_brake_gets_no_faster_until_a_moment_later():
+    """A prediction that came out free now and then let it speed up between: it stopped 1 to 2 cm too late."""
+    monitor = Monitor(RobotProfile())
+    speed_up(monitor, observation(), 0.5, 0.0)
+    near, free = observation(wall=0.35 + 0.5 * 0.1 + 0.5**2 / (2 * 0.5) - 0.05), observation()
+    one_point = msgspec.structs.replace(
+        near.scan, ranges=np.where(np.arange(BEAMS) == BEAMS // 2, near.scan.ranges, math.inf)
+    )
+    told = [check(monitor, asking(0.5), seen).actuation.twist[0] for seen in (near, near, free)]
+    assert told[1] < told[0] < 0.5 and told[2] == told[1]
+    single = msgspec.structs.replace(near, scan=one_point)
+    assert check(monitor, asking(0.5), single).actuation.twist[0] < told[2]
+    for _ in range(12):
+        last = check(monitor, asking(0.5), free).actuation.twist[0]
+    assert last > told[2]
+    assert check(monitor, asking(0.5), single).actuation.twist[0] >= last  # it may be noise
+
+
 def test_backing_away_from_a_wall_that_touches_is_allowed():
     monitor = Monitor(RobotProfile())
     verdict = speed_up(monitor, observation(wall=0.355), -0.2, 0.0)

@@ -15,6 +15,7 @@ from motm_twin.model.scene_file import load_scene
 from motm_twin.perception.objects import ObjectTracker
 from motm_twin.planning.parameters import ReachParameters
 from motm_twin.planning.reach import ReachModel
+from motm_twin.planning.types import OVER_WALLS
 from motm_twin.sim.plant import SimulatedPlant
 
 TILT = ArmParameters().pick_tilt
@@ -90,6 +91,25 @@ def test_what_stands_higher_than_the_hand_comes_in_is_a_wall(tmp_path, low, high
     targets = Targets(known, ObjectTracker(known), ReachParameters(), ArmParameters())
     target = targets.base_target(Pick(object="cube"), SimulatedPlant(load_scene(str(path), None, 0)).observe(), None)
     assert (len(target.walls), len(target.tall)) == (walls, tall)
+
+
+@pytest.mark.parametrize(("jar", "reach", "wide"), [(0.7, math.inf, False), (0.76, 0.83, True), (0.95, 0.68, True)])
+def test_a_jar_before_a_cube_is_as_wide_as_the_hand_and_the_arm_reaches_less_far_over_it(tmp_path, jar, reach, wide):
+    """Through gaps of 6 cm between jars the base saw its cube, and stood where no hand comes over them to it."""
+    path = tmp_path / "jar.yaml"
+    path.write_text(
+        "format: motm-scene/1\ntitle: jar\nstart: {x: 0.0, y: 0.0, heading_deg: 0}\nfurniture:\n"
+        "  table: {shape: box, centre: [2.0, 0.0], size: [0.8, 1.6], z: [0.0, 0.6], style: table}\n"
+        f"  jar: {{shape: box, centre: [1.95, 0.0], size: [0.1, 0.1], z: [0.6, {jar}], style: plain}}\n"
+        "objects:\n  cube: {surface: table, at: [2.1, 0.0], yaw_deg: 0}\ntasks:\n  - pick: cube\n"
+    )
+    known = known_world(load_scene(str(path), None, 0))
+    targets = Targets(known, ObjectTracker(known), ReachParameters(), ArmParameters())
+    target = targets.base_target(Pick(object="cube"), SimulatedPlant(load_scene(str(path), None, 0)).observe(), None)
+    assert target.reach_over == pytest.approx(reach, abs=0.02)
+    if wide:
+        assert np.ptp(target.walls[:, 1]) == pytest.approx(0.2)
+        assert target.over_low_walls(OVER_WALLS).reach == min(target.reach, target.reach_over)
 
 
 @pytest.mark.parametrize(("top", "reach"), [(0.75, 0.80), (0.95, 0.70), (1.05, 0.60)])

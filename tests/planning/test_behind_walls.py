@@ -12,7 +12,7 @@ from motm_twin.planning.parameters import PlanningParameters
 from motm_twin.planning.placement import NextTargetPlacement
 from motm_twin.planning.planner import BasePlanner
 from motm_twin.planning.reach import ReachModel
-from motm_twin.planning.types import BaseProblem, SearchBudget, Target
+from motm_twin.planning.types import OVER_FAR_WALLS, OVER_WALLS, BaseProblem, SearchBudget, Target
 
 WALL = np.array([[-2.0, 0.3, 2.0, 0.3]])  # along x, beyond the target
 
@@ -78,8 +78,30 @@ def test_an_arm_reaches_over_a_low_wall_only_where_there_is_no_other_place(candi
     rule = NextTargetPlacement(RobotProfile(), PlanningParameters(), candidates=candidates)
     planner = BasePlanner(RobotProfile(), placement=rule)
     placement, plan = planner.plan(problem, SearchBudget(expansions=300))
-    assert (placement.mode, placement.over_low_walls) == ("ring", closed)
+    assert (placement.mode, placement.over_low_walls > 0) == ("ring", closed)
     assert (placement.goal[1] > 0.3) == (not closed)
     there = msgspec.structs.replace(problem, pose=placement.goal)
     assert planner.drive(there, placement, SearchBudget(expansions=300)).time_to_range == 0.0
     assert plan.time_to_range > 0.0
+
+
+@pytest.mark.parametrize(("reach_over", "how"), [(0.62, OVER_WALLS), (0.4, OVER_FAR_WALLS)])
+def test_over_a_low_wall_beside_its_target_an_arm_reaches_less_far(reach_over, how):
+    """Its hand is high until it is past the wall; where no base comes so near, it tries from as far as ever."""
+    counter, beyond = rectangle(-2.0, -0.15, 2.0, 0.3), rectangle(-2.5, 0.31, 2.5, 2.5)
+    jars = np.asarray(rectangle(-2.0, -0.1, 2.0, 0.0))
+    target = Target(
+        kind="pick", name="it", position=np.array([0.0, 0.1]), walls=np.hstack([jars, np.roll(jars, -1, axis=0)]),
+        tall=np.zeros((0, 4)), reach=0.75, reach_over=reach_over,
+    )  # fmt: skip
+    problem = BaseProblem(
+        time=0.0, world=world_of((counter, beyond), (-4, -4, 4, 4)), pose=np.array([0.0, -2.0, 1.5]),
+        twist=np.zeros(2), target=target, next_target=None, engaged=False,
+    )  # fmt: skip
+    planner = BasePlanner(RobotProfile(), placement=NextTargetPlacement(RobotProfile(), PlanningParameters()))
+    placement, _ = planner.plan(problem, SearchBudget(expansions=300))
+    assert placement.over_low_walls == how
+    x, y, heading = placement.goal.tolist()
+    arm = RobotProfile().arm
+    mount = np.array([x + arm.mount_x * np.cos(heading), y + arm.mount_x * np.sin(heading)])
+    assert (np.hypot(*(mount - target.position)) <= reach_over) == (how == OVER_WALLS)

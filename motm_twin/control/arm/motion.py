@@ -37,6 +37,7 @@ _SWINGS = {
     Phase.CARRY: _HOME,
     Phase.TRANSIT: _OUT,
 }  # phases in which the hand swings about the mount
+_LOW = 0.01  # [m] above what the hand would meet, within which its height counts as much as when it crosses that
 _SHARES = np.array([[0.0], [0.5], [1.0]])  # of the way to the target at which objects are looked for
 _AHEAD = np.linspace(0.0, 0.4, 11)  # [m] of the way to the target at which other objects are looked for
 _ANCHORED = (Phase.CLOSING, Phase.LIFT, Phase.RELEASE)  # phases in which it keeps to a point chosen before
@@ -48,7 +49,7 @@ class Motion(NamedTuple):
     reference: Array  # desired tool centre point, odometry frame [m], shape (3,)
     error: float  # [m] of the tool centre point from there
     velocity: Array  # nu: linear [m/s], angular [rad/s], odometry frame, shape (6,)
-    crosses: bool = False  # other objects, whose tops it must clear
+    crosses: bool = False  # objects, whose tops it must clear
 
 
 class _Swing(NamedTuple):
@@ -94,14 +95,16 @@ def hand_motion(
     over, clear_z = _over_others(state, view, parameters), state.clear_z
     if view.goal.kind == "pick" and view.distance < parameters.neighbours:  # a pick that is broken off
         clear_z = max(clear_z, view.target[2] + parameters.transit_clearance)
+    over_goal = _over_goal(state, view, parameters)
     way = _Way(
         kind, state.anchor if phase in _ANCHORED else view.target, inputs.plan_times, inputs.plan_poses,
         view.radius, view.azimuth, view.distance, view.time_to_range, _GOALS.index(view.goal.kind), clear_z,
-        state.top_between, max(over, _over_goal(state, view, parameters)), state.anchor, yaw,
+        state.top_between, max(over, over_goal), state.anchor, yaw,
         parameters.hold_speed if phase == Phase.CLOSING else parameters.hand_speed,
     )  # fmt: skip
     error, velocity = _motion(view.arm, way, numbers, reference)
-    return Motion(reference, error, velocity, over > -math.inf)
+    crosses = over > -math.inf or view.p[2] < over_goal + _LOW
+    return Motion(reference, error, velocity, crosses)
 
 
 def _over_others(state: ManipulatorState, view: View, p: ArmParameters) -> float:

@@ -156,6 +156,7 @@ def _lost(state: ManipulatorState, view: View) -> Outcome:
 
 
 def _leave(state: ManipulatorState, view: View, inputs: ArmInputs, rules: PhaseRules) -> Outcome:
+    _clear_way_home(state, view, inputs, rules)
     if not wanted(state, view):
         if view.goal.kind == "place":
             return "", Reason(kind=Kind.NOTHING_HELD)
@@ -171,6 +172,15 @@ def _leave(state: ManipulatorState, view: View, inputs: ArmInputs, rules: PhaseR
         return "", Reason(kind=Kind.GRIPPER_NOT_OPEN, subject="gripper")
     enter(state, Phase.TRANSIT, view.time)
     return NOTHING
+
+
+def _clear_way_home(state: ManipulatorState, view: View, inputs: ArmInputs, rules: PhaseRules) -> None:
+    """A hand on its way home passes over furniture that is higher than where it was."""
+    p = rules.parameters
+    if math.hypot(view.p[0] - view.mount[0], view.p[1] - view.mount[1]) > p.retract_radius:
+        home = np.array([view.mount[0], view.mount[1], view.p[2] - p.transit_clearance])
+        top = rules.room.top_between(view.p, home, inputs.T_odom_world)
+        state.clear_z = max(state.clear_z, top + p.transit_clearance)
 
 
 def _open_enough(view: View, rules: PhaseRules) -> bool:
