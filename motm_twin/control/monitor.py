@@ -177,7 +177,8 @@ class Monitor(Stateful[MonitorState]):
         asked = _Asked(
             actuation.twist, actuation.joint_velocity, self._state.twist, dt, share, self._arm_share(now.age)
         )
-        enough = p.minimum_points if self._state.wary <= 0.0 else 1
+        wary = self._is_wary()
+        enough = 1 if wary else p.minimum_points
         moved = max(now.ahead, now.age) > 0.0
         beams = _Beams(scan.ranges, scan.angle_min, scan.angle_step, scan.origin, scan.pose, moved)
         healthy, turning, holding = _examine(
@@ -193,7 +194,7 @@ class Monitor(Stateful[MonitorState]):
             return self._let_through(actuation, self._brake(dt), np.zeros(7), _stopped(_SENSORS))
         if trust.joints is not None:
             rates *= trust.joints
-        if self._state.wary > 0.0:
+        if wary:
             most = np.abs(self._state.twist)
             twist = np.clip(twist, -most, most)
         self._state.wary = _WARY if min(turning, holding) >= p.minimum_points else max(0.0, self._state.wary - dt)
@@ -204,6 +205,11 @@ class Monitor(Stateful[MonitorState]):
             twist, slower = self._in_seen_world(twist, world, observation, dt)
             reason = reason or slower  # a sensor that fails is the cause of floor that it does not see
         return self._let_through(actuation, twist, rates, reason)
+
+    def _is_wary(self) -> bool:
+        """It braked just now, and is faster than it creeps: it gets no faster, whatever the next prediction says."""
+        v, w = np.abs(self._state.twist).tolist()
+        return self._state.wary > 0.0 and max(v, w * self._corner) > self.parameters.creep_speed
 
     def _let_through(self, asked: Actuation, twist: Array, rates: Array, reason: Reason | None) -> Verdict:
         self._state.twist = twist

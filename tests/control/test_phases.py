@@ -100,8 +100,9 @@ def test_an_object_that_nearly_fills_the_open_fingers_is_tried_once_they_stand_o
     """A scene takes cubes up to 70 mm, and the hand never began with those over 65 mm."""
     goal = SimpleNamespace(name="it", kind="pick", side=0.08 - FINGER_ROOM)
     view = SimpleNamespace(
-        time=1.0, time_to_range=0.0, pose=np.zeros(3), target=CUBE, p=CUBE, goal=goal, width=width, gripper_moving=False
-    )
+        time=1.0, time_to_range=0.0, pose=np.zeros(3), target=CUBE, p=CUBE, mount=CUBE, goal=goal, width=width,
+        gripper_moving=False,
+    )  # fmt: skip
     seen = SimpleNamespace(twist=np.zeros(2))
     inputs = SimpleNamespace(observation=seen, plan_times=np.ones(1), plan_poses=np.zeros((1, 5)))
     in_time = SimpleNamespace(transit_duration=lambda *_: 0.5)
