@@ -9,7 +9,7 @@ import shapely
 from numpy.typing import NDArray
 
 from motm_twin.control.arm.geometry import reach_radius
-from motm_twin.control.arm.grasp_room import over_middle
+from motm_twin.control.arm.grasp_room import ASIDE, over_middle
 from motm_twin.control.arm.parameters import ArmParameters
 from motm_twin.control.arm.types import ArmGoal
 from motm_twin.control.task_list import name_of
@@ -25,7 +25,6 @@ from motm_twin.planning.parameters import ReachParameters
 from motm_twin.planning.types import Target
 
 BESIDE = 0.25  # [m] objects this near may be in the way of a hand that grasps
-ASIDE = 0.05  # [m] beside the middle of the hand in which its fingers are
 OVER_TARGET = 0.13  # [m] furniture higher than this above a target is a wall: the hand may not get over it
 TALL_TARGET = 0.35  # [m] tall walls, which the arm never reaches over, are higher than this above a target
 TALL_MOUNT = 0.55  # [m] above its mount: the shoulder is at 0.33, and reaches down over what is lower
@@ -55,7 +54,7 @@ class Furniture:
 
 
 class Walls(NamedTuple):
-    """What a hand does not get through on its way to a target: edges x, y, x, y [m], shape (k, 4).
+    """Obstacles to a hand on its way to a target: edges x, y, x, y [m], shape (k, 4).
 
     Low ones, which it reaches over where there is no other way, are as much wider as a hand is.
     """

@@ -159,10 +159,10 @@ class DynamicTracker(Stateful[TrackState]):
         inside = ((cell >= 0) & (cell < np.array(known.grid.shape))).all(axis=1)
         at, beam, reach, cell = at[inside], beam[inside], reach[inside], cell[inside]
         free = known.visible_distance[cell[:, 0], cell[:, 1]] > p.explained
-        free &= ~_known_to_stand(at, world) | self._belongs(at, world.resolution)
+        free &= ~_known_to_stand(at, world) | self._near_tracks(at, world.resolution)
         return Points(np.ascontiguousarray(at[free]), beam[free], reach[free])
 
-    def _belongs(self, at: Array, slack: float) -> NDArray[np.bool_]:
+    def _near_tracks(self, at: Array, slack: float) -> NDArray[np.bool_]:
         """Which points (n, 2) are within ``slack`` [m] of a track that has moved: it may set off again; shape (n,)."""
         near = np.zeros(len(at), dtype=bool)
         for track in self._state.tracks:

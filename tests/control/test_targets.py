@@ -69,6 +69,21 @@ def test_an_object_is_let_go_over_the_rim_or_over_what_was_seen_to_lie_higher(he
     assert lies.side == pytest.approx(0.04)
 
 
+def behind(tmp_path, piece):
+    """The cube at (2.1, 0.0) on a table of 0.6 m, behind a piece of furniture, as the base sees it."""
+    path = tmp_path / "scene.yaml"
+    path.write_text(
+        "format: motm-scene/1\ntitle: a piece\nstart: {x: 0.0, y: 0.0, heading_deg: 0}\nfurniture:\n"
+        "  table: {shape: box, centre: [2.0, 0.0], size: [0.8, 1.6], z: [0.0, 0.6], style: table}\n"
+        f"  piece: {{shape: box, {piece}}}\n"
+        "objects:\n  cube: {surface: table, at: [2.1, 0.0], yaw_deg: 0}\ntasks:\n  - pick: cube\n"
+    )
+    scene = load_scene(str(path), None, 0)
+    known = known_world(scene)
+    targets = Targets(known, ObjectTracker(known), ReachParameters(), ArmParameters())
+    return targets.base_target(Pick(object="cube"), SimulatedPlant(scene).observe(), None)
+
+
 @pytest.mark.parametrize(
     ("low", "high", "walls", "tall"),
     [
@@ -80,32 +95,14 @@ def test_an_object_is_let_go_over_the_rim_or_over_what_was_seen_to_lie_higher(he
     ],
 )
 def test_what_stands_higher_than_the_hand_comes_in_is_a_wall(tmp_path, low, high, walls, tall):
-    path = tmp_path / "ledge.yaml"
-    path.write_text(
-        "format: motm-scene/1\ntitle: ledge\nstart: {x: 0.0, y: 0.0, heading_deg: 0}\nfurniture:\n"
-        "  table: {shape: box, centre: [2.0, 0.0], size: [0.8, 1.6], z: [0.0, 0.6], style: table}\n"
-        f"  ledge: {{shape: box, centre: [1.8, 0.0], size: [0.1, 1.6], z: [{low}, {high}], style: shelf}}\n"
-        "objects:\n  cube: {surface: table, at: [2.1, 0.0], yaw_deg: 0}\ntasks:\n  - pick: cube\n"
-    )
-    known = known_world(load_scene(str(path), None, 0))
-    targets = Targets(known, ObjectTracker(known), ReachParameters(), ArmParameters())
-    target = targets.base_target(Pick(object="cube"), SimulatedPlant(load_scene(str(path), None, 0)).observe(), None)
+    target = behind(tmp_path, f"centre: [1.8, 0.0], size: [0.1, 1.6], z: [{low}, {high}], style: shelf")
     assert (len(target.walls), len(target.tall)) == (walls, tall)
 
 
 @pytest.mark.parametrize(("jar", "reach", "wide"), [(0.7, math.inf, False), (0.76, 0.83, True), (0.95, 0.68, True)])
 def test_a_jar_before_a_cube_is_as_wide_as_the_hand_and_the_arm_reaches_less_far_over_it(tmp_path, jar, reach, wide):
     """Through gaps of 6 cm between jars the base saw its cube, and stood where no hand comes over them to it."""
-    path = tmp_path / "jar.yaml"
-    path.write_text(
-        "format: motm-scene/1\ntitle: jar\nstart: {x: 0.0, y: 0.0, heading_deg: 0}\nfurniture:\n"
-        "  table: {shape: box, centre: [2.0, 0.0], size: [0.8, 1.6], z: [0.0, 0.6], style: table}\n"
-        f"  jar: {{shape: box, centre: [1.95, 0.0], size: [0.1, 0.1], z: [0.6, {jar}], style: plain}}\n"
-        "objects:\n  cube: {surface: table, at: [2.1, 0.0], yaw_deg: 0}\ntasks:\n  - pick: cube\n"
-    )
-    known = known_world(load_scene(str(path), None, 0))
-    targets = Targets(known, ObjectTracker(known), ReachParameters(), ArmParameters())
-    target = targets.base_target(Pick(object="cube"), SimulatedPlant(load_scene(str(path), None, 0)).observe(), None)
+    target = behind(tmp_path, f"centre: [1.95, 0.0], size: [0.1, 0.1], z: [0.6, {jar}], style: plain")
     assert target.reach_over == pytest.approx(reach, abs=0.02)
     if wide:
         assert np.ptp(target.walls[:, 1]) == pytest.approx(0.2)

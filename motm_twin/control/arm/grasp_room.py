@@ -38,7 +38,7 @@ _TEST_HEIGHTS = (0.0, 0.05, 0.10)  # [m] above the grasp at which furniture is l
 _HIGHER = 0.01  # [m] by which the top of an object may be higher than the camera estimates
 BLOCKED = 100.0  # [rad] more than any turning
 _BEFORE = 0.05  # [m] before the target at which the way over things ends: there the hand comes down
-_ASIDE = 0.05  # [m] beside the middle of the hand in which its fingers are
+ASIDE = 0.05  # [m] beside the middle of the hand in which its fingers are
 _STEP = 0.02  # [m] between looks along that way
 _HIGHEST = 0.25  # [m] above the target: over what is higher the hand does not get
 _SUPPORT_SLACK = 0.01  # [m] above the object's lower face; furniture no higher than this is its support
@@ -131,14 +131,14 @@ def _top_between(position: Array, target: Array, solids: Solids) -> float:
         high = solids.z[k, 1]
         if not max(top, target[2]) < high < max(target[2] + _HIGHEST, position[2]):
             continue
-        if bounds[k, 0] - _ASIDE > max(x, target[0]) or bounds[k, 1] + _ASIDE < min(x, target[0]):
+        if bounds[k, 0] - ASIDE > max(x, target[0]) or bounds[k, 1] + ASIDE < min(x, target[0]):
             continue
-        if bounds[k, 2] - _ASIDE > max(y, target[1]) or bounds[k, 3] + _ASIDE < min(y, target[1]):
+        if bounds[k, 2] - ASIDE > max(y, target[1]) or bounds[k, 3] + ASIDE < min(y, target[1]):
             continue
         for i in range(steps + 1 if high < target[2] + _HIGHEST else 1):
             part = i / steps * (length - _BEFORE) / length
             at_x, at_y = x + part * (target[0] - x), y + part * (target[1] - y)
-            if solid_distance(at_x, at_y, 0.5 * (solids.z[k, 0] + high), k, solids)[0] < _ASIDE:
+            if solid_distance(at_x, at_y, 0.5 * (solids.z[k, 0] + high), k, solids)[0] < ASIDE:
                 top = high
                 break
     return top
