@@ -26,7 +26,7 @@ from motm_twin.control.arm.motion import palm_drop
 from motm_twin.control.arm.parameters import ArmParameters
 from motm_twin.control.arm.program import base_bounds, joint_bounds
 from motm_twin.control.arm.types import ArmGoal, ArmInputs, ArmObstacles
-from motm_twin.control.monitor import Monitor, MonitorParameters, unseen_in_stop
+from motm_twin.control.monitor import Monitor, MonitorParameters, count_unseen
 from motm_twin.control.self_check import SelfCheck, SelfCheckSettings
 from motm_twin.measures.agents import compile_gaps
 from motm_twin.methods.registry import find_method
@@ -311,7 +311,7 @@ class Part(NamedTuple):
 
 PARTS = {  # one process does its own in this order; the search comes last, as most of placement is in it too
     "placement": Part(warm_up_placement, mark_free, 10.0),
-    "perception": Part(_perception, unseen_in_stop, 20.0),
+    "perception": Part(_perception, count_unseen, 20.0),
     "arm": Part(_arm, manipulability_gradient, 28.0),
     "plant": Part(_plant, update_gaps, 10.0),
     "agents": Part(_agents, look_about, 14.0),  # the plant, with those that drive and walk

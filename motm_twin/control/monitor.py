@@ -16,22 +16,25 @@ from motm_twin.control.arm.parameters import Numbers, numbers
 from motm_twin.control.self_check import FULL_TRUST, Trust
 from motm_twin.model.compiler import njit
 from motm_twin.model.geometry import Array
-from motm_twin.model.motion import lag_share
+from motm_twin.model.motion import arc, lag_share, step
 from motm_twin.model.number import OWN, Number, Slider
 from motm_twin.model.passive_safety import (
     BRAKES_BOTH,
     HOLDS_SPEED,
     HOLDS_TURN,
     NO_ARM,
+    STANDS,
+    Stop,
     braked,
+    followed,
     met_in_stop,
     overhang,
     stop_of,
 )
-from motm_twin.model.plant import SLOW_AGE, Actuation, Observation, Scan
+from motm_twin.model.plant import PERIOD, SLOW_AGE, Actuation, Observation, Scan
 from motm_twin.model.profile import DQ_MAX, RobotProfile
 from motm_twin.model.reason import Kind, Reason
-from motm_twin.model.state import LATER, Stateful
+from motm_twin.model.state import Stateful
 from motm_twin.perception.floor import STALE, UNSEEN, Floor
 from motm_twin.perception.world_map import WorldMap
 
@@ -39,7 +42,6 @@ _MARGIN_OF_REACH = 0.1  # [m] beyond the stopping way and the footprint: nothing
 _SAME_BODY = 0.15  # [m] between the points of neighbouring beams that show the same body
 _ROUNDING = 1e-6  # [m] more than sums of lengths are wrong by
 _STANDS = 0.01  # [m/s], [rad/s] below which a base that holds its turn goes no further, or turns no more
-_WARY = 0.1  # [s] after braking, in which the base gets no faster, and a single point makes it brake on: two scans
 _NOISE = 0.004  # [m/s], [rad/s] of a twist: no command answers it
 _SENSORS = Reason(kind=Kind.NOT_FINITE, subject="sensors are")
 _NO_SCAN = Scan(
@@ -70,21 +72,20 @@ class _Asked(NamedTuple):
 
 
 class _Beams(NamedTuple):
-    """A scan; ``moved``: the robot was elsewhere when it was made."""
+    """A scan, and how the robot has moved since then: from ``pose``, or with its measured twist for its ``age``."""
 
     ranges: Array
     angle_min: float
     angle_step: float
     origin: Array
     pose: Array
-    moved: bool
+    age: float  # [s]; negative: the pose tells
 
 
-class _Body(NamedTuple):
-    """The footprint, and what counts as being in its way."""
+class _InWay(NamedTuple):
+    """What counts as being in the way of the footprint."""
 
-    rectangle: Array  # half length, half width, offset [m]
-    corner: float  # [m] the furthest
+    corner: float  # [m] the furthest from the base's centre
     margin: float  # [m]
     enough: int  # points
 
@@ -133,7 +134,6 @@ class MonitorState:
 
     twist: Array = field(default_factory=lambda: np.zeros(2))
     holds: int = BRAKES_BOTH  # until the other ended: `HOLDS_TURN`, `HOLDS_SPEED`
-    wary: float = field(default=0.0, metadata=LATER)  # [s] left, after braking, in which the base gets no faster
 
 
 class Monitor(Stateful[MonitorState]):
@@ -142,11 +142,9 @@ class Monitor(Stateful[MonitorState]):
     def __init__(self, profile: RobotProfile, parameters: MonitorParameters | None = None) -> None:
         self.profile = profile
         self.parameters = parameters or MonitorParameters()
-        body, self._base = profile.footprint, numbers(profile.base)
-        self._rectangle = np.array([0.5 * body.length, 0.5 * body.width, body.offset_x])
-        self._corner = float(np.hypot(self._rectangle[0] + abs(body.offset_x), self._rectangle[1]))  # [m] the furthest
-        p = self.parameters
-        self._body = _Body(self._rectangle, self._corner, p.stop_margin, p.minimum_points)
+        body, self._base, p = profile.footprint, numbers(profile.base), self.parameters
+        corner = float(np.hypot(0.5 * body.length + abs(body.offset_x), 0.5 * body.width))
+        self._in_way = _InWay(corner, p.stop_margin, p.minimum_points)
         self._stop, self._mount = stop_of(profile, p.passive_margin), (profile.arm.mount_x, profile.arm.mount_y)
         self._state = MonitorState()
 
@@ -172,21 +170,18 @@ class Monitor(Stateful[MonitorState]):
         share, reason = self._age(observation, scan_stamp, trust.scan)
         if trust.base < 1.0 and trust.base <= share:
             share, reason = trust.base, trust.reason
-        now, scan, p = observation, observation.scan or _NO_SCAN, self.parameters
+        now, scan = observation, observation.scan or _NO_SCAN
         twist, rates = np.empty(2), np.empty(7)
         asked = _Asked(
             actuation.twist, actuation.joint_velocity, self._state.twist, dt, share, self._arm_share(now.age)
         )
-        wary = self._is_wary()
-        enough = 1 if wary else p.minimum_points
-        moved = max(now.ahead, now.age) > 0.0
-        beams = _Beams(scan.ranges, scan.angle_min, scan.angle_step, scan.origin, scan.pose, moved)
         healthy, turning, holding = _examine(
             _Reported(now.pose, now.odometry, now.twist, now.q, now.dq),
             asked,
-            beams,
+            _beams_of(scan, now),
             self._base,
-            self._body._replace(enough=enough),
+            self._stop,
+            self._in_way,
             twist,
             rates,
         )
@@ -194,22 +189,13 @@ class Monitor(Stateful[MonitorState]):
             return self._let_through(actuation, self._brake(dt), np.zeros(7), _stopped(_SENSORS))
         if trust.joints is not None:
             rates *= trust.joints
-        if wary:
-            most = np.abs(self._state.twist)
-            twist = np.clip(twist, -most, most)
-        self._state.wary = _WARY if min(turning, holding) >= p.minimum_points else max(0.0, self._state.wary - dt)
-        if min(turning, holding) >= enough:
+        if min(turning, holding) >= self.parameters.minimum_points:
             stop = np.array([0.0, twist[1] if holding < turning else 0.0])
             twist, reason = self._within_limits(stop, dt), self._braking(twist, observation)
         elif world is not None:
             twist, slower = self._in_seen_world(twist, world, observation, dt)
             reason = reason or slower  # a sensor that fails is the cause of floor that it does not see
         return self._let_through(actuation, twist, rates, reason)
-
-    def _is_wary(self) -> bool:
-        """It braked just now, and is faster than it creeps: it gets no faster, whatever the next prediction says."""
-        v, w = np.abs(self._state.twist).tolist()
-        return self._state.wary > 0.0 and max(v, w * self._corner) > self.parameters.creep_speed
 
     def _let_through(self, asked: Actuation, twist: Array, rates: Array, reason: Reason | None) -> Verdict:
         self._state.twist = twist
@@ -222,7 +208,7 @@ class Monitor(Stateful[MonitorState]):
         met = self._before_movers(twist, world, observation, dt)
         if met is not None:
             return met
-        return (twist, None) if world.floor is None else self._on_seen_floor(twist, world.floor, observation.pose, dt)
+        return (twist, None) if world.floor is None else self._on_seen_floor(twist, world.floor, observation, dt)
 
     def _before_movers(
         self, twist: Array, world: WorldMap, observation: Observation, dt: float
@@ -267,29 +253,27 @@ class Monitor(Stateful[MonitorState]):
         if scan is None or max(observation.ahead, observation.age) > 0.0:
             return False
         v, w = observation.twist.tolist()
-        a, b = base.linear_acceleration, base.yaw_acceleration
-        lasts = base.velocity_lag + abs(w) / b
-        reach = abs(v) * lasts + v * v / (2.0 * a) + self._corner + _MARGIN_OF_REACH
-        points = near_points(scan.ranges, scan.angle_min, scan.angle_step, scan.origin, reach)
-        margin, stop = self.parameters.stop_margin, np.array([v, w, a, b, lasts])
-        if points_in_stop(points, v, w, a, b, lasts, np.bool_(False), self._rectangle, margin) >= enough:
+        lasts = base.velocity_lag + abs(w) / base.yaw_acceleration
+        reach = abs(v) * lasts + v * v / (2.0 * base.linear_acceleration) + self._in_way.corner + _MARGIN_OF_REACH
+        points = _points_now(_beams_of(scan, observation), observation.pose, observation.twist, reach)
+        poses = stopping_poses(observation.twist, observation.twist, HOLDS_SPEED, self._stop)
+        if points_in_stop(points, poses, self._stop, self.parameters.stop_margin) >= enough:
             return False
-        floor = world.floor
-        if floor is None:
-            return True
-        frame = np.array([*floor.corner, floor.resolution])
-        return bool(unseen_in_stop(observation.pose, stop, self._rectangle, floor.seen, frame)[0] < enough)
+        return world.floor is None or unseen_in_stop(observation.pose, poses, self._stop, world.floor)[0] < enough
 
-    def _on_seen_floor(self, twist: Array, floor: Floor, pose: Array, dt: float) -> tuple[Array, Reason | None]:
+    def _on_seen_floor(
+        self, twist: Array, floor: Floor, observation: Observation, dt: float
+    ) -> tuple[Array, Reason | None]:
         """The twist, slowed so that the base stops within the floor that it has seen, lately unless it creeps."""
-        base, enough = self.profile.base, self.parameters.minimum_points
-        frame = np.array([*floor.corner, floor.resolution])
-        stop = np.array([twist[0], twist[1], base.linear_acceleration, base.yaw_acceleration, base.velocity_lag])
-        unseen, stale = unseen_in_stop(pose, stop, self._rectangle, floor.seen, frame)
+        enough, poses = (
+            self.parameters.minimum_points,
+            stopping_poses(observation.twist, twist, BRAKES_BOTH, self._stop),
+        )
+        unseen, stale = unseen_in_stop(observation.pose, poses, self._stop, floor)
         if unseen >= enough:
             return self._within_limits(np.zeros(2), dt), Reason(kind=Kind.FLOOR_UNSEEN, subject="lidar")
         creep = self.parameters.creep_speed
-        fastest = max(abs(twist[0]), abs(twist[1]) * self._corner)
+        fastest = max(abs(twist[0]), abs(twist[1]) * self._in_way.corner)
         if stale < enough or fastest <= creep:
             return twist, None
         why = Reason(kind=Kind.FLOOR_STALE, subject="lidar", value=fastest, limit=creep, unit="m/s")
@@ -327,10 +311,8 @@ class Monitor(Stateful[MonitorState]):
         scan = observation.scan
         assert scan is not None
         ranges, v, base = scan.ranges, abs(float(twist[0])), self.profile.base
-        points = near_points(ranges, scan.angle_min, scan.angle_step, scan.origin, self._corner)
-        overlap = float(
-            _depths(points, _bodies(points, self._rectangle), 0.0, 0.0, 0.0, self._rectangle).max(initial=0.0)
-        )
+        points = near_points(ranges, scan.angle_min, scan.angle_step, scan.origin, self._in_way.corner)
+        overlap = float(_depths(points, _bodies(points, self._stop), np.zeros(3), self._stop).max(initial=0.0))
         if overlap > 0.0:
             return Reason(kind=Kind.INSIDE_BASE, subject="lidar", value=overlap, unit="m")
         way = v * base.velocity_lag + v * v / (2.0 * base.linear_acceleration)
@@ -368,9 +350,21 @@ def _slowed(why: Reason, share: float) -> Reason:
     return Reason(kind=Kind.SLOWED, subject=why.subject, value=share, cause=why)
 
 
+def _beams_of(scan: Scan, now: Observation) -> _Beams:
+    age = -1.0 if max(now.ahead, now.age) > 0.0 else max(now.time - scan.stamp, 0.0)
+    return _Beams(scan.ranges, scan.angle_min, scan.angle_step, scan.origin, scan.pose, age)
+
+
 @njit(cache=True)
 def _examine(
-    robot: _Reported, asked: _Asked, beams: _Beams, base: Numbers, body: _Body, twist: Array, rates: Array
+    robot: _Reported,
+    asked: _Asked,
+    beams: _Beams,
+    base: Numbers,
+    stop: Stop,
+    in_way: _InWay,
+    twist: Array,
+    rates: Array,
 ) -> tuple[bool, int, int]:
     """Fill in a share of the asked twist (2,) and rates (7,) within the limits; returns health and two counts.
 
@@ -378,30 +372,43 @@ def _examine(
     The second is looked for only where there are enough points in the first: a base that turns away from something may
     have to keep turning while it brakes.
     """
-    pose = robot.pose
     if not (
-        _finite(pose) and _finite(robot.odometry) and _finite(robot.twist) and _finite(robot.q) and _finite(robot.dq)
-    ):
+        _finite(robot.pose) and _finite(robot.odometry) and _finite(robot.twist) and _finite(robot.q)
+        and _finite(robot.dq)
+    ):  # fmt: skip
         return False, 0, 0
     for k in range(2):
         twist[k] = 0.0 if asked.share == 0.0 else asked.share * asked.twist[k]
     _limit(twist, asked.last, asked.dt, base, twist)
     for k in range(rates.shape[0]):
         rates[k] = asked.arm_share * min(max(asked.rates[k], -DQ_MAX[k]), DQ_MAX[k])
-    b, v, w = base[0], twist[0], twist[1]
-    if beams.ranges.shape[0] == 0 or (v == 0.0 and w == 0.0):
+    if beams.ranges.shape[0] == 0 or (twist[0] == 0.0 and twist[1] == 0.0):
         return True, -1, -1
-    reach = abs(v) * b.velocity_lag + v * v / (2.0 * b.linear_acceleration) + body.corner + _MARGIN_OF_REACH
-    if beams.moved:
-        reach += math.hypot(pose[0] - beams.pose[0], pose[1] - beams.pose[1])
-    points = near_points(beams.ranges, beams.angle_min, beams.angle_step, beams.origin, reach)
-    if beams.moved:
-        _carry(points, beams.pose, pose)
-    a, yaw_a, lag = b.linear_acceleration, b.yaw_acceleration, b.velocity_lag
-    turning = points_in_stop(points, v, w, a, yaw_a, lag, np.bool_(False), body.rectangle, body.margin)
-    if turning < body.enough:
+    v = max(abs(twist[0]), abs(robot.twist[0]))
+    reach = v * base[0].velocity_lag + v * v / (2.0 * base[0].linear_acceleration) + in_way.corner + _MARGIN_OF_REACH
+    points = _points_now(beams, robot.pose, robot.twist, reach)
+    turning = points_in_stop(
+        points, stopping_poses(robot.twist, twist, np.int64(BRAKES_BOTH), stop), stop, in_way.margin
+    )
+    if turning < in_way.enough:
         return True, turning, turning
-    return True, turning, points_in_stop(points, v, w, a, yaw_a, lag, np.bool_(True), body.rectangle, body.margin)
+    poses = stopping_poses(robot.twist, twist, np.int64(HOLDS_TURN), stop)
+    return True, turning, points_in_stop(points, poses, stop, in_way.margin)
+
+
+@njit(cache=True)
+def _points_now(beams: _Beams, pose: Array, twist: Array, reach: float) -> Array:
+    """Scan points within `reach` [m] of the base, from where it is now; shape (m, 2).
+
+    Within a period of 50 ms a scan grows 40 ms old, in which a corner of a base that turns moves by centimetres.
+    """
+    then, now = beams.pose, pose
+    if beams.age >= 0.0:
+        then, now = np.zeros(3), np.array(arc(0.0, 0.0, 0.0, twist[0], twist[1], beams.age))
+    farther = math.hypot(now[0] - then[0], now[1] - then[1])
+    points = near_points(beams.ranges, beams.angle_min, beams.angle_step, beams.origin, reach + farther)
+    _carry(points, then, now)
+    return points
 
 
 @njit(cache=True)
@@ -453,95 +460,90 @@ def near_points(ranges: Array, angle_min: float, angle_step: float, origin: Arra
 
 
 @njit(cache=True)
-def points_in_stop(
-    points: Array,
-    v: float,
-    w: float,
-    a: float,
-    b: float,
-    lag: float,
-    hold_yaw_rate: bool,
-    rectangle: Array,
-    margin: float,
-) -> int:
-    """Most points that the footprint comes too near to at once while the base stops from (v, w).
+def stopping_poses(twist: Array, told: Array, holds: int, stop: Stop) -> Array:
+    """Poses of a base that begins to brake, every 50 ms, in its own frame; shape (k, 3).
 
-    A point outside the margin [m] may not come inside it, one inside the margin no nearer. What is in the footprint
-    already may not get deeper into it: then all points count. The stop: constant twist for the lag, then deceleration
-    at a [m/s^2] and b [rad/s^2]; with `hold_yaw_rate` the turn brakes only once the base goes no further. `rectangle`:
-    half length, half width, offset of the footprint [m].
+    ``twist`` (2,): as measured; ``told`` (2,): commanded last. The command falls as fast as it may, and the base
+    follows with its lag, from where it is faster than commanded, or else from the command. ``holds``: see
+    `model.passive_safety.met_in_stop`.
     """
-    dt = 0.05
-    half_length, half_width, offset = rectangle[0], rectangle[1], rectangle[2]
-    allowed = np.empty(points.shape[0])
-    for i in range(points.shape[0]):
-        room = _room(points[i, 0] - offset, points[i, 1], half_length, half_width)
-        allowed[i] = min(margin, room - _ROUNDING)
-    body = _bodies(points, rectangle)
-    deep = _depths(points, body, 0.0, 0.0, 0.0, rectangle) + _ROUNDING
-    worst = 0
-    x = 0.0
-    y = 0.0
-    heading = 0.0
-    time = 0.0
-    while True:
-        if time >= lag:
-            v = math.copysign(max(abs(v) - a * dt, 0.0), v)
-            if not hold_yaw_rate or v == 0.0:
-                w = math.copysign(max(abs(w) - b * dt, 0.0), w)
-        if v == 0.0 and w == 0.0:
-            return worst
-        heading += w * dt
-        x += v * dt * math.cos(heading)
-        y += v * dt * math.sin(heading)
-        time += dt
-        c = math.cos(heading)
-        s = math.sin(heading)
-        if (_depths(points, body, x, y, heading, rectangle) > deep).any():
-            return points.shape[0]
-        count = 0
-        for i in range(points.shape[0]):
-            if body[i] >= 0:
-                continue
-            dx = points[i, 0] - x
-            dy = points[i, 1] - y
-            if _room(c * dx + s * dy - offset, c * dy - s * dx, half_length, half_width) < allowed[i]:
-                count += 1
-        worst = max(worst, count)
+    v_told, w_told = told[0], told[1]
+    v, w = _faster(twist[0], v_told), _faster(twist[1], w_told)
+    x, y, heading = 0.0, 0.0, 0.0
+    poses = [(x, y, heading)]
+    while max(abs(v), abs(w)) >= STANDS or v_told != 0.0 or w_told != 0.0:
+        brakes_v, brakes_w = holds != HOLDS_SPEED or w_told == 0.0, holds != HOLDS_TURN or v_told == 0.0
+        if brakes_v:
+            v_told = math.copysign(max(abs(v_told) - stop.linear * PERIOD, 0.0), v_told)
+        if brakes_w:
+            w_told = math.copysign(max(abs(w_told) - stop.turning * PERIOD, 0.0), w_told)
+        v_now = followed(v, v_told, stop.linear * PERIOD, stop.share)
+        w_now = followed(w, w_told, stop.turning * PERIOD, stop.share)
+        x, y, heading = step(x, y, heading, v, w, v_now, w_now, PERIOD)
+        v, w = v_now, w_now
+        poses.append((x, y, heading))
+    return np.array(poses)
 
 
 @njit(cache=True)
-def unseen_in_stop(
-    pose: Array, stop: Array, rectangle: Array, seen: NDArray[np.uint8], frame: Array
-) -> tuple[int, int]:
-    """Points of the footprint's outline that come over unseen, and over stale floor while the base stops; most at once.
+def _faster(measured: float, told: float) -> float:
+    """The speed of the two, measured and commanded, that is the higher in the direction of the command."""
+    return measured if measured * told > 0.0 and abs(measured) > abs(told) + _NOISE else told
 
-    ``stop``: twist (v, w), decelerations and lag of `points_in_stop`; ``rectangle`` as there; ``frame``: corner of the
-    floor (x, y) and its resolution [m]. Beyond the floor that is kept nothing is asked.
+
+@njit(cache=True)
+def points_in_stop(points: Array, poses: Array, stop: Stop, margin: float) -> int:
+    """Most of the points (m, 2) that the footprint comes too near to at one of the `stopping_poses` (k, 3).
+
+    A point outside the margin [m] may not come inside it, one inside the margin no nearer. What is in the footprint
+    already may not get deeper into it: then all points count.
     """
-    v, w, a, b, lag = stop[0], stop[1], stop[2], stop[3], stop[4]
-    along, across = math.ceil(2.0 * rectangle[0] / frame[2]), math.ceil(2.0 * rectangle[1] / frame[2])
+    allowed = np.empty(points.shape[0])
+    for i in range(points.shape[0]):
+        allowed[i] = min(margin, _room(points[i, 0], points[i, 1], stop) - _ROUNDING)
+    body = _bodies(points, stop)
+    deep = _depths(points, body, poses[0], stop) + _ROUNDING
+    worst = 0
+    for k in range(1, poses.shape[0]):
+        if (_depths(points, body, poses[k], stop) > deep).any():
+            return points.shape[0]
+        c, s, count = math.cos(poses[k, 2]), math.sin(poses[k, 2]), 0
+        for i in range(points.shape[0]):
+            if body[i] >= 0:
+                continue
+            dx, dy = points[i, 0] - poses[k, 0], points[i, 1] - poses[k, 1]
+            if _room(c * dx + s * dy, c * dy - s * dx, stop) < allowed[i]:
+                count += 1
+        worst = max(worst, count)
+    return worst
+
+
+def unseen_in_stop(pose: Array, poses: Array, stop: Stop, floor: Floor) -> tuple[int, int]:
+    """Most points of the footprint's outline over unseen, and over stale floor at one of the `stopping_poses` (k, 3).
+
+    ``pose``: of the base now, shape (3,). Beyond the floor that is kept nothing is asked.
+    """
+    return count_unseen(pose, poses, stop, floor.seen, np.array([*floor.corner, floor.resolution]))
+
+
+@njit(cache=True)
+def count_unseen(pose: Array, poses: Array, stop: Stop, seen: NDArray[np.uint8], frame: Array) -> tuple[int, int]:
+    """Kernel of `unseen_in_stop`; ``frame``: corner of the floor (x, y) and its resolution [m]."""
+    along, across = math.ceil(2.0 * stop.half_length / frame[2]), math.ceil(2.0 * stop.half_width / frame[2])
     outline = np.empty((2 * (along + across), 2))
     for i in range(along):
-        shift = i * 2.0 * rectangle[0] / along
-        outline[2 * i, 0], outline[2 * i, 1] = rectangle[2] - rectangle[0] + shift, rectangle[1]
-        outline[2 * i + 1, 0], outline[2 * i + 1, 1] = rectangle[2] + rectangle[0] - shift, -rectangle[1]
+        shift = i * 2.0 * stop.half_length / along
+        outline[2 * i, 0], outline[2 * i, 1] = stop.offset - stop.half_length + shift, stop.half_width
+        outline[2 * i + 1, 0], outline[2 * i + 1, 1] = stop.offset + stop.half_length - shift, -stop.half_width
     for i in range(across):
-        k, shift = 2 * (along + i), i * 2.0 * rectangle[1] / across
-        outline[k, 0], outline[k, 1] = rectangle[2] + rectangle[0], rectangle[1] - shift
-        outline[k + 1, 0], outline[k + 1, 1] = rectangle[2] - rectangle[0], shift - rectangle[1]
-    dt, time = 0.05, 0.0
-    x, y, heading = pose[0], pose[1], pose[2]
+        k, shift = 2 * (along + i), i * 2.0 * stop.half_width / across
+        outline[k, 0], outline[k, 1] = stop.offset + stop.half_length, stop.half_width - shift
+        outline[k + 1, 0], outline[k + 1, 1] = stop.offset - stop.half_length, shift - stop.half_width
+    c0, s0 = math.cos(pose[2]), math.sin(pose[2])
     never, late = 0, 0
-    while v != 0.0 or w != 0.0:
-        if time >= lag:
-            v = math.copysign(max(abs(v) - a * dt, 0.0), v)
-            w = math.copysign(max(abs(w) - b * dt, 0.0), w)
-        heading += w * dt
-        x += v * dt * math.cos(heading)
-        y += v * dt * math.sin(heading)
-        time += dt
-        c, s = math.cos(heading), math.sin(heading)
+    for k in range(1, poses.shape[0]):
+        x, y = pose[0] + c0 * poses[k, 0] - s0 * poses[k, 1], pose[1] + s0 * poses[k, 0] + c0 * poses[k, 1]
+        c, s = math.cos(pose[2] + poses[k, 2]), math.sin(pose[2] + poses[k, 2])
         unseen, stale = 0, 0
         for i in range(outline.shape[0]):
             px, py = x + c * outline[i, 0] - s * outline[i, 1], y + s * outline[i, 0] + c * outline[i, 1]
@@ -554,18 +556,18 @@ def unseen_in_stop(
 
 
 @njit(cache=True)
-def _room(x: float, y: float, half_length: float, half_width: float) -> float:
-    """Room [m] between a point and a rectangle about the origin, by its nearest side; negative inside."""
-    return max(abs(x) - half_length, abs(y) - half_width)
+def _room(x: float, y: float, stop: Stop) -> float:
+    """Room [m] between a point in the base frame and the footprint, by its nearest side; negative inside."""
+    return max(abs(x - stop.offset) - stop.half_length, abs(y) - stop.half_width)
 
 
 @njit(cache=True)
-def _bodies(points: Array, rectangle: Array) -> NDArray[np.int64]:
+def _bodies(points: Array, stop: Stop) -> NDArray[np.int64]:
     """Which body in the footprint each of the points (m, 2), in the order of the beams, belongs to; -1: none."""
     body = np.full(points.shape[0], -1)
     count = 0
     for i in range(points.shape[0]):
-        if _room(points[i, 0] - rectangle[2], points[i, 1], rectangle[0], rectangle[1]) >= 0.0:
+        if _room(points[i, 0], points[i, 1], stop) >= 0.0:
             continue
         same = i > 0 and body[i - 1] >= 0
         if same:
@@ -577,19 +579,19 @@ def _bodies(points: Array, rectangle: Array) -> NDArray[np.int64]:
 
 
 @njit(cache=True)
-def _depths(points: Array, body: NDArray[np.int64], x: float, y: float, heading: float, rectangle: Array) -> Array:
-    """Least shift [m] of the footprint at a pose, square to a side, that clears each body; shape (k,)."""
-    c, s = math.cos(heading), math.sin(heading)
+def _depths(points: Array, body: NDArray[np.int64], pose: Array, stop: Stop) -> Array:
+    """Least shift [m] of the footprint at a pose (3,), square to a side, that clears each body; shape (k,)."""
+    c, s, length, width = math.cos(pose[2]), math.sin(pose[2]), stop.half_length, stop.half_width
     sides = np.zeros((max(body.max() + 1, 0) if body.shape[0] else 0, 4))
     for i in range(points.shape[0]):
         if body[i] < 0:
             continue
-        dx, dy = points[i, 0] - x, points[i, 1] - y
-        along, across = c * dx + s * dy - rectangle[2], c * dy - s * dx
-        if abs(along) < rectangle[0] and abs(across) < rectangle[1]:
+        dx, dy = points[i, 0] - pose[0], points[i, 1] - pose[1]
+        along, across = c * dx + s * dy - stop.offset, c * dy - s * dx
+        if abs(along) < length and abs(across) < width:
             side = sides[body[i]]
-            side[0], side[1] = max(side[0], rectangle[0] - along), max(side[1], rectangle[0] + along)
-            side[2], side[3] = max(side[2], rectangle[1] - across), max(side[3], rectangle[1] + across)
+            side[0], side[1] = max(side[0], length - along), max(side[1], length + along)
+            side[2], side[3] = max(side[2], width - across), max(side[3], width + across)
     depths = np.empty(sides.shape[0])
     for k in range(sides.shape[0]):
         depths[k] = sides[k].min()

@@ -107,8 +107,8 @@ def met_in_stop(
     passed, farthest = 0.0, _farthest(arm, stop)
     while True:
         x_before, y_before, heading_before = x, y, heading
-        v_now = _followed(v, v_told, stop.linear * PERIOD, stop.share)
-        w_now = _followed(w, w_told, stop.turning * PERIOD, stop.share)
+        v_now = followed(v, v_told, stop.linear * PERIOD, stop.share)
+        w_now = followed(w, w_told, stop.turning * PERIOD, stop.share)
         x, y, heading = step(x, y, heading, v, w, v_now, w_now, PERIOD)
         v, w = v_now, w_now
         passed += PERIOD
@@ -130,7 +130,7 @@ def met_in_stop(
 
 
 @kernel
-def _followed(speed: float, told: float, most: float, share: float) -> float:
+def followed(speed: float, told: float, most: float, share: float) -> float:
     """Speed that closes a share of the gap to what is told, and changes by at most ``most``."""
     return speed + min(most, max(-most, share * (told - speed)))
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from motm_twin.model.geometry import Array
 from motm_twin.model.known import KnownWorld, known_solids
 from motm_twin.model.scene import Cylinder, Solid
-from motm_twin.perception.footprints import distance_to_shape, distance_to_solids, merged_outlines, outline, uncovered
+from motm_twin.perception.footprints import distance_to_solids, merged_outlines, outline, signed_distance, uncovered
 from motm_twin.perception.grid import WHOLE, Grid, grid_over
 
 FAR = 3.0  # [m] further than this nothing asks how far it is: a base may be planned 1 m from anything
@@ -63,7 +63,7 @@ def _build(known: KnownWorld, resolution: float) -> BaseMap:
 
 
 def _distance(solids: tuple[Solid, ...], grid: Grid) -> NDArray[np.float32]:
-    """Distance [m] of every cell centre to the nearest footprint; on a large map only up to `FAR`, and `FAR` beyond."""
+    """Distance [m] of every cell centre to the nearest footprint, negative inside; on a large map up to `FAR`."""
     if grid.shape[0] * grid.shape[1] <= WHOLE:
         return distance_to_solids(solids, grid.centres()).astype(np.float32)
     distance = np.full(grid.shape, FAR, np.float32)
@@ -76,7 +76,7 @@ def _distance(solids: tuple[Solid, ...], grid: Grid) -> NDArray[np.float32]:
         rows, columns = np.arange(first[0], last[0]), np.arange(first[1], last[1])
         centres = grid.centre_of(np.stack(np.meshgrid(rows, columns, indexing="ij"), axis=-1))
         near = distance[first[0] : last[0], first[1] : last[1]]
-        np.minimum(near, distance_to_shape(solid.shape, centres).astype(np.float32), out=near)
+        np.minimum(near, signed_distance(solid.shape, centres).astype(np.float32), out=near)
     return distance
 
 

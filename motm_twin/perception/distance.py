@@ -98,7 +98,7 @@ def _blurred(distance, slope, blur, share, cost):
     near = np.empty((rows, columns), np.float32)
     for row in range(rows):
         for column in range(columns):
-            near[row, column] = max(distance[row, column] * slope + one, zero)
+            near[row, column] = min(max(distance[row, column] * slope + one, zero), one)
     inner = along[blur : blur + columns]
     for row in range(rows):
         first = near[max(0, row - blur)]

@@ -83,10 +83,13 @@ def _counter_clockwise(ring: BaseGeometry) -> Array:
 
 def distance_to_shape(shape: Box | Cylinder | Prism, points: Array) -> Array:
     """Exact distance [m] of points, shape (..., 2), to a shape; 0 inside. Shape (...)."""
+    return np.maximum(signed_distance(shape, points), 0.0)
+
+
+def signed_distance(shape: Box | Cylinder | Prism, points: Array) -> Array:
+    """Exact distance [m] of points, shape (..., 2), to the edge of a shape; negative inside. Shape (...)."""
     if isinstance(shape, Cylinder):
-        return np.maximum(
-            np.hypot(points[..., 0] - shape.centre[0], points[..., 1] - shape.centre[1]) - shape.radius, 0.0
-        )
+        return np.hypot(points[..., 0] - shape.centre[0], points[..., 1] - shape.centre[1]) - shape.radius
     corners = outline(shape)
     best = np.full(points.shape[:-1], np.inf)
     inside = np.zeros(points.shape[:-1], dtype=bool)
@@ -98,12 +101,12 @@ def distance_to_shape(shape: Box | Cylinder | Prism, points: Array) -> Array:
             spans = (start[1] > points[..., 1]) != (end[1] > points[..., 1])
             crossing = start[0] + (points[..., 1] - start[1]) * edge[0] / edge[1]
             inside ^= spans & (points[..., 0] < crossing)
-    return np.where(inside, 0.0, best)
+    return np.where(inside, -best, best)
 
 
 def distance_to_solids(solids: tuple[Solid, ...], points: Array) -> Array:
-    """Exact distance [m] of points, shape (..., 2), to the nearest footprint; inf when there is none. Shape (...)."""
+    """Distance [m] of points, shape (..., 2), to the nearest footprint, negative inside; inf for none. Shape (...)."""
     best = np.full(points.shape[:-1], np.inf)
     for solid in solids:
-        best = np.minimum(best, distance_to_shape(solid.shape, points))
+        best = np.minimum(best, signed_distance(solid.shape, points))
     return best

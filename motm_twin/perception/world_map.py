@@ -27,7 +27,9 @@ class WorldMap(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     resolution: float  # [m]
     origin: Array  # world corner of cell (0, 0) [m], shape (2,)
     occupied: NDArray[np.uint8]  # 1 occupied (mapped or seen), shape (ny, nx)
-    distance: NDArray[np.float32]  # [m] to the nearest obstacle; exact for mapped furniture; 0 inside
+    distance: NDArray[
+        np.float32
+    ]  # [m] to the nearest obstacle; exact, and negative inside, for mapped furniture; 0 in seen cells
     proximity: NDArray[np.float32]  # blurred, inflated occupancy 0..1 (STAA*'s grid penalty)
     polygons: tuple[Array, ...]  # obstacle outlines, counter-clockwise, not inflated, each shape (n, 2)
     seen_points: Array  # centres of cells occupied by lidar outside the mapped furniture [m], shape (m, 2)

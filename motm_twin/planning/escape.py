@@ -19,7 +19,7 @@ TURN = 0.5 * math.pi  # [rad] the farthest turn in place that is tried
 SAME_BODY = 2  # cells apart at most: what lies together is one body
 LESS = 0.9  # of the depth: a motion that leaves more is not worth it
 TOLERANCE = 0.01  # [m] a cell may come deeper: its centre is known no better
-MORE_ROOM = 0.05  # [m] that backing off must bring
+MORE_ROOM = 0.02  # [m] that backing off must bring
 SPEED_SHARE = 0.5  # of the reverse speed (without one, of the forward speed), and of the yaw rate
 CURVATURES = (0.0, 0.5, -0.5, 1.0, -1.0, 2.0, -2.0)  # of the arcs that are tried, times the inverse of the outer radius
 
@@ -83,9 +83,9 @@ def find_escape(world: WorldMap, pose: Array, body: Body, limits: BaseLimits, at
 
 
 def ways_to_room(pose: Array, field: Field, body: Body, limits: BaseLimits, floor: float) -> list[Escape]:
-    """Arcs, not longer than the outer radius, at whose ends there is clearly more room than here, the most first.
+    """Arcs, at most as long as the outer radius, each to where it has most room, the one with most first.
 
-    They keep ``floor`` [m] of clearance, or what there is here.
+    They keep ``floor`` [m] of clearance, or what there is here, and bring clearly more than that.
     """
     here = float(clearances(pose[None], 1.0, field, body)[0])
     found: list[tuple[float, Escape]] = []
@@ -95,8 +95,10 @@ def ways_to_room(pose: Array, field: Field, body: Body, limits: BaseLimits, floo
         times = np.linspace(0.0, body.outer / abs(twist[0]), STEPS // 2)
         poses = _driven(pose, twist, times)
         room = clearances(poses, 1.0, field, body)
-        if room.min() >= min(floor, here - 1e-3) and room[-1] > here + MORE_ROOM:
-            found.append((float(room[-1]), Escape(twist, poses, times, True)))
+        blocked = np.flatnonzero(room < min(floor, here - 1e-3))
+        best = int(np.argmax(room[: blocked[0]] if len(blocked) else room))
+        if room[best] > here + MORE_ROOM:
+            found.append((float(room[best]), Escape(twist, poses[: best + 1], times[: best + 1], True)))
     return [way for _, way in sorted(found, key=lambda one: -one[0])]
 
 

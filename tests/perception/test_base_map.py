@@ -10,6 +10,7 @@ import shapely
 from motm_twin.model.scene import Box, Cylinder, Prism, Solid
 from motm_twin.perception.base_map import base_map
 from motm_twin.perception.footprints import distance_to_shape, merged_outlines, outline
+from motm_twin.planning.collision import Field, distance_at
 
 from .small_world import table
 
@@ -89,5 +90,17 @@ def test_what_hangs_overhead_is_not_an_obstacle(known):
 def test_distance_is_exact_at_cell_centres(known):
     base = base_map(known, 0.05)
     union = shapely.union_all([shapely.box(2.0, 1.1, 4.0, 1.9), shapely.box(-1.0, -2.2, 1.0, -1.8)])
-    expected = shapely.distance(union, shapely.points(base.grid.centres()))
+    centres = shapely.points(base.grid.centres())
+    inside = shapely.contains(union, centres)
+    expected = np.where(inside, -shapely.distance(union.boundary, centres), shapely.distance(union, centres))
     np.testing.assert_allclose(base.distance, expected, atol=1e-6)
+
+
+@pytest.mark.parametrize("edge", [2.0, 2.01, 2.025, 2.04])
+def test_between_cells_the_distance_to_a_wall_is_exact(known, edge):
+    """Cells inside it had 0: a base came up to 12 mm nearer to walls and their corners than planned."""
+    wall = Solid(name="w", shape=Box(centre=(edge + 0.2, 0.0), size=(0.4, 2.0)), z_min=0, z_max=2, mapped=True)
+    base = base_map(msgspec.structs.replace(known, solids=(wall,)), 0.05)
+    field = Field(base.distance, *base.grid.origin, 1.0 / 0.05)
+    for gap in (0.0, 0.004, 0.01, 0.02, 0.04):
+        assert distance_at(edge - gap, 0.013, field) == pytest.approx(gap, abs=1e-6)

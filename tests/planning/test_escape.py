@@ -9,9 +9,9 @@ import pytest
 from motm_twin.model.profile import RobotProfile
 from motm_twin.model.reason import Kind, Reason
 from motm_twin.perception.world_map import WorldMap
-from motm_twin.planning.collision import body_of
+from motm_twin.planning.collision import body_of, clearances, field_of
 from motm_twin.planning.controller import StaaController
-from motm_twin.planning.escape import depth_of, find_escape, overlapping_cells
+from motm_twin.planning.escape import depth_of, find_escape, overlapping_cells, ways_to_room
 from motm_twin.planning.parameters import PlanningParameters
 from motm_twin.planning.types import BaseProblem, Placement, PlanStatus, SearchBudget, Target
 
@@ -60,6 +60,18 @@ def test_a_base_that_cannot_reverse_turns_or_stands():
 def test_between_two_faces_nothing_makes_the_overlap_smaller():
     world = world_of((0.3, -0.6, 0.34, 0.6), (-0.34, -0.6, -0.3, 0.6))
     assert find_escape(world, np.zeros(3), BODY, PROFILE.base) is None
+
+
+def test_a_base_with_little_room_behind_it_backs_off_as_far_as_that():
+    """Only arcs of a whole body's length counted: a base stood for 50 s with a door post 5 mm before its corner."""
+    here = np.zeros(3)
+    field = field_of(world_of((0.37, -0.6, 0.41, 0.6), (-0.56, -0.6, -0.51, 0.6)))
+    floor = PlanningParameters().staa.margin_floor
+    ways = ways_to_room(here, field, BODY, PROFILE.base, floor)
+    assert ways
+    room = clearances(ways[0].poses, 1.0, field, BODY)
+    assert room[-1] == room.max() > room[0] + 0.02
+    assert room.min() >= min(floor, room[0] - 1e-3)
 
 
 def test_a_plan_of_a_base_that_overlaps_something_leaves_it_whatever_the_target_is():
