@@ -17,7 +17,7 @@ from motm_twin.model.edits import TaskEdit
 from motm_twin.model.geometry import Array, wrap_angle
 from motm_twin.model.known import KnownWorld
 from motm_twin.model.number import OWN, Number, Slider
-from motm_twin.model.reason import Reason
+from motm_twin.model.reason import Kind, Reason
 from motm_twin.model.scene import DriveTo, Pick, Place, Task
 from motm_twin.model.state import Stateful
 
@@ -234,7 +234,7 @@ class TaskSequence(Stateful[SequenceState]):
         state.out_of_reach_since = None
         if state.in_reach_since is None:
             state.in_reach_since, state.waits = time, {}
-        if why is not None:
+        if why is not None and why.kind != Kind.STARTS_OVER:  # that is no cause
             state.waits[why.key] = state.waits.get(why.key, (0, why))[0] + 1, why
         if time - state.in_reach_since > self.limits.stall_limit:
             text = f"{kind_of(task)} {name_of(task)}: in reach for {self.limits.stall_limit:.0f} s, not done"
