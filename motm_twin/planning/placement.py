@@ -27,11 +27,9 @@ from motm_twin.planning.global_path import GraphCache, Poses, costs_to, grouped,
 from motm_twin.planning.parameters import PlacementParameters, PlanningParameters, room_for
 from motm_twin.planning.rejections import Here, Rejection
 from motm_twin.planning.types import (
-    AROUND_WALLS,
-    OVER_FAR_WALLS,
-    OVER_WALLS,
     BaseProblem,
     Mode,
+    PastWalls,
     Placement,
     Target,
     empty_path,
@@ -109,7 +107,7 @@ class NextTargetPlacement(Stateful[PlacementState]):
         graph, poses = survey.here.graph, self._next_poses(problem.next_target, survey)
         if poses is not None:
             survey = survey._replace(to_next=self._graphs.table(graph, poses, self.model.rates))
-        judged, over = self._judged(target, survey)
+        judged, how = self._judged(target, survey)
         judged = judged._replace(current=_avoiding(judged.current, judged.candidates.pose, problem, p.avoided_cost))
         viable = np.isfinite(judged.current)  # an infinite cost times a weight of 0 would be no number
         cost = judged.current + p.next_weight * np.where(viable, judged.onward, 0.0)
@@ -129,7 +127,7 @@ class NextTargetPlacement(Stateful[PlacementState]):
             rejected=tuple(candidates.rejected),
             chosen=chosen,
             goal=frozen(goal),
-            over_low_walls=over,
+            past_walls=how,
             goal_has_heading=candidates.mode in (Mode.RING, Mode.REACH)
             or (candidates.mode == Mode.DRIVE and target.heading is not None),
             why=_why(judged, chosen, target, survey),
@@ -139,16 +137,16 @@ class NextTargetPlacement(Stateful[PlacementState]):
         closest = candidates.mode == Mode.CLOSEST and chosen >= 0
         return placement, PlacementState(target=(target.kind, target.name), goal=np.array(goal), closest=closest)
 
-    def _judged(self, target: Target, survey: Survey) -> tuple[Judged, int]:
+    def _judged(self, target: Target, survey: Survey) -> tuple[Judged, PastWalls]:
         """The candidates of the rule, and how the arm comes to its target: over low walls where nothing else is."""
         judged = self.candidates(target, survey)
         if _serves(judged) or target.tall is None or len(target.tall) == len(target.walls):
-            return judged, AROUND_WALLS
-        for how in (OVER_WALLS, OVER_FAR_WALLS) if target.reach_over < target.reach else (OVER_FAR_WALLS,):
-            over = self.candidates(target.over_low_walls(how), survey)
+            return judged, PastWalls.AROUND
+        for how in (PastWalls.OVER_NEAR, PastWalls.OVER) if target.reach_over < target.reach else (PastWalls.OVER,):
+            over = self.candidates(target.past_walls(how), survey)
             if _serves(over):
                 return over, how
-        return judged, AROUND_WALLS
+        return judged, PastWalls.AROUND
 
     def _next_poses(self, target: Target | None, survey: Survey) -> Array | None:
         """`next_poses`, from the last call when neither the target nor the map has changed since."""

@@ -107,8 +107,8 @@ class BasePlanner:
     def drive(self, problem: BaseProblem, placement: Placement, budget: SearchBudget) -> BasePlan:
         """Choose how to accelerate now."""
         seen = self._viewed(problem)
-        if placement.over_low_walls and seen.target is not None:
-            seen = msgspec.structs.replace(seen, target=seen.target.over_low_walls(placement.over_low_walls))
+        if placement.past_walls and seen.target is not None:
+            seen = msgspec.structs.replace(seen, target=seen.target.past_walls(placement.past_walls))
         return self.controller.plan(seen, placement, budget)
 
     def _viewed(self, problem: BaseProblem) -> BaseProblem:

@@ -1,7 +1,7 @@
 """Problems and answers of base placement and base control."""
 
 import math
-from enum import StrEnum
+from enum import IntEnum, StrEnum
 from typing import Protocol
 
 import msgspec
@@ -12,7 +12,13 @@ from motm_twin.model.geometry import Array, frozen
 from motm_twin.model.reason import Kind, Reason
 from motm_twin.perception.world_map import NO_TRACKS, WorldMap
 
-AROUND_WALLS, OVER_WALLS, OVER_FAR_WALLS = range(3)  # how an arm comes to its target; the last from anywhere in reach
+
+class PastWalls(IntEnum):
+    """How an arm comes to its target past the walls beside it."""
+
+    AROUND = 0
+    OVER_NEAR = 1  # over the low ones, from within `Target.reach_over`
+    OVER = 2  # over the low ones, from anywhere in reach
 
 
 class Target(msgspec.Struct, frozen=True, kw_only=True, eq=False):
@@ -29,11 +35,11 @@ class Target(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     reach: float = math.inf  # [m] of the arm at the target's height, horizontally from its mount
     reach_over: float = math.inf  # [m] of an arm that comes to it over the low walls beside it
 
-    def over_low_walls(self, how: int) -> "Target":
-        """The same for an arm that has to reach over all but the tall walls, `OVER_WALLS` or `OVER_FAR_WALLS`."""
-        if self.tall is None or how == AROUND_WALLS:
+    def past_walls(self, how: PastWalls) -> "Target":
+        """The same for an arm that comes to it in this way: only tall walls are left for one that reaches over."""
+        if self.tall is None or how == PastWalls.AROUND:
             return self
-        reach = min(self.reach, self.reach_over) if how == OVER_WALLS else self.reach
+        reach = min(self.reach, self.reach_over) if how == PastWalls.OVER_NEAR else self.reach
         return msgspec.structs.replace(self, walls=self.tall, reach=reach)
 
 
@@ -109,7 +115,7 @@ class Placement(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     rejected: tuple[str, ...]  # "" when viable, else the reason, length n
     chosen: int  # index into poses; -1: there is none, and the base brakes
     goal: Array  # pose to drive to, shape (3,)
-    over_low_walls: int = AROUND_WALLS  # the arm reaches over low walls from there: it has no other place
+    past_walls: PastWalls = PastWalls.AROUND  # how the arm comes to its target from there
     goal_has_heading: bool
     why: Reason  # this goal
     next_goal: Array | None  # pose or point of the next target used for C_iN, shape (3,) or (2,)

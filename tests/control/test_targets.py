@@ -15,7 +15,7 @@ from motm_twin.model.scene_file import load_scene
 from motm_twin.perception.objects import ObjectTracker
 from motm_twin.planning.parameters import ReachParameters
 from motm_twin.planning.reach import ReachModel
-from motm_twin.planning.types import OVER_WALLS
+from motm_twin.planning.types import PastWalls
 from motm_twin.sim.plant import SimulatedPlant
 
 TILT = ArmParameters().pick_tilt
@@ -106,7 +106,7 @@ def test_a_jar_before_a_cube_is_as_wide_as_the_hand_and_the_arm_reaches_less_far
     assert target.reach_over == pytest.approx(reach, abs=0.02)
     if wide:
         assert np.ptp(target.walls[:, 1]) == pytest.approx(0.2)
-        assert target.over_low_walls(OVER_WALLS).reach == min(target.reach, target.reach_over)
+        assert target.past_walls(PastWalls.OVER_NEAR).reach == min(target.reach, target.reach_over)
 
 
 @pytest.mark.parametrize(("top", "reach"), [(0.75, 0.80), (0.95, 0.70), (1.05, 0.60)])

@@ -12,7 +12,7 @@ from motm_twin.planning.parameters import PlanningParameters
 from motm_twin.planning.placement import NextTargetPlacement
 from motm_twin.planning.planner import BasePlanner
 from motm_twin.planning.reach import ReachModel
-from motm_twin.planning.types import OVER_FAR_WALLS, OVER_WALLS, BaseProblem, SearchBudget, Target
+from motm_twin.planning.types import BaseProblem, PastWalls, SearchBudget, Target
 
 WALL = np.array([[-2.0, 0.3, 2.0, 0.3]])  # along x, beyond the target
 
@@ -78,14 +78,14 @@ def test_an_arm_reaches_over_a_low_wall_only_where_there_is_no_other_place(candi
     rule = NextTargetPlacement(RobotProfile(), PlanningParameters(), candidates=candidates)
     planner = BasePlanner(RobotProfile(), placement=rule)
     placement, plan = planner.plan(problem, SearchBudget(expansions=300))
-    assert (placement.mode, placement.over_low_walls > 0) == ("ring", closed)
+    assert (placement.mode, placement.past_walls > 0) == ("ring", closed)
     assert (placement.goal[1] > 0.3) == (not closed)
     there = msgspec.structs.replace(problem, pose=placement.goal)
     assert planner.drive(there, placement, SearchBudget(expansions=300)).time_to_range == 0.0
     assert plan.time_to_range > 0.0
 
 
-@pytest.mark.parametrize(("reach_over", "how"), [(0.62, OVER_WALLS), (0.4, OVER_FAR_WALLS)])
+@pytest.mark.parametrize(("reach_over", "how"), [(0.62, PastWalls.OVER_NEAR), (0.4, PastWalls.OVER)])
 def test_over_a_low_wall_beside_its_target_an_arm_reaches_less_far(reach_over, how):
     """Its hand is high until it is past the wall; where no base comes so near, it tries from as far as ever."""
     counter, beyond = rectangle(-2.0, -0.15, 2.0, 0.3), rectangle(-2.5, 0.31, 2.5, 2.5)
@@ -100,8 +100,8 @@ def test_over_a_low_wall_beside_its_target_an_arm_reaches_less_far(reach_over, h
     )  # fmt: skip
     planner = BasePlanner(RobotProfile(), placement=NextTargetPlacement(RobotProfile(), PlanningParameters()))
     placement, _ = planner.plan(problem, SearchBudget(expansions=300))
-    assert placement.over_low_walls == how
+    assert placement.past_walls == how
     x, y, heading = placement.goal.tolist()
     arm = RobotProfile().arm
     mount = np.array([x + arm.mount_x * np.cos(heading), y + arm.mount_x * np.sin(heading)])
-    assert (np.hypot(*(mount - target.position)) <= reach_over) == (how == OVER_WALLS)
+    assert (np.hypot(*(mount - target.position)) <= reach_over) == (how == PastWalls.OVER_NEAR)
