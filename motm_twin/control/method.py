@@ -14,8 +14,8 @@ from motm_twin.control.arm.parameters import ArmParameters
 from motm_twin.model.edits import ParameterValue, TaskEdit
 from motm_twin.model.geometry import Array
 from motm_twin.model.known import KnownWorld
-from motm_twin.perception.tracks import TrackParameters
 from motm_twin.perception.still_map import StillMap
+from motm_twin.perception.tracks import TrackParameters
 from motm_twin.planning.candidates import Rule, smallest_ring
 from motm_twin.planning.commitment import Commitment, SearchAnew
 from motm_twin.planning.controller import StaaController

@@ -11,7 +11,6 @@ where beams passed. A box that comes into sight bit by bit does neither, however
 
 import itertools
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from enum import IntEnum
 from typing import Annotated, NamedTuple
@@ -172,10 +171,11 @@ class DynamicTracker(Stateful[TrackState]):
             self._take(scan, world, stood, static)
         now, state = world.stamp, self._state
         self._mark_near(pose[:2], now)
-        tracks = self._counting(lambda track, phase: phase in (Phase.MOVING, Phase.WAITING), now)
-        movers = self._counting(lambda track, phase: phase == Phase.MOVING, now)
-        hiding = self._counting(lambda track, phase: phase == Phase.NEW and not track.static, now) + tracks
-        discs = [(*_expected(track, now - self._stamp), track.radius) for track in hiding]
+        unsettled = self._unsettled(now)
+        tracks = [track for track in unsettled if now - track.seen <= self.parameters.hidden]
+        movers = [track for track in tracks if self._phase(track, now) == Phase.MOVING]
+        young = [track for track in self._counting(now) if self._phase(track, now) == Phase.NEW and not track.static]
+        discs = [(*_expected(track, now - self._stamp), track.radius) for track in unsettled + young]
         return msgspec.structs.replace(
             world,
             seen_static=read_only(static),
@@ -190,12 +190,14 @@ class DynamicTracker(Stateful[TrackState]):
     def _stamp(self) -> float:
         return -math.inf if self._state.stamp is None else self._state.stamp
 
-    def _counting(self, wanted: Callable[[Track, Phase], bool], now: float) -> list[Track]:
-        """Tracks that count, and are as wanted; none once no scan has come for so long that they would be over."""
-        p, state = self.parameters, self._state
-        if now - self._stamp > p.hidden:
-            return []
-        return [track for track in state.tracks if track.hits >= p.hits and wanted(track, self._phase(track, now))]
+    def _counting(self, now: float) -> list[Track]:
+        """Tracks that count at a time [s]; none once no scan has come for so long that they would be over."""
+        p = self.parameters
+        return [] if now - self._stamp > p.hidden else [one for one in self._state.tracks if one.hits >= p.hits]
+
+    def _unsettled(self, now: float) -> list[Track]:
+        """Those that have moved lately."""
+        return [one for one in self._counting(now) if self._phase(one, now) in (Phase.MOVING, Phase.WAITING)]
 
     def _phase(self, track: Track, now: float) -> Phase:
         """Phase of a track at a time [s]."""
@@ -226,8 +228,7 @@ class DynamicTracker(Stateful[TrackState]):
         hit. Sides of a box that flicker or come into sight hang together with it.
         """
         state, p, now = self._state, self.parameters, world.stamp
-        unsettled = self._counting(lambda track, phase: phase in (Phase.MOVING, Phase.WAITING), now)
-        rows = np.array([self._row(track, now)[:5] for track in unsettled]).reshape(-1, 5)
+        rows = np.array([self._row(track, now)[:5] for track in self._unsettled(now)]).reshape(-1, 5)
         theirs = on_ways(world.seen_points, rows, p.trail, p.rim)
         grid = self._base_map(world).grid
         cells = grid.cell_of(world.seen_points)
@@ -253,7 +254,8 @@ class DynamicTracker(Stateful[TrackState]):
             state.tracks, dt = [], 0.0
         state.stamp = scan.stamp
         for track in state.tracks:
-            _predict(track.state, track.covariance, dt, p.acceleration**2 * 0.1)
+            if not self._waits_unseen(track):
+                _predict(track.state, track.covariance, dt, p.acceleration**2 * 0.1)
         points = self._unexplained(scan, world, stood, static)
         look = Look(scan.origin, scan.pose[2] + scan.angle_min, scan.angle_step, scan.ranges)
         circles = np.array([(*track.state[:2].tolist(), track.radius) for track in state.tracks]).reshape(-1, 3)
@@ -363,7 +365,11 @@ class DynamicTracker(Stateful[TrackState]):
             return silent <= 0.1
         if not self._is_hidden(track, scan):
             return silent <= p.unseen
-        return silent <= (p.rests if self._phase(track, scan.stamp) == Phase.WAITING else p.hidden)
+        return silent <= (p.rests if self._waits_unseen(track) else p.hidden)
+
+    def _waits_unseen(self, track: Track) -> bool:
+        """It is out of sight, and waited when it was seen last: it is still there."""
+        return track.seen < self._stamp and self._phase(track, track.seen) == Phase.WAITING
 
     @staticmethod
     def _is_hidden(track: Track, scan: CheckedScan) -> bool:
