@@ -176,13 +176,12 @@ class DynamicTracker(Stateful[TrackState]):
         movers = [track for track in tracks if self._phase(track, now) == Phase.MOVING]
         young = [track for track in self._counting(now) if self._phase(track, now) == Phase.NEW and not track.static]
         discs = [(*_expected(track, now - self._stamp), track.radius) for track in unsettled + young]
+        rows = [(*self._row(track, now)[:5], track.near) for track in movers]
         return msgspec.structs.replace(
             world,
             seen_static=read_only(static),
             tracks=frozen(np.array([self._row(track, now) for track in tracks])) if tracks else NO_TRACKS,
-            movers=frozen(np.array([(*self._row(track, now)[:5], track.near) for track in movers]))
-            if movers
-            else NO_MOVERS,
+            movers=frozen(np.array(rows)) if rows else NO_MOVERS,
             hidden=behind([*discs, *state.ends], from_frame(pose, self._lidar)),
         )
 
@@ -252,10 +251,10 @@ class DynamicTracker(Stateful[TrackState]):
         dt = 0.0 if state.stamp is None else scan.stamp - state.stamp
         if not 0.0 <= dt <= p.hidden:
             state.tracks, dt = [], 0.0
-        state.stamp = scan.stamp
         for track in state.tracks:
-            if not self._waits_unseen(track):
+            if not self._waits_unseen(track, self._stamp):
                 _predict(track.state, track.covariance, dt, p.acceleration**2 * 0.1)
+        state.stamp = scan.stamp
         points = self._unexplained(scan, world, stood, static)
         look = Look(scan.origin, scan.pose[2] + scan.angle_min, scan.angle_step, scan.ranges)
         circles = np.array([(*track.state[:2].tolist(), track.radius) for track in state.tracks]).reshape(-1, 3)
@@ -286,10 +285,12 @@ class DynamicTracker(Stateful[TrackState]):
         cell = known.grid.cell_of(at)
         inside = ((cell >= 0) & (cell < np.array(known.grid.shape))).all(axis=1)
         at, beam, reach, cell = at[inside], beam[inside], reach[inside], cell[inside]
+        by_stood, by_static = beside(
+            at, world.seen_points, stood, static, world.origin, world.resolution, world.occupied.shape
+        )
         free = known.visible_distance[cell[:, 0], cell[:, 1]] > p.explained
-        free &= ~_beside(at, stood, world) | self._near_tracks(at, world.resolution)
-        at = np.ascontiguousarray(at[free])
-        return Points(at, beam[free], reach[free], _beside(at, static, world))
+        free &= ~by_stood | self._near_tracks(at, world.resolution)
+        return Points(np.ascontiguousarray(at[free]), beam[free], reach[free], by_static[free])
 
     def _near_tracks(self, at: Array, slack: float) -> Mask:
         """Which points (n, 2) are within ``slack`` [m] of a track that has moved: it may set off again; shape (n,)."""
@@ -341,7 +342,10 @@ class DynamicTracker(Stateful[TrackState]):
         track.hits += 1
 
     def _judge(self, track: Track, here: Place, now: float) -> None:
-        """Say if a track moves: it is fast enough, has left its place, or may move at any time; two of these three."""
+        """Say if a track moves: it is fast enough, has left its place, or moved lately; two of these three.
+
+        One that has stopped among what is static never moved: it is a side of that, and the pose was off.
+        """
         p, before = self.parameters, track.place
         fast = math.hypot(track.state[2], track.state[3]) >= p.moves
         unsettled = self._phase(track, now) in (Phase.MOVING, Phase.WAITING)
@@ -365,11 +369,11 @@ class DynamicTracker(Stateful[TrackState]):
             return silent <= 0.1
         if not self._is_hidden(track, scan):
             return silent <= p.unseen
-        return silent <= (p.rests if self._waits_unseen(track) else p.hidden)
+        return silent <= (p.rests if self._waits_unseen(track, scan.stamp) else p.hidden)
 
-    def _waits_unseen(self, track: Track) -> bool:
-        """It is out of sight, and waited when it was seen last: it is still there."""
-        return track.seen < self._stamp and self._phase(track, track.seen) == Phase.WAITING
+    def _waits_unseen(self, track: Track, stamp: float) -> bool:
+        """It was not seen in the scan of this time [s], and waited when it was seen last: it is still there."""
+        return track.seen < stamp and self._phase(track, track.seen) == Phase.WAITING
 
     @staticmethod
     def _is_hidden(track: Track, scan: CheckedScan) -> bool:
@@ -466,7 +470,7 @@ def goes_on_hidden(beam: NDArray[np.int64], reach: Array, ranges: Array, gap: fl
 
 def standing(world: WorldMap, movers: Array, parameters: TrackParameters) -> Mask:
     """Which seen points of the map do not belong to one of these movers (k, 5 or more), shape (m,)."""
-    rows = np.ascontiguousarray(movers[:, :5])
+    rows = movers[:, :5].copy()  # neither a slice nor read-only: one kernel for all
     return world.seen_static | ~on_ways(world.seen_points, rows, parameters.trail, parameters.rim)
 
 
@@ -524,23 +528,28 @@ def _among(cells: NDArray[np.int64], known: NDArray[np.int64]) -> Mask:
     return known[np.minimum(np.searchsorted(known, cells), len(known) - 1)] == cells
 
 
-def _beside(at: Array, which: Mask, world: WorldMap) -> Mask:
-    """Which points (n, 2) are in or beside one of these seen cells (m,) of the map; shape (n,)."""
-    stands = np.zeros((world.occupied.shape[0] + 2, world.occupied.shape[1] + 2), dtype=bool)
-    row, column = _cells(world.seen_points[which], world)
-    for down in range(3):
-        for right in range(3):
-            stands[row + down, column + right] = True
-    row, column = _cells(at, world) + 1
-    within = (row >= 0) & (column >= 0) & (row < stands.shape[0]) & (column < stands.shape[1])
-    found = np.zeros(len(at), dtype=bool)
-    found[within] = stands[row[within], column[within]]
-    return found
+@njit(cache=True)
+def beside(points, seen, stood, static, origin, resolution, shape):
+    """Which points (n, 2) are in or beside a cell that stood, and which a static one; shape (n,) both.
 
-
-def _cells(points: Array, world: WorldMap) -> NDArray[np.int64]:
-    """Rows and columns of points (n, 2) in the map, shape (2, n)."""
-    return np.floor((points - world.origin).T[::-1] / world.resolution).astype(np.int64)
+    ``seen``: centres of cells [m], (m, 2), of which some ``stood`` and more are ``static``, (m,); ``shape`` of the map.
+    """
+    rows, columns = shape
+    marks = np.zeros((rows + 2, columns + 2), np.int8)  # 1: beside a static cell, 2: beside one that stood, too
+    for i in range(seen.shape[0]):
+        row = math.floor((seen[i, 1] - origin[1]) / resolution)
+        column = math.floor((seen[i, 0] - origin[0]) / resolution)
+        mark = 2 if stood[i] else 1 if static[i] else 0
+        for r in range(row, row + 3):
+            for c in range(column, column + 3):
+                marks[r, c] = max(marks[r, c], mark)
+    by_stood, by_static = np.zeros(points.shape[0], np.bool_), np.zeros(points.shape[0], np.bool_)
+    for i in range(points.shape[0]):
+        row = math.floor((points[i, 1] - origin[1]) / resolution) + 1
+        column = math.floor((points[i, 0] - origin[0]) / resolution) + 1
+        if 0 <= row < rows + 2 and 0 <= column < columns + 2:
+            by_stood[i], by_static[i] = marks[row, column] == 2, marks[row, column] > 0
+    return by_stood, by_static
 
 
 def segments(points: Points, gap: float) -> list[tuple[int, int]]:
