@@ -4,6 +4,7 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from motm_twin.model.compiler import njit
 from motm_twin.model.exact import angle_of
@@ -13,6 +14,34 @@ from motm_twin.perception.world_map import NO_POINTS
 FAR_SIDE = np.linspace(-0.5, 0.5, 9) * math.pi  # [rad] from straight behind
 
 Disc = tuple[float, float, float]  # middle x, y and radius [m]
+
+
+@njit(cache=True)
+def owners(points: Array, circles: Array, rim: float) -> NDArray[np.int64]:
+    """Index of the circle (k, 3) on whose rim each point (n, 2) lies nearest, within ``rim`` [m]; -1: on none; (n,)."""
+    owner = np.full(points.shape[0], -1)
+    for i in range(points.shape[0]):
+        least = rim
+        for k in range(circles.shape[0]):
+            away = math.hypot(points[i, 0] - circles[k, 0], points[i, 1] - circles[k, 1]) - circles[k, 2]
+            if abs(away) < least:
+                least, owner[i] = abs(away), k
+    return owner
+
+
+@njit(cache=True)
+def on_ways(points: Array, discs: Array, trail: float, edge: float) -> NDArray[np.bool_]:
+    """Which points (n, 2) are within ``edge`` [m] of discs (k, 5), or of their ways in the last ``trail`` [s]; (n,)."""
+    found = np.zeros(points.shape[0], np.bool_)
+    for k in range(discs.shape[0]):
+        way_x, way_y = trail * discs[k, 2], trail * discs[k, 3]
+        length, reach = max(way_x * way_x + way_y * way_y, 1e-9), discs[k, 4] + edge
+        for i in range(points.shape[0]):
+            x, y = points[i, 0] - discs[k, 0] + way_x, points[i, 1] - discs[k, 1] + way_y
+            along = min(max((x * way_x + y * way_y) / length, 0.0), 1.0)
+            x, y = x - along * way_x, y - along * way_y
+            found[i] = found[i] or x * x + y * y <= reach * reach
+    return found
 
 
 @njit(cache=True)

@@ -25,23 +25,29 @@ from motm_twin.model.known import KnownWorld
 from motm_twin.model.number import OWN, Number
 from motm_twin.model.state import Stateful
 from motm_twin.perception.base_map import BaseMap, base_map, read_only
-from motm_twin.perception.clusters import touching
-from motm_twin.perception.discs import Disc, at_ends, behind, fitted_circle, front_circle, is_behind, seen_width
+from motm_twin.perception.discs import (
+    Disc,
+    at_ends,
+    behind,
+    fitted_circle,
+    front_circle,
+    is_behind,
+    on_ways,
+    owners,
+    seen_width,
+)
 from motm_twin.perception.mapper import MapSettings
 from motm_twin.perception.scan import CheckedScan
+from motm_twin.perception.static_cells import Mask, Stood, beside, static_cells
 from motm_twin.perception.world_map import NO_MOVERS, NO_TRACKS, WorldMap
 
 X, Y, VX, VY, RADIUS, SD, IDENTITY = range(7)  # columns of `WorldMap.tracks`
 
 
 BEAMS_LOST = 3  # between two points of one segment: a few say nothing
-JOINED = 2  # cells at most this far apart hang together
 _MAP = MapSettings()
 _OFF = _MAP.explained_margin  # [m] by which position and range are off at most
 _ASTRAY = _MAP.explained_per_range  # [rad] by which the heading is
-_REMEMBERS = _MAP.static_after  # [s] without a hit after which a static cell no longer is one
-
-Mask = NDArray[np.bool_]
 
 
 class TrackParameters(msgspec.Struct, frozen=True, kw_only=True):
@@ -136,8 +142,7 @@ class TrackState:
     tracks: list[Track] = field(default_factory=list)
     ends: tuple[Disc, ...] = ()  # at the ends of what is too wide for a track, and not static
     next_identity: int = 1
-    stood: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, np.int64))  # static cells, ascending
-    until: Array = field(default_factory=lambda: np.zeros(0))  # [s] each of them is static when it is hit again
+    stood: Stood = field(default_factory=Stood)
 
 
 class Points(NamedTuple):
@@ -166,13 +171,15 @@ class DynamicTracker(Stateful[TrackState]):
 
         ``scan``: a new one that the map has taken in; None: there is none. ``pose`` of the base, shape (3,).
         """
-        stood, static = self._static(world)
+        now, state, p = world.stamp, self._state, self.parameters
+        ways = np.array([self._row(track, now)[:5] for track in self._unsettled(now)]).reshape(-1, 5)
+        theirs = on_ways(world.seen_points, ways, p.trail, p.rim)
+        stood, static = static_cells(state.stood, world, self._base_map(world).grid, theirs)
         if scan is not None:
             self._take(scan, world, stood, static)
-        now, state = world.stamp, self._state
         self._mark_near(pose[:2], now)
         unsettled = self._unsettled(now)
-        tracks = [track for track in unsettled if now - track.seen <= self.parameters.hidden]
+        tracks = [track for track in unsettled if now - track.seen <= p.hidden]
         movers = [track for track in tracks if self._phase(track, now) == Phase.MOVING]
         young = [track for track in self._counting(now) if self._phase(track, now) == Phase.NEW and not track.static]
         discs = [(*_expected(track, now - self._stamp), track.radius) for track in unsettled + young]
@@ -219,26 +226,6 @@ class DynamicTracker(Stateful[TrackState]):
         for track in self._state.tracks:
             limit = self.parameters.parted * self.near if track.near else self.near
             track.near = math.dist(_expected(track, now - self._stamp), base) <= limit
-
-    def _static(self, world: WorldMap) -> tuple[Mask, Mask]:
-        """Cells that stood, and those with what hangs together with them, shape (m,) both.
-
-        A cell stood when it was hit for 3 s, and no track that may move is there; it does again for 3 s after its last
-        hit. Sides of a box that flicker or come into sight hang together with it.
-        """
-        state, p, now = self._state, self.parameters, world.stamp
-        rows = np.array([self._row(track, now)[:5] for track in self._unsettled(now)]).reshape(-1, 5)
-        theirs = on_ways(world.seen_points, rows, p.trail, p.rim)
-        grid = self._base_map(world).grid
-        cells = grid.cell_of(world.seen_points)
-        numbers = cells[:, 0] * grid.shape[1] + cells[:, 1]
-        stood = (world.seen_static & ~theirs) | _among(numbers, state.stood)
-        kept = (state.until > now) & ~_among(state.stood, numbers[stood])
-        numbers = np.concatenate((state.stood[kept], numbers[stood]))
-        until = np.concatenate((state.until[kept], np.full(np.count_nonzero(stood), now + _REMEMBERS)))
-        order = np.argsort(numbers)
-        state.stood, state.until = numbers[order], until[order]
-        return stood, stood | touching(cells.astype(np.int32), stood, ~theirs, JOINED)
 
     def _base_map(self, world: WorldMap) -> BaseMap:
         if self._base is None:
@@ -445,19 +432,6 @@ def _update(state: Array, covariance: Array, middle: Array, variance: float) -> 
 
 
 @njit(cache=True)
-def owners(points: Array, circles: Array, rim: float) -> NDArray[np.int64]:
-    """Index of the circle (k, 3) on whose rim each point (n, 2) lies nearest, within ``rim`` [m]; -1: on none; (n,)."""
-    owner = np.full(points.shape[0], -1)
-    for i in range(points.shape[0]):
-        least = rim
-        for k in range(circles.shape[0]):
-            away = math.hypot(points[i, 0] - circles[k, 0], points[i, 1] - circles[k, 1]) - circles[k, 2]
-            if abs(away) < least:
-                least, owner[i] = abs(away), k
-    return owner
-
-
-@njit(cache=True)
 def goes_on_hidden(beam: NDArray[np.int64], reach: Array, ranges: Array, gap: float) -> bool:
     """Something nearer by ``gap`` [m] ends a segment, in the order of the beams, on one of its sides."""
     for end, step in ((0, -1), (beam.shape[0] - 1, 1)):
@@ -472,21 +446,6 @@ def standing(world: WorldMap, movers: Array, parameters: TrackParameters) -> Mas
     """Which seen points of the map do not belong to one of these movers (k, 5 or more), shape (m,)."""
     rows = movers[:, :5].copy()  # neither a slice nor read-only: one kernel for all
     return world.seen_static | ~on_ways(world.seen_points, rows, parameters.trail, parameters.rim)
-
-
-@njit(cache=True)
-def on_ways(points: Array, discs: Array, trail: float, edge: float) -> Mask:
-    """Which points (n, 2) are within ``edge`` [m] of discs (k, 5), or of their ways in the last ``trail`` [s]; (n,)."""
-    found = np.zeros(points.shape[0], np.bool_)
-    for k in range(discs.shape[0]):
-        way_x, way_y = trail * discs[k, 2], trail * discs[k, 3]
-        length, reach = max(way_x * way_x + way_y * way_y, 1e-9), discs[k, 4] + edge
-        for i in range(points.shape[0]):
-            x, y = points[i, 0] - discs[k, 0] + way_x, points[i, 1] - discs[k, 1] + way_y
-            along = min(max((x * way_x + y * way_y) / length, 0.0), 1.0)
-            x, y = x - along * way_x, y - along * way_y
-            found[i] = found[i] or x * x + y * y <= reach * reach
-    return found
 
 
 @njit(cache=True)
@@ -518,38 +477,7 @@ def _expected(track: Track, ahead: float) -> tuple[float, float]:
 
 def _most(mask: Mask) -> bool:
     """More than half of them are set."""
-    return 2 * np.count_nonzero(mask) > len(mask)
-
-
-def _among(cells: NDArray[np.int64], known: NDArray[np.int64]) -> Mask:
-    """Which cells (m,) are among the known ones (n,), which ascend; shape (m,)."""
-    if not len(known):
-        return np.zeros(len(cells), dtype=bool)
-    return known[np.minimum(np.searchsorted(known, cells), len(known) - 1)] == cells
-
-
-@njit(cache=True)
-def beside(points, seen, stood, static, origin, resolution, shape):
-    """Which points (n, 2) are in or beside a cell that stood, and which a static one; shape (n,) both.
-
-    ``seen``: centres of cells [m], (m, 2), of which some ``stood`` and more are ``static``, (m,); ``shape`` of the map.
-    """
-    rows, columns = shape
-    marks = np.zeros((rows + 2, columns + 2), np.int8)  # 1: beside a static cell, 2: beside one that stood, too
-    for i in range(seen.shape[0]):
-        row = math.floor((seen[i, 1] - origin[1]) / resolution)
-        column = math.floor((seen[i, 0] - origin[0]) / resolution)
-        mark = 2 if stood[i] else 1 if static[i] else 0
-        for r in range(row, row + 3):
-            for c in range(column, column + 3):
-                marks[r, c] = max(marks[r, c], mark)
-    by_stood, by_static = np.zeros(points.shape[0], np.bool_), np.zeros(points.shape[0], np.bool_)
-    for i in range(points.shape[0]):
-        row = math.floor((points[i, 1] - origin[1]) / resolution) + 1
-        column = math.floor((points[i, 0] - origin[0]) / resolution) + 1
-        if 0 <= row < rows + 2 and 0 <= column < columns + 2:
-            by_stood[i], by_static[i] = marks[row, column] == 2, marks[row, column] > 0
-    return by_stood, by_static
+    return bool(2 * np.count_nonzero(mask) > len(mask))
 
 
 def segments(points: Points, gap: float) -> list[tuple[int, int]]:

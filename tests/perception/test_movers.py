@@ -334,10 +334,10 @@ def test_a_side_of_a_static_box_that_was_seen_to_move_is_static_again_when_it_st
             held = set(cells) - known
             fresh = np.array(sorted(held))
             middle, look = fresh.mean(axis=0), Look(pose[:2], scan.angle_min, scan.angle_step, scan.ranges)
-            state, grid = tracker._state, mapper.base.grid
-            theirs = np.isin(state.stood, grid.cell_of(fresh) @ [grid.shape[1], 1])
-            state.stood, state.until = state.stood[~theirs], state.until[~theirs]
-            state.tracks = [
+            stood, grid = tracker._state.stood, mapper.base.grid
+            theirs = np.isin(stood.cells, grid.cell_of(fresh) @ [grid.shape[1], 1])
+            stood.cells, stood.until = stood.cells[~theirs], stood.until[~theirs]
+            tracker._state.tracks = [
                 Track(
                     99, np.array([*middle, 0.0, 0.0]), np.diag([1e-3, 1e-3, 1e-2, 1e-2]), 0.2, Place(fresh, look),
                     seen=world.stamp, hits=9, moved=world.stamp,
