@@ -311,7 +311,7 @@ class Twin:
         self, known: KnownWorld, planning: PlanningParameters, graphs: GraphCache | None = None
     ) -> BasePlanner:
         parts = PlannerParts(
-            known=known, parameters=planning, movers=self._tuned().movers, clock=self._search_clock(), graphs=graphs,
+            known=known, parameters=planning, tracks=self._tuned().tracks, clock=self._search_clock(), graphs=graphs,
             rehearse=self._rehearse,
         )  # fmt: skip
         return self.method.planner(parts)

@@ -40,7 +40,6 @@ from motm_twin.model.scene import Scene
 from motm_twin.model.scene_file import load_scene
 from motm_twin.perception.detection_check import Beliefs, DetectionSettings, Screens
 from motm_twin.perception.mapper import Mapper
-from motm_twin.perception.movers import MoverTracker
 from motm_twin.perception.objects import ObjectTracker
 from motm_twin.perception.tracks import DynamicTracker
 from motm_twin.planning.in_time import fill_waits
@@ -191,7 +190,7 @@ def _plant(scene: Scene | None = None) -> None:
 def _perception() -> None:
     """A round room through which two discs of different size go, then one, and a base that drives a little."""
     known = known_world(load_scene("exp2"))
-    mapper, movers, tracks, tracker = Mapper(known), MoverTracker(), DynamicTracker(known), ObjectTracker(known)
+    mapper, tracks, tracker = Mapper(known), DynamicTracker(known), ObjectTracker(known)
     monitor = Monitor(known.robot)
     checks = SelfCheck(known, tracker, SelfCheckSettings(), slow_age=monitor.parameters.slow_age)
     beams = known.robot.lidar.beams
@@ -204,7 +203,8 @@ def _perception() -> None:
             now.scan.ranges[10:] = math.inf  # a lidar that goes blind
         seen = checks.observed(now, None)
         tracker.update(seen)
-        world = tracks.update(mapper.taken, movers.sort(mapper.update(now), now.pose))
+        world = mapper.update(now)
+        world = tracks.update(mapper.taken, world, now.pose)
         acting = Actuation(twist=frozen(np.array([0.2, 0.0])), joint_velocity=frozen(np.zeros(7)), gripper="open")
         checks.told(monitor.check(acting, seen, PERIOD, scan_stamp=seen.time, world=world).actuation, seen)
     Beliefs(tracker, now, known.robot, DetectionSettings(), known.bins, Screens.of(known)).screened(np.zeros(3))

@@ -31,7 +31,6 @@ from motm_twin.model.profile import RobotProfile
 from motm_twin.model.reason import Reason
 from motm_twin.model.state import HasState, Stateful
 from motm_twin.perception.mapper import Mapper
-from motm_twin.perception.movers import MoverTracker
 from motm_twin.perception.objects import ObjectTracker
 from motm_twin.perception.tracks import DynamicTracker
 from motm_twin.perception.world_map import WorldMap
@@ -80,7 +79,6 @@ class ControlLoop(Stateful[LoopState]):
         self.settings = settings or Settings()
         p = self.settings.parameters
         self.mapper = Mapper(known, p.map)
-        self.movers = MoverTracker(p.movers, known.robot)
         self.tracks = DynamicTracker(known, p.tracks)
         self.tracker = ObjectTracker(known, p.objects)
         self.self_check = SelfCheck(known, self.tracker, p.self_check, slow_age=p.monitor.slow_age)
@@ -101,7 +99,6 @@ class ControlLoop(Stateful[LoopState]):
         return {
             "loop": self,
             "mapper": self.mapper,
-            "movers": self.movers,
             "tracks": self.tracks,
             "tracker": self.tracker,
             "self_check": self.self_check,
@@ -129,7 +126,7 @@ class ControlLoop(Stateful[LoopState]):
             self.self_check.begin_from(observation.twist)
         with stages.measure("map"):
             world = self.mapper.update(observation, self._whereabouts(observation) if self.mapper.large else ())
-            world = self.tracks.update(self.mapper.taken, self.movers.sort(world, observation.pose))
+            world = self.tracks.update(self.mapper.taken, world, observation.pose)
             self.tracker.update(observation, self.sequence.held)
         with stages.measure("place"):
             problem = self._problem(observation, world)

@@ -14,8 +14,8 @@ from motm_twin.control.arm.parameters import ArmParameters
 from motm_twin.model.edits import ParameterValue, TaskEdit
 from motm_twin.model.geometry import Array
 from motm_twin.model.known import KnownWorld
-from motm_twin.perception.movers import MoverParameters
 from motm_twin.perception.still_map import StillMap
+from motm_twin.perception.tracks import TrackParameters
 from motm_twin.planning.candidates import Rule, smallest_ring
 from motm_twin.planning.commitment import Commitment, SearchAnew
 from motm_twin.planning.controller import StaaController
@@ -61,7 +61,7 @@ class PlannerParts:
 
     known: KnownWorld  # the robot, and the world as it knows it in advance
     parameters: PlanningParameters
-    movers: MoverParameters = field(default_factory=MoverParameters)
+    tracks: TrackParameters = field(default_factory=TrackParameters)
     clock: Callable[[], float] | None = None  # [s]; only where real time bounds a search
     graphs: GraphCache | None = None  # of the previous planner, when parameters change during a run
     rehearse: Rehearse | None = None  # for methods that plan the whole task in advance; set by the Twin
@@ -78,7 +78,7 @@ class ArmParts:
 
 def map_ahead(parts: PlannerParts) -> StillMap | None:
     """The map without dynamic obstacles, for a controller that predicts them; None: it does not."""
-    return StillMap(parts.known, parts.movers) if parts.parameters.staa.prediction > 0.0 else None
+    return StillMap(parts.known, parts.tracks) if parts.parameters.staa.prediction > 0.0 else None
 
 
 class Materials(NamedTuple):

@@ -10,7 +10,6 @@ from motm_twin.control.response import ResponseSettings
 from motm_twin.control.self_check import SelfCheckSettings
 from motm_twin.control.sequence import SequenceParameters
 from motm_twin.perception.mapper import MapSettings
-from motm_twin.perception.movers import MoverParameters
 from motm_twin.perception.objects import TrackerSettings
 from motm_twin.perception.tracks import TrackParameters
 from motm_twin.planning.parameters import PlanningParameters
@@ -20,7 +19,6 @@ class Parameters(msgspec.Struct, frozen=True, kw_only=True):
     """The tree, in the order of a period: what is seen, where the base goes, how the arm reaches, what is checked."""
 
     map: MapSettings = MapSettings()
-    movers: MoverParameters = MoverParameters()
     tracks: TrackParameters = TrackParameters()
     objects: TrackerSettings = TrackerSettings()
     planning: PlanningParameters = PlanningParameters()

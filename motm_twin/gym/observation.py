@@ -254,7 +254,7 @@ class Expert:
         check_fits(chosen, whole_body=env.whole_body)
         numbers = tuned(chosen.parameters)
         self._env, self._known = env, env.twin.loop.known
-        parts = PlannerParts(known=self._known, parameters=numbers.planning, movers=numbers.movers)
+        parts = PlannerParts(known=self._known, parameters=numbers.planning, tracks=numbers.tracks)
         self._planner = chosen.planner(parts)
         self._arm = chosen.arm(ArmParts(known=self._known, parameters=numbers.arm))
 

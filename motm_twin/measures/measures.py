@@ -16,9 +16,11 @@ from motm_twin.model.geometry import Array
 from motm_twin.model.scene import Scene
 from motm_twin.model.scene_shapes import outline
 from motm_twin.perception.mapper import MapSettings
-from motm_twin.perception.movers import MoverParameters
+from motm_twin.perception.tracks import TrackParameters
 
 STATIC_AFTER = MapSettings().static_after  # [s] in the same place: then what never moved is static (Paper, Sec. V)
+RESTS = TrackParameters().rests  # [s] the same of what has moved
+CREEPS = 0.05  # [m] from its place: it no longer is there
 
 
 @dataclass(frozen=True)
@@ -36,8 +38,8 @@ class Neighbour:
 class Rest:
     """Time that an agent has been in the same place; the loop's rule of static obstacles, applied to the truth.
 
-    What has never moved is static after 3 s, what has moved after `MoverParameters.waits`. It moves when it is
-    `MoverParameters.creeps` away from where it rested. The loop knows only what it saw: what moved out of its sight
+    What has never moved is static after 3 s, what has moved after `TrackParameters.rests`. It moves when it is
+    `CREEPS` away from where it rested. The loop knows only what it saw: what moved out of its sight
     counts as moved here, and is judged as moving for longer than the loop takes it for.
     """
 
@@ -45,11 +47,11 @@ class Rest:
     since: float  # [s]
     moved: bool = False
 
-    def at(self, place: Array, time: float, movers: MoverParameters) -> bool:
+    def at(self, place: Array, time: float) -> bool:
         """Note its position; True when it is static."""
-        if math.dist(place, self.place) > movers.creeps:
+        if math.dist(place, self.place) > CREEPS:
             self.place, self.since, self.moved = place, time, True
-        return time - self.since >= (movers.waits if self.moved else STATIC_AFTER)
+        return time - self.since >= (RESTS if self.moved else STATIC_AFTER)
 
 
 @dataclass
@@ -105,7 +107,6 @@ class GripperObstacles:
     excess: float = -math.inf  # [m/s] over the damper line
     advance_excess: float = -math.inf  # [m/s] over the line, or over 0 where it asks to retreat
     _open: _Stretch | None = None
-    _movers: MoverParameters = field(default_factory=MoverParameters)
     _rests: dict[str, Rest] = field(default_factory=dict)  # of each agent
 
     def __post_init__(self) -> None:
@@ -152,7 +153,7 @@ class GripperObstacles:
             before = math.hypot(x - interval.start.gripper[0], y - interval.start.gripper[1])
             at = np.array([x, y]) + velocity * interval.dt
             rest = self._rests.setdefault(name, Rest(np.array([x, y]), interval.start.time))
-            static = rest.at(at, interval.end.time, self._movers)
+            static = rest.at(at, interval.end.time)
             after = float(np.hypot(*(at - interval.end.gripper)))
             distance = max(0.0, 0.5 * (before + after) - radius)
             if distance >= self.avoidance.d_i and not any_distance:

@@ -14,9 +14,8 @@ from motm_twin.model.edits import ParameterValue
 from motm_twin.model.geometry import frozen
 from motm_twin.model.names import MethodError, hint
 from motm_twin.model.state import HasState
-from motm_twin.perception.movers import standing
 from motm_twin.perception.still_map import StandingMap, StillMap
-from motm_twin.perception.tracks import VX, VY
+from motm_twin.perception.tracks import VX, VY, standing
 from motm_twin.planning.commitment import KeepPlans
 from motm_twin.planning.every_ring import EveryRing
 from motm_twin.planning.in_time import InTime
@@ -93,20 +92,20 @@ class IgnoreFarMovers:
 
     def __init__(self, parts: PlannerParts, quick: float = math.inf) -> None:
         """``quick`` [m/s]: who is faster goes on and is met where he will be; who is slower, and in the map, yields."""
-        self._movers, self._quick = parts.movers, quick
+        self._tracks, self._quick = parts.tracks, quick
         self.standing = StandingMap(parts.known)
-        self.still = StillMap(parts.known, self._movers)  # without the near ones, too
+        self.still = StillMap(parts.known, self._tracks)  # without the near ones, too
 
     def of(self, problem: BaseProblem) -> BaseProblem:
         """The problem in that map; unchanged without such obstacles."""
         world = problem.world
         gone = world.movers[world.movers[:, 5] == 0.0][:, :5]
         if self._quick == math.inf:
-            without = self.standing.without(world, standing(world, gone, self._movers))
+            without = self.standing.without(world, standing(world, gone, self._tracks))
             return problem if without is world else msgspec.structs.replace(problem, world=without)
         speed = np.hypot(world.tracks[:, VX], world.tracks[:, VY])
         go_on, yields = world.tracks[speed >= self._quick], world.tracks[(speed >= GOES) & (speed < self._quick)]
-        without = self.standing.without(world, standing(world, np.concatenate((gone, go_on[:, :5])), self._movers))
+        without = self.standing.without(world, standing(world, np.concatenate((gone, go_on[:, :5])), self._tracks))
         without = msgspec.structs.replace(without, tracks=frozen(go_on))
         return msgspec.structs.replace(problem, world=without, yielding=yields)
 

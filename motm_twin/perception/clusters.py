@@ -26,16 +26,6 @@ CALM = 0.075  # [m] an outline is kept while no corner of the new one is further
 
 
 @njit(cache=True)
-def cells_of(points, origin, resolution):
-    """Row and column of the cell that each point [m] lies in, shape (m, 2), int32; ``origin``: of cell (0, 0) [m]."""
-    cells = np.empty(points.shape, np.int32)
-    for i in range(points.shape[0]):
-        cells[i, 0] = math.floor((points[i, 1] - origin[1]) / resolution)
-        cells[i, 1] = math.floor((points[i, 0] - origin[0]) / resolution)
-    return cells
-
-
-@njit(cache=True)
 def label_cells(cells, reach):
     """Cluster number of every cell (row, column), shape (m,), and how many there are.
 

@@ -1,92 +1,109 @@
-"""Discs of things that stand apart, from the front that the lidar sees of each.
-
-The lidar sees the front of a thing that is about as deep as it is wide. Its middle is therefore half its width behind
-the nearest point: it stays the same point of the thing while robot and thing pass each other.
-"""
+"""Discs from the points that a lidar sees of them, and the sides of discs that it does not see."""
 
 import math
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from motm_twin.model.compiler import njit
 from motm_twin.model.exact import angle_of
 from motm_twin.model.geometry import Array
-from motm_twin.perception.clusters import label_cells
 from motm_twin.perception.world_map import NO_POINTS
 
 FAR_SIDE = np.linspace(-0.5, 0.5, 9) * math.pi  # [rad] from straight behind
-SAME_POINT = 0.08  # [m] between the middles of cells that may show the same point
 
 Disc = tuple[float, float, float]  # middle x, y and radius [m]
 
 
 @njit(cache=True)
-def apart(cells, recent, reach, smallest):
-    """Clusters of at least ``smallest`` cells (row, column), shape (m, 2), and the front of each, as cell indices.
-
-    Cells at most ``reach`` apart in row and column belong together; the front are the ``recent`` (m,) ones, or all
-    when these are too few. Returns the members of all clusters and where each ends, (c,), and the same of the fronts.
-    """
-    label, count = label_cells(cells, reach)
-    size, lately = np.zeros(count, np.int64), np.zeros(count, np.int64)
-    for i in range(label.shape[0]):
-        size[label[i]] += 1
-        lately[label[i]] += recent[i]
-    first, first_front = np.full(count, -1), np.full(count, -1)  # where its next member goes
-    ends, front_ends = np.empty(count, np.int64), np.empty(count, np.int64)
-    found, total, total_front = 0, 0, 0
-    for k in range(count):
-        if size[k] >= smallest:
-            first[k], first_front[k] = total, total_front
-            total += size[k]
-            total_front += lately[k] if lately[k] >= smallest else size[k]
-            ends[found], front_ends[found] = total, total_front
-            found += 1
-    members, front = np.empty(total, np.int64), np.empty(total_front, np.int64)
-    for i in range(label.shape[0]):
-        k = label[i]
-        if first[k] < 0:
-            continue
-        members[first[k]] = i
-        first[k] += 1
-        if recent[i] or lately[k] < smallest:
-            front[first_front[k]] = i
-            first_front[k] += 1
-    return members, ends[:found].copy(), front, front_ends[:found].copy()
+def owners(points: Array, circles: Array, rim: float) -> NDArray[np.int64]:
+    """Index of the circle (k, 3) on whose rim each point (n, 2) lies nearest, within ``rim`` [m]; -1: on none; (n,)."""
+    owner = np.full(points.shape[0], -1)
+    for i in range(points.shape[0]):
+        least = rim
+        for k in range(circles.shape[0]):
+            away = math.hypot(points[i, 0] - circles[k, 0], points[i, 1] - circles[k, 1]) - circles[k, 2]
+            if abs(away) < least:
+                least, owner[i] = abs(away), k
+    return owner
 
 
 @njit(cache=True)
-def _mean(points):
-    """Of points (n, 2)."""
+def on_ways(points: Array, discs: Array, trail: float, edge: float) -> NDArray[np.bool_]:
+    """Which points (n, 2) are within ``edge`` [m] of discs (k, 5), or of their ways in the last ``trail`` [s]; (n,)."""
+    found = np.zeros(points.shape[0], np.bool_)
+    for k in range(discs.shape[0]):
+        way_x, way_y = trail * discs[k, 2], trail * discs[k, 3]
+        length, reach = max(way_x * way_x + way_y * way_y, 1e-9), discs[k, 4] + edge
+        for i in range(points.shape[0]):
+            x, y = points[i, 0] - discs[k, 0] + way_x, points[i, 1] - discs[k, 1] + way_y
+            along = min(max((x * way_x + y * way_y) / length, 0.0), 1.0)
+            x, y = x - along * way_x, y - along * way_y
+            found[i] = found[i] or x * x + y * y <= reach * reach
+    return found
+
+
+@njit(cache=True)
+def fitted_circle(points: Array, start: Array, radius: float) -> Array:
+    """Middle (2,) of the circle of this radius [m] through the points (n, 2), by Gauss-Newton from a start (2,).
+
+    Where the points leave it open, along the arc, it stays at the start.
+    """
+    x, y = start[0], start[1]
+    stay = 0.1 * points.shape[0]
+    for _ in range(6):
+        a, b, c, d, e = stay, 0.0, stay, stay * (x - start[0]), stay * (y - start[1])
+        for i in range(points.shape[0]):
+            dx, dy = x - points[i, 0], y - points[i, 1]
+            away = max(math.hypot(dx, dy), 1e-6)
+            dx, dy, off = dx / away, dy / away, away - radius
+            a, b, c, d, e = a + dx * dx, b + dx * dy, c + dy * dy, d + dx * off, e + dy * off
+        determinant = a * c - b * b
+        x -= (c * d - b * e) / determinant
+        y -= (a * e - b * d) / determinant
+    return np.array([x, y])
+
+
+@njit(cache=True)
+def seen_width(points: Array, sensor: Array) -> float:
+    """Half the width [m] of points (n, 2) across the line of sight."""
     x, y = 0.0, 0.0
     for i in range(points.shape[0]):
-        x += points[i, 0]
-        y += points[i, 1]
-    return x / points.shape[0], y / points.shape[0]
+        x, y = x + points[i, 0] - sensor[0], y + points[i, 1] - sensor[1]
+    away = max(math.hypot(x, y), 1e-9)
+    x, y = x / away, y / away
+    least, most = math.inf, -math.inf
+    for i in range(points.shape[0]):
+        across = (points[i, 1] - sensor[1]) * x - (points[i, 0] - sensor[0]) * y
+        least, most = min(least, across), max(most, across)
+    return 0.5 * (most - least)
 
 
 @njit(cache=True)
-def _extent(values):
-    """Least and largest of (n,)."""
-    least, most = math.inf, -math.inf
-    for value in values:
-        least, most = min(least, value), max(most, value)
-    return least, most
+def front_circle(points: Array, sensor: Array, radius: float) -> Array:
+    """Middle (2,) of the circle of this radius [m] of which the points (n, 2) are the side that the sensor sees."""
+    x, y, nearest = 0.0, 0.0, math.inf
+    for i in range(points.shape[0]):
+        x, y = x + points[i, 0] - sensor[0], y + points[i, 1] - sensor[1]
+    away = max(math.hypot(x, y), 1e-9)
+    ahead = np.array([x / away, y / away])
+    for i in range(points.shape[0]):
+        nearest = min(nearest, (points[i, 0] - sensor[0]) * ahead[0] + (points[i, 1] - sensor[1]) * ahead[1])
+    return fitted_circle(points, sensor + (nearest + radius) * ahead, radius)
 
 
-def disc_from_front(points: Array, viewpoint: Array, resolution: float) -> tuple[Array, float]:
-    """Centre (2,) and radius [m] of a round obstacle whose visible front consists of points (n, 2) [m]."""
-    (x, y), (mean_x, mean_y) = viewpoint.tolist(), _mean(points)
-    ahead_x, ahead_y = mean_x - x, mean_y - y
-    length = max(math.hypot(ahead_x, ahead_y), 1e-9)
-    ahead_x, ahead_y = ahead_x / length, ahead_y / length
-    sight = points - viewpoint
-    right, left = _extent(sight[:, 1] * ahead_x - sight[:, 0] * ahead_y)
-    nearest, _ = _extent(sight[:, 0] * ahead_x + sight[:, 1] * ahead_y)
-    radius = 0.5 * (left - right + resolution)
-    depth, side = nearest - 0.5 * resolution + radius, 0.5 * (left + right)
-    return np.array([x + depth * ahead_x + side * -ahead_y, y + depth * ahead_y + side * ahead_x]), radius
+@njit(cache=True)
+def is_behind(points: Array, middle: Array, sensor: Array, radius: float) -> bool:
+    """The sensor is outside a fitted circle, and the points (n, 2) are on its far side, which cannot be seen.
+
+    The fit is then on the wrong side of the points, after somebody was at the sensor's own position.
+    """
+    dx, dy = middle[0] - sensor[0], middle[1] - sensor[1]
+    away, total = math.hypot(dx, dy), 0.0
+    for i in range(points.shape[0]):
+        total += (points[i, 0] - middle[0]) * dx + (points[i, 1] - middle[1]) * dy
+    return away > radius and total > 0.0
 
 
 def behind(discs: Sequence[Disc], viewpoint: Array) -> Array:
@@ -115,26 +132,3 @@ def at_ends(cluster: Array, radius: float, viewpoint: Array) -> list[Disc]:
         end_x, end_y = cluster[end].tolist()
         found.append((end_x + radius * -y, end_y + radius * x, radius))
     return found
-
-
-@njit(cache=True)
-def share_gone(before, seen, own, view_x, view_y):
-    """Share of these points (m, 2) [m] near which nothing is seen now (n, 2), or that are behind its own (k, 2).
-
-    ``view_x``, ``view_y``: the viewpoint [m].
-    """
-    gone = 0
-    for i in range(before.shape[0]):
-        near = False
-        for k in range(seen.shape[0]):
-            near = near or math.hypot(before[i, 0] - seen[k, 0], before[i, 1] - seen[k, 1]) <= SAME_POINT
-        sight_x, sight_y = before[i, 0] - view_x, before[i, 1] - view_y
-        length = max(math.hypot(sight_x, sight_y), SAME_POINT)
-        sight_x, sight_y = sight_x / length, sight_y / length
-        hidden = False
-        for k in range(own.shape[0]):
-            x, y = before[i, 0] - own[k, 0], before[i, 1] - own[k, 1]
-            ahead, across = x * sight_x + y * sight_y, x * sight_y - y * sight_x
-            hidden = hidden or (ahead > SAME_POINT and abs(across) <= 0.5 * SAME_POINT)
-        gone += not near or hidden
-    return gone / before.shape[0]

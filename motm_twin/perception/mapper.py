@@ -170,7 +170,6 @@ class Mapper(Stateful[MapperState]):
             floor=floor_round(
                 state.evidence.seen, self.base.grid, observation.pose[:2], self._sight, round(observation.time * 1000.0)
             ),
-            seen_age=read_only(observation.time - 1e-3 * state.evidence.last_hit[cells[:, 0], cells[:, 1]]),
         )
 
     def _look_at(self, window: Window) -> None:

@@ -12,7 +12,7 @@ from motm_twin.perception.base_map import BaseMap, base_map, read_only
 from motm_twin.perception.clusters import growth_of, seen_outlines, steadied
 from motm_twin.perception.distance import proximity_cost, seen_distance, squared_cells
 from motm_twin.perception.mapper import MapSettings
-from motm_twin.perception.movers import MoverParameters, standing
+from motm_twin.perception.tracks import TrackParameters, standing
 from motm_twin.perception.world_map import WorldMap
 
 
@@ -66,9 +66,9 @@ class StandingMap(Stateful[StandingState]):
 class StillMap(StandingMap):
     """The map of a period without anything that moves."""
 
-    def __init__(self, known: KnownWorld, parameters: MoverParameters | None = None) -> None:
+    def __init__(self, known: KnownWorld, parameters: TrackParameters | None = None) -> None:
         super().__init__(known)
-        self._parameters = parameters or MoverParameters()
+        self._parameters = parameters or TrackParameters()
 
     def of(self, world: WorldMap) -> WorldMap:
         """The map without its movers; the same object when it has none."""

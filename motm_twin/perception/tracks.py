@@ -1,14 +1,18 @@
-"""Tracks of dynamic obstacles from single lidar scans: who is where, how fast, and how sure that is.
+"""Tracks of dynamic obstacles from lidar scans: who is where, how fast, how sure that is, and what stands.
 
 Each track is a disc with a constant-velocity Kalman filter. The points of a scan that neither mapped furniture nor what
 is known to stand explains go to the track on whose rim they lie, point by point, so that two who stand side by side
 stay two; a circle of the known radius is fitted to them. What is left over is cut into segments, each of which begins a
 track. A track that is hidden behind something nearer lives on for a while, one that the beams pass through does not.
+
+A new track has not moved yet. It does when it is fast enough and has left its place: beams pass where it was, or it is
+where beams passed. A box that comes into sight bit by bit does neither, however the base drives.
 """
 
 import itertools
 import math
 from dataclasses import dataclass, field
+from enum import IntEnum
 from typing import Annotated, NamedTuple
 
 import msgspec
@@ -16,18 +20,34 @@ import numpy as np
 from numpy.typing import NDArray
 
 from motm_twin.model.compiler import njit
-from motm_twin.model.geometry import Array, frozen
+from motm_twin.model.geometry import Array, from_frame, frozen
 from motm_twin.model.known import KnownWorld
 from motm_twin.model.number import OWN, Number
 from motm_twin.model.state import Stateful
-from motm_twin.perception.base_map import BaseMap, base_map
+from motm_twin.perception.base_map import BaseMap, base_map, read_only
+from motm_twin.perception.discs import (
+    Disc,
+    at_ends,
+    behind,
+    fitted_circle,
+    front_circle,
+    is_behind,
+    on_ways,
+    owners,
+    seen_width,
+)
+from motm_twin.perception.mapper import MapSettings
 from motm_twin.perception.scan import CheckedScan
-from motm_twin.perception.world_map import NO_TRACKS, WorldMap
+from motm_twin.perception.static_cells import Mask, Stood, beside, static_cells
+from motm_twin.perception.world_map import NO_MOVERS, NO_TRACKS, WorldMap
 
 X, Y, VX, VY, RADIUS, SD, IDENTITY = range(7)  # columns of `WorldMap.tracks`
 
 
 BEAMS_LOST = 3  # between two points of one segment: a few say nothing
+_MAP = MapSettings()
+_OFF = _MAP.explained_margin  # [m] by which position and range are off at most
+_ASTRAY = _MAP.explained_per_range  # [rad] by which the heading is
 
 
 class TrackParameters(msgspec.Struct, frozen=True, kw_only=True):
@@ -36,13 +56,16 @@ class TrackParameters(msgspec.Struct, frozen=True, kw_only=True):
     reach: Annotated[float, Number("m", OWN, "farther points are left out: too few beams meet a leg there")] = 8.0
     explained: Annotated[float, Number("m", OWN, "from mapped furniture, within which a point belongs to it")] = 0.10
     rim: Annotated[float, Number("m", OWN, "from the rim of a track, within which a point may belong to it")] = 0.15
-    points: Annotated[int, Number("", OWN, "of a scan that make a measurement")] = 3
+    points: Annotated[int, Number("", OWN, "of a scan that make a measurement, or show that a track has moved")] = 3
     gap: Annotated[float, Number("m", OWN, "between neighbouring points of one segment, and as much again in 8 m")] = (
         0.1
     )
     merges: Annotated[float, Number("m", OWN, "between the middles of two tracks: nearer ones are one")] = 0.25
     radius_min: Annotated[float, Number("m", OWN, "of a track")] = 0.10
     radius_max: Annotated[float, Number("m", OWN, "of a new track: what is wider is furniture")] = 0.40
+    end_radius: Annotated[
+        float, Number("m", OWN, "at the ends of what is wider and may move, a Temi's: it may be two side by side")
+    ] = 0.25
     shares: Annotated[float, Number("", OWN, "by which the radius follows what is seen of one that stands alone")] = 0.1
     acceleration: Annotated[
         float, Number("m/s^2", OWN, "standard deviation, for 0.1 s: of a person who sets off, or turns")
@@ -53,9 +76,45 @@ class TrackParameters(msgspec.Struct, frozen=True, kw_only=True):
     hidden: Annotated[float, Number("s", OWN, "that a track lives on behind something nearer")] = 2.0
     unseen: Annotated[float, Number("s", OWN, "the same where nothing hides it")] = 0.3
     moves: Annotated[float, Number("m/s", OWN, "from which a track moves")] = 0.10
-    leaves: Annotated[float, Number("m", OWN, "from its place, beyond which it does")] = 0.15
-    sure: Annotated[float, Number("", OWN, "standard deviations of the speed beyond which it does, too")] = 2.5
-    rests: Annotated[float, Number("s", OWN, "slower than that after which it is furniture, and no track")] = 12.0
+    settles: Annotated[float, Number("s", OWN, "slower than that after which it waits")] = 2.0
+    rests: Annotated[
+        float, Number("s", OWN, "slower than that after which it stands: one that waits leaves sooner")
+    ] = 12.0
+    trail: Annotated[float, Number("s", OWN, "of its way behind a track that seen cells may still be on")] = 0.4
+    near_time: Annotated[
+        float,
+        Number(
+            "s",
+            OWN,
+            "of driving at full speed up to which a mover is in the way as it is: it may not have moved on by then",
+        ),
+    ] = 4.0
+    parted: Annotated[float, Number("", OWN, "times as far, beyond which it no longer is")] = 1.3
+
+
+class Look(NamedTuple):
+    """Ranges of a scan in the world frame, kept to see where its beams passed."""
+
+    origin: Array  # of the beams [m], shape (2,)
+    first: float  # [rad] bearing of the first
+    step: float  # [rad] from one to the next
+    ranges: Array  # [m], nan where a beam says nothing, shape (n,)
+
+
+class Place(NamedTuple):
+    """Points where a track was seen, and all of that scan."""
+
+    points: Array  # [m], shape (n, 2)
+    look: Look
+
+
+class Phase(IntEnum):
+    """Phase of a track."""
+
+    NEW = 0  # never seen to move
+    MOVING = 1  # moved just now
+    WAITING = 2  # moved lately, and may at any time
+    STANDING = 3  # has not moved for long
 
 
 @dataclass
@@ -66,12 +125,13 @@ class Track:
     state: Array  # x, y [m], velocity [m/s], shape (4,)
     covariance: Array  # shape (4, 4)
     radius: float  # [m] of the circle that is fitted
-    place: Array  # where it was when it rested last [m], shape (2,)
+    place: Place  # where it was when it was seen first, or seen to move last
     seen: float  # [s]
     covers: float = 0.0  # [m] from its middle to the farthest of the points that were last seen of it
     hits: int = 1
-    moving: bool = False
-    moved: float = -math.inf  # [s] last time that it was as fast as something that moves
+    moved: float = -math.inf  # [s] last time that it moved
+    static: bool = False  # most of what is seen of it is static
+    near: bool = False  # in the way
 
 
 @dataclass
@@ -80,7 +140,9 @@ class TrackState:
 
     stamp: float | None = None
     tracks: list[Track] = field(default_factory=list)
+    ends: tuple[Disc, ...] = ()  # at the ends of what is too wide for a track, and not static
     next_identity: int = 1
+    stood: Stood = field(default_factory=Stood)
 
 
 class Points(NamedTuple):
@@ -89,51 +151,99 @@ class Points(NamedTuple):
     at: Array  # [m], shape (n, 2)
     beam: NDArray[np.int64]  # shape (n,)
     reach: Array  # [m] from the sensor, shape (n,)
+    static: Mask  # in or beside a static cell, shape (n,)
 
 
 class DynamicTracker(Stateful[TrackState]):
-    """Follows dynamic obstacles from scan to scan."""
+    """Follows dynamic obstacles from scan to scan, and tells static cells from theirs."""
 
     def __init__(self, known: KnownWorld, parameters: TrackParameters | None = None) -> None:
-        self.parameters, self._known = parameters or TrackParameters(), known
+        p = self.parameters = parameters or TrackParameters()
+        self._known, robot = known, known.robot
+        stops = robot.footprint.outer + robot.base.stopping_way + 2.0 * p.radius_max
+        self.near = max(p.near_time * robot.base.full_speed, stops)  # [m] from the base; 2.0 m for Frankie
+        self._lidar = np.array([robot.lidar.x, robot.lidar.y])  # [m] in the base frame
         self._base: BaseMap | None = None
         self._state = TrackState()
 
-    def update(self, scan: CheckedScan | None, world: WorldMap) -> WorldMap:
-        """The map with its tracks at its time. ``scan``: a new one that the map has taken in; None: there is none."""
+    def update(self, scan: CheckedScan | None, world: WorldMap, pose: Array) -> WorldMap:
+        """The map with its tracks, movers and static cells, at its time.
+
+        ``scan``: a new one that the map has taken in; None: there is none. ``pose`` of the base, shape (3,).
+        """
+        now, state, p = world.stamp, self._state, self.parameters
+        ways = np.array([self._row(track, now)[:5] for track in self._unsettled(now)]).reshape(-1, 5)
+        theirs = on_ways(world.seen_points, ways, p.trail, p.rim)
+        stood, static = static_cells(state.stood, world, self._base_map(world).grid, theirs)
         if scan is not None:
-            self._take(scan, world)
-        found = self._rows(world.stamp)
-        return msgspec.structs.replace(world, tracks=frozen(np.array(found)) if found else NO_TRACKS)
+            self._take(scan, world, stood, static)
+        self._mark_near(pose[:2], now)
+        unsettled = self._unsettled(now)
+        tracks = [track for track in unsettled if now - track.seen <= p.hidden]
+        movers = [track for track in tracks if self._phase(track, now) == Phase.MOVING]
+        young = [track for track in self._counting(now) if self._phase(track, now) == Phase.NEW and not track.static]
+        discs = [(*_expected(track, now - self._stamp), track.radius) for track in unsettled + young]
+        rows = [(*self._row(track, now)[:5], track.near) for track in movers]
+        return msgspec.structs.replace(
+            world,
+            seen_static=read_only(static),
+            tracks=frozen(np.array([self._row(track, now) for track in tracks])) if tracks else NO_TRACKS,
+            movers=frozen(np.array(rows)) if rows else NO_MOVERS,
+            hidden=behind([*discs, *state.ends], from_frame(pose, self._lidar)),
+        )
 
-    def _rows(self, now: float) -> list[tuple[float, ...]]:
-        """Those that count and move, at a time [s]; none once no scan has come for so long that they would be over."""
-        p, state = self.parameters, self._state
-        if state.stamp is None or now - state.stamp > p.hidden:
-            return []
-        rows = []
-        for track in state.tracks:
-            if not track.moving or track.hits < p.hits:
-                continue
-            ahead = now - state.stamp
-            x, y, vx, vy = track.state.tolist()
-            c = track.covariance
-            variance = c[0, 0] + c[1, 1] + 2.0 * ahead * (c[0, 2] + c[1, 3]) + ahead * ahead * (c[2, 2] + c[3, 3])
-            sd = math.sqrt(max(0.5 * float(variance), 0.0))
-            place = (x + ahead * vx, y + ahead * vy)
-            rows.append((*place, vx, vy, max(track.radius, track.covers), sd, float(track.identity)))
-        return rows
+    @property
+    def _stamp(self) -> float:
+        return -math.inf if self._state.stamp is None else self._state.stamp
 
-    def _take(self, scan: CheckedScan, world: WorldMap) -> None:
+    def _counting(self, now: float) -> list[Track]:
+        """Tracks that count at a time [s]; none once no scan has come for so long that they would be over."""
+        p = self.parameters
+        return [] if now - self._stamp > p.hidden else [one for one in self._state.tracks if one.hits >= p.hits]
+
+    def _unsettled(self, now: float) -> list[Track]:
+        """Those that have moved lately."""
+        return [one for one in self._counting(now) if self._phase(one, now) in (Phase.MOVING, Phase.WAITING)]
+
+    def _phase(self, track: Track, now: float) -> Phase:
+        """Phase of a track at a time [s]."""
+        p, rests = self.parameters, now - track.moved
+        if rests == math.inf:
+            return Phase.NEW
+        return Phase.MOVING if rests <= p.settles else Phase.WAITING if rests <= p.rests else Phase.STANDING
+
+    def _row(self, track: Track, now: float) -> tuple[float, ...]:
+        """A row of `WorldMap.tracks` at a time [s]."""
+        ahead, c = now - self._stamp, track.covariance
+        variance = c[0, 0] + c[1, 1] + 2.0 * ahead * (c[0, 2] + c[1, 3]) + ahead * ahead * (c[2, 2] + c[3, 3])
+        sd = math.sqrt(max(0.5 * float(variance), 0.0))
+        x, y = _expected(track, ahead)
+        vx, vy = track.state[2:].tolist()
+        return (x, y, vx, vy, max(track.radius, track.covers), sd, float(track.identity))
+
+    def _mark_near(self, base: Array, now: float) -> None:
+        """Say which are near the base (2,) [m], with a hysteresis."""
+        for track in self._state.tracks:
+            limit = self.parameters.parted * self.near if track.near else self.near
+            track.near = math.dist(_expected(track, now - self._stamp), base) <= limit
+
+    def _base_map(self, world: WorldMap) -> BaseMap:
+        if self._base is None:
+            self._base = base_map(self._known, world.resolution)
+        return self._base
+
+    def _take(self, scan: CheckedScan, world: WorldMap, stood: Mask, static: Mask) -> None:
         """Predict, give the points to the tracks, correct these, begin new ones, and end what is gone."""
         p, state = self.parameters, self._state
         dt = 0.0 if state.stamp is None else scan.stamp - state.stamp
         if not 0.0 <= dt <= p.hidden:
             state.tracks, dt = [], 0.0
-        state.stamp = scan.stamp
         for track in state.tracks:
-            _predict(track.state, track.covariance, dt, p.acceleration**2 * 0.1)
-        points = self._unexplained(scan, world)
+            if not self._waits_unseen(track, self._stamp):
+                _predict(track.state, track.covariance, dt, p.acceleration**2 * 0.1)
+        state.stamp = scan.stamp
+        points = self._unexplained(scan, world, stood, static)
+        look = Look(scan.origin, scan.pose[2] + scan.angle_min, scan.angle_step, scan.ranges)
         circles = np.array([(*track.state[:2].tolist(), track.radius) for track in state.tracks]).reshape(-1, 3)
         owner = owners(points.at, circles, p.rim)
         alone = np.ones(len(state.tracks), dtype=bool)  # no other track is seen in the same segment
@@ -143,26 +253,33 @@ class DynamicTracker(Stateful[TrackState]):
             if goes_on_hidden(points.beam[start:end], points.reach[start:end], scan.ranges, p.gap):
                 partly[owner[start:end][owner[start:end] >= 0]] = True
         for k, track in enumerate(state.tracks):
-            self._correct(track, points.at[owner == k], scan, alone=bool(alone[k]), partly=bool(partly[k]))
+            own = owner == k
+            if np.count_nonzero(own) >= p.points:
+                self._correct(track, points.at[own], scan, alone=bool(alone[k]), partly=bool(partly[k]))
+                track.static = _most(points.static[own])
+                self._judge(track, Place(points.at[own], look), scan.stamp)
         state.tracks = [track for track in state.tracks if self._lives(track, scan)]
         self._merge()
-        self._begin(points, owner < 0, scan)
+        self._begin(points, owner < 0, scan, look)
 
-    def _unexplained(self, scan: CheckedScan, world: WorldMap) -> Points:
+    def _unexplained(self, scan: CheckedScan, world: WorldMap, stood: Mask, static: Mask) -> Points:
         """Points that are neither mapped furniture nor known to stand; those of who stands but has moved stay in."""
         p = self.parameters
         beam = np.flatnonzero(scan.ranges < min(p.reach, scan.range_max))
         reach = scan.ranges[beam]
         at = scan.origin + reach[:, None] * scan.directions[beam]
-        known = self._base = self._base or base_map(self._known, world.resolution)
+        known = self._base_map(world)
         cell = known.grid.cell_of(at)
         inside = ((cell >= 0) & (cell < np.array(known.grid.shape))).all(axis=1)
         at, beam, reach, cell = at[inside], beam[inside], reach[inside], cell[inside]
+        by_stood, by_static = beside(
+            at, world.seen_points, stood, static, world.origin, world.resolution, world.occupied.shape
+        )
         free = known.visible_distance[cell[:, 0], cell[:, 1]] > p.explained
-        free &= ~_known_to_stand(at, world) | self._near_tracks(at, world.resolution)
-        return Points(np.ascontiguousarray(at[free]), beam[free], reach[free])
+        free &= ~by_stood | self._near_tracks(at, world.resolution)
+        return Points(np.ascontiguousarray(at[free]), beam[free], reach[free], by_static[free])
 
-    def _near_tracks(self, at: Array, slack: float) -> NDArray[np.bool_]:
+    def _near_tracks(self, at: Array, slack: float) -> Mask:
         """Which points (n, 2) are within ``slack`` [m] of a track that has moved: it may set off again; shape (n,)."""
         near = np.zeros(len(at), dtype=bool)
         for track in self._state.tracks:
@@ -170,7 +287,7 @@ class DynamicTracker(Stateful[TrackState]):
                 near |= np.hypot(*(at - track.state[:2]).T) <= track.radius + slack
         return near
 
-    def _share(self, at: Array, owner: NDArray[np.int64], alone: NDArray[np.bool_], scan: CheckedScan) -> None:
+    def _share(self, at: Array, owner: NDArray[np.int64], alone: Mask, scan: CheckedScan) -> None:
         """Give all of a segment (n, 2) to the only track that has points in it, if it may be one thing."""
         p = self.parameters
         tracks = np.unique(owner[owner >= 0])
@@ -196,8 +313,6 @@ class DynamicTracker(Stateful[TrackState]):
         ``alone``: its segment shows nothing else; ``partly``: something nearer hides one side of it.
         """
         p = self.parameters
-        if len(own) < p.points:
-            return
         middle = fitted_circle(own, track.state[:2], track.radius)
         if alone:
             least = track.radius if partly else p.radius_min
@@ -212,20 +327,25 @@ class DynamicTracker(Stateful[TrackState]):
         track.covers = float(np.hypot(own[:, 0] - track.state[0], own[:, 1] - track.state[1]).max()) - p.noise
         track.seen = scan.stamp
         track.hits += 1
-        self._judge(track, scan.stamp)
 
-    def _judge(self, track: Track, now: float) -> None:
-        """Say if it moves: it is fast enough, and has left its place or is surely fast; or it was just now."""
-        p = self.parameters
-        speed = math.hypot(track.state[2], track.state[3])
-        sure = speed > p.sure * math.sqrt(max(track.covariance[2, 2], track.covariance[3, 3]))
-        away = math.hypot(track.state[0] - track.place[0], track.state[1] - track.place[1]) > p.leaves
-        if speed >= p.moves and (away or sure):
-            track.moving, track.moved = True, now
-        elif now - track.moved > p.rests:
-            if track.moving or track.hits <= p.hits:
-                track.place = track.state[:2].copy()
-            track.moving = False
+    def _judge(self, track: Track, here: Place, now: float) -> None:
+        """Say if a track moves: it is fast enough, has left its place, or moved lately; two of these three.
+
+        One that has stopped among what is static never moved: it is a side of that, and the pose was off.
+        """
+        p, before = self.parameters, track.place
+        fast = math.hypot(track.state[2], track.state[3]) >= p.moves
+        unsettled = self._phase(track, now) in (Phase.MOVING, Phase.WAITING)
+        if not fast and not unsettled:
+            return
+        left = (
+            passed(before.points, *here.look, _OFF, _ASTRAY) >= p.points
+            or passed(here.points, *before.look, _OFF, _ASTRAY) >= p.points
+        )
+        if left or (fast and unsettled):
+            track.moved, track.place = now, here
+        elif unsettled and now - track.moved > p.settles and track.static:
+            track.moved, track.place = -math.inf, here
 
     def _lives(self, track: Track, scan: CheckedScan) -> bool:
         """It was seen lately, or something nearer hides it."""
@@ -234,7 +354,13 @@ class DynamicTracker(Stateful[TrackState]):
             return True
         if track.hits < p.hits:
             return silent <= 0.1
-        return silent <= (p.hidden if self._is_hidden(track, scan) else p.unseen)
+        if not self._is_hidden(track, scan):
+            return silent <= p.unseen
+        return silent <= (p.rests if self._waits_unseen(track, scan.stamp) else p.hidden)
+
+    def _waits_unseen(self, track: Track, stamp: float) -> bool:
+        """It was not seen in the scan of this time [s], and waited when it was seen last: it is still there."""
+        return track.seen < stamp and self._phase(track, track.seen) == Phase.WAITING
 
     @staticmethod
     def _is_hidden(track: Track, scan: CheckedScan) -> bool:
@@ -247,14 +373,19 @@ class DynamicTracker(Stateful[TrackState]):
         towards = (np.abs(ahead * y - across * x) < track.radius) & (ahead * x + across * y > 0.0)
         return bool(np.count_nonzero(scan.ranges[towards] < away - track.radius) >= 0.5 * np.count_nonzero(towards))
 
-    def _begin(self, points: Points, left: NDArray[np.bool_], scan: CheckedScan) -> None:
+    def _begin(self, points: Points, left: Mask, scan: CheckedScan, look: Look) -> None:
         """Begin a track with each segment of the points that are left, if it may be somebody."""
         p, state = self.parameters, self._state
-        rest = Points(points.at[left], points.beam[left], points.reach[left])
+        rest = Points(points.at[left], points.beam[left], points.reach[left], points.static[left])
+        ends: list[Disc] = []
         for start, end in segments(rest, p.gap):
             own = rest.at[start:end]
             width = seen_width(own, scan.origin)
-            if len(own) < p.points or width > p.radius_max:
+            if len(own) < p.points:
+                continue
+            if width > p.radius_max:
+                if not _most(rest.static[start:end]):
+                    ends += at_ends(own, p.end_radius, scan.origin)
                 continue
             radius = max(width, p.radius_min)
             middle = front_circle(own, scan.origin, radius)
@@ -262,9 +393,12 @@ class DynamicTracker(Stateful[TrackState]):
                 continue
             variance = p.noise**2
             covariance = np.diag([variance, variance, p.first_speed**2, p.first_speed**2])
-            track = Track(state.next_identity, np.array([*middle, 0.0, 0.0]), covariance, radius, middle, scan.stamp)
+            first, place = np.array([*middle, 0.0, 0.0]), Place(own, look)
+            track = Track(state.next_identity, first, covariance, radius, place, scan.stamp)
+            track.static = _most(rest.static[start:end])
             state.tracks.append(track)
             state.next_identity += 1
+        state.ends = tuple(ends)
 
 
 @njit(cache=True)
@@ -298,81 +432,6 @@ def _update(state: Array, covariance: Array, middle: Array, variance: float) -> 
 
 
 @njit(cache=True)
-def owners(points: Array, circles: Array, rim: float) -> NDArray[np.int64]:
-    """Index of the circle (k, 3) on whose rim each point (n, 2) lies nearest, within ``rim`` [m]; -1: on none; (n,)."""
-    owner = np.full(points.shape[0], -1)
-    for i in range(points.shape[0]):
-        least = rim
-        for k in range(circles.shape[0]):
-            away = math.hypot(points[i, 0] - circles[k, 0], points[i, 1] - circles[k, 1]) - circles[k, 2]
-            if abs(away) < least:
-                least, owner[i] = abs(away), k
-    return owner
-
-
-@njit(cache=True)
-def fitted_circle(points: Array, start: Array, radius: float) -> Array:
-    """Middle (2,) of the circle of this radius [m] through the points (n, 2), by Gauss-Newton from a start (2,).
-
-    Where the points leave it open, along the arc, it stays at the start.
-    """
-    x, y = start[0], start[1]
-    stay = 0.1 * points.shape[0]
-    for _ in range(6):
-        a, b, c, d, e = stay, 0.0, stay, stay * (x - start[0]), stay * (y - start[1])
-        for i in range(points.shape[0]):
-            dx, dy = x - points[i, 0], y - points[i, 1]
-            away = max(math.hypot(dx, dy), 1e-6)
-            dx, dy, off = dx / away, dy / away, away - radius
-            a, b, c, d, e = a + dx * dx, b + dx * dy, c + dy * dy, d + dx * off, e + dy * off
-        determinant = a * c - b * b
-        x -= (c * d - b * e) / determinant
-        y -= (a * e - b * d) / determinant
-    return np.array([x, y])
-
-
-@njit(cache=True)
-def seen_width(points: Array, sensor: Array) -> float:
-    """Half the width [m] of points (n, 2) across the line of sight."""
-    x, y = 0.0, 0.0
-    for i in range(points.shape[0]):
-        x, y = x + points[i, 0] - sensor[0], y + points[i, 1] - sensor[1]
-    away = max(math.hypot(x, y), 1e-9)
-    x, y = x / away, y / away
-    least, most = math.inf, -math.inf
-    for i in range(points.shape[0]):
-        across = (points[i, 1] - sensor[1]) * x - (points[i, 0] - sensor[0]) * y
-        least, most = min(least, across), max(most, across)
-    return 0.5 * (most - least)
-
-
-@njit(cache=True)
-def front_circle(points: Array, sensor: Array, radius: float) -> Array:
-    """Middle (2,) of the circle of this radius [m] of which the points (n, 2) are the side that the sensor sees."""
-    x, y, nearest = 0.0, 0.0, math.inf
-    for i in range(points.shape[0]):
-        x, y = x + points[i, 0] - sensor[0], y + points[i, 1] - sensor[1]
-    away = max(math.hypot(x, y), 1e-9)
-    ahead = np.array([x / away, y / away])
-    for i in range(points.shape[0]):
-        nearest = min(nearest, (points[i, 0] - sensor[0]) * ahead[0] + (points[i, 1] - sensor[1]) * ahead[1])
-    return fitted_circle(points, sensor + (nearest + radius) * ahead, radius)
-
-
-@njit(cache=True)
-def is_behind(points: Array, middle: Array, sensor: Array, radius: float) -> bool:
-    """The sensor is outside a fitted circle, and the points (n, 2) are on its far side, which cannot be seen.
-
-    The fit is then on the wrong side of the points, after somebody was at the sensor's own position.
-    """
-    dx, dy = middle[0] - sensor[0], middle[1] - sensor[1]
-    away, total = math.hypot(dx, dy), 0.0
-    for i in range(points.shape[0]):
-        total += (points[i, 0] - middle[0]) * dx + (points[i, 1] - middle[1]) * dy
-    return away > radius and total > 0.0
-
-
-@njit(cache=True)
 def goes_on_hidden(beam: NDArray[np.int64], reach: Array, ranges: Array, gap: float) -> bool:
     """Something nearer by ``gap`` [m] ends a segment, in the order of the beams, on one of its sides."""
     for end, step in ((0, -1), (beam.shape[0] - 1, 1)):
@@ -383,23 +442,42 @@ def goes_on_hidden(beam: NDArray[np.int64], reach: Array, ranges: Array, gap: fl
     return False
 
 
-def _known_to_stand(at: Array, world: WorldMap) -> NDArray[np.bool_]:
-    """Which points (n, 2) are in or beside a cell of the map that is known to stand; shape (n,)."""
-    stands = np.zeros((world.occupied.shape[0] + 2, world.occupied.shape[1] + 2), dtype=bool)
-    row, column = _cells(world.seen_points[world.seen_static], world)
-    for down in range(3):
-        for right in range(3):
-            stands[row + down, column + right] = True
-    row, column = _cells(at, world) + 1
-    within = (row >= 0) & (column >= 0) & (row < stands.shape[0]) & (column < stands.shape[1])
-    found = np.zeros(len(at), dtype=bool)
-    found[within] = stands[row[within], column[within]]
-    return found
+def standing(world: WorldMap, movers: Array, parameters: TrackParameters) -> Mask:
+    """Which seen points of the map do not belong to one of these movers (k, 5 or more), shape (m,)."""
+    rows = movers[:, :5].copy()  # neither a slice nor read-only: one kernel for all
+    return world.seen_static | ~on_ways(world.seen_points, rows, parameters.trail, parameters.rim)
 
 
-def _cells(points: Array, world: WorldMap) -> NDArray[np.int64]:
-    """Rows and columns of points (n, 2) in the map, shape (2, n)."""
-    return np.floor((points - world.origin).T[::-1] / world.resolution).astype(np.int64)
+@njit(cache=True)
+def passed(points, origin, first, step, ranges, margin, turn):
+    """Number of points (n, 2) [m] that all beams of a scan near them went past, by ``margin`` [m] at least.
+
+    ``turn`` [rad]: the points' bearings may be off by this, and by the margin. ``first``, ``step`` [rad]: the beams'
+    bearings; a beam of nan says nothing.
+    """
+    count, beams = 0, ranges.shape[0]
+    for i in range(points.shape[0]):
+        x, y = points[i, 0] - origin[0], points[i, 1] - origin[1]
+        away = max(math.sqrt(x * x + y * y), margin)
+        ahead = (math.atan2(y, x) - first) / step
+        half = (turn + margin / away) / step
+        free = True
+        for k in range(math.floor(ahead - half), math.ceil(ahead + half) + 1):
+            beam = k % round(2.0 * math.pi / step)
+            free = free and beam < beams and ranges[beam] > away + margin
+        count += free
+    return count
+
+
+def _expected(track: Track, ahead: float) -> tuple[float, float]:
+    """Place [m] of a track ``ahead`` [s] of the newest scan."""
+    x, y, vx, vy = track.state.tolist()
+    return x + ahead * vx, y + ahead * vy
+
+
+def _most(mask: Mask) -> bool:
+    """More than half of them are set."""
+    return bool(2 * np.count_nonzero(mask) > len(mask))
 
 
 def segments(points: Points, gap: float) -> list[tuple[int, int]]:

@@ -11,8 +11,6 @@ NO_MOVERS = np.zeros((0, 6))
 NO_MOVERS.setflags(write=False)
 NO_TRACKS = np.zeros((0, 7))
 NO_TRACKS.setflags(write=False)
-NO_AGES = np.zeros(0)
-NO_AGES.setflags(write=False)
 NO_POINTS = np.zeros((0, 2))
 NO_POINTS.setflags(write=False)
 
@@ -34,7 +32,6 @@ class WorldMap(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     polygons: tuple[Array, ...]  # obstacle outlines, counter-clockwise, not inflated, each shape (n, 2)
     seen_points: Array  # centres of cells occupied by lidar outside the mapped furniture [m], shape (m, 2)
     seen_static: NDArray[np.bool_]  # occupied for 3 s, at rest for 12 s if it was seen to move, shape (m,)
-    seen_age: Array = NO_AGES  # [s] since each of them was hit last, shape (m,); for `MoverTracker`, not beyond it
     movers: Array = NO_MOVERS  # where they are followed: x, y [m], velocity [m/s], radius [m], near (0, 1), (k, 6)
     tracks: Array = NO_TRACKS  # of those: columns of `perception/tracks.py`, (k, 7)
     floor: Floor | None = None  # what is known of the floor round the robot; None: all of it is free

@@ -67,7 +67,7 @@ class WithoutMovers:
     """The map without what moves, which is known by its tracks."""
 
     def __init__(self, parts: PlannerParts) -> None:
-        self._still = StillMap(parts.known, parts.movers)
+        self._still = StillMap(parts.known, parts.tracks)
 
     def of(self, problem: BaseProblem) -> BaseProblem:
         """The problem in that map."""

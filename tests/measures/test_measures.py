@@ -15,7 +15,7 @@ from motm_twin.model.kinematics import Frankie
 from motm_twin.model.plant import BodyTruth
 from motm_twin.model.scene import Agent
 from motm_twin.model.scene_file import load_scene
-from motm_twin.perception.movers import MoverParameters
+from motm_twin.perception.tracks import TrackParameters
 from motm_twin.trial import run_scene
 from motm_twin.twin import Twin
 
@@ -282,7 +282,7 @@ def test_the_excess_is_the_grippers_own_speed_over_the_damper_line():
     assert away["approach_excess_mps"] < 0.0
 
 
-WAITS = MoverParameters().waits
+WAITS = TrackParameters().rests
 
 
 @pytest.mark.parametrize(

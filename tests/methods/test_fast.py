@@ -12,8 +12,8 @@ from motm_twin.model.known import known_world
 from motm_twin.model.scene_file import load_scene
 from motm_twin.model.state import state_hash
 from motm_twin.perception.mapper import Mapper
-from motm_twin.perception.movers import MoverParameters, standing
 from motm_twin.perception.still_map import StandingMap, StillMap
+from motm_twin.perception.tracks import TrackParameters, standing
 from motm_twin.sim.plant import SimulatedPlant
 from motm_twin.trial import run_scene
 from motm_twin.twin import Twin
@@ -57,7 +57,7 @@ def test_the_map_of_the_planner_has_near_movers_and_no_far_ones(temis):
     planner = twin.loop.planner
     far = tick.map.movers[tick.map.movers[:, 5] == 0.0]
     assert len(far)
-    stands = standing(tick.map, far, MoverParameters())
+    stands = standing(tick.map, far, TrackParameters())
     seen = tick.map.seen_points[~stands]
     assert len(seen) and (np.hypot(*(seen - tick.observation.pose[:2]).T) > 1.5).all()
     world = planner.view.standing.without(tick.map, stands)
@@ -67,7 +67,7 @@ def test_the_map_of_the_planner_has_near_movers_and_no_far_ones(temis):
 
 def test_the_still_map_has_no_mover_at_all(temis):
     _, tick = temis
-    world = StillMap(known_world(load_scene("exp2", "random", 0)), MoverParameters()).of(tick.map)
+    world = StillMap(known_world(load_scene("exp2", "random", 0)), TrackParameters()).of(tick.map)
     assert len(tick.map.movers) and len(world.seen_points) < len(tick.map.seen_points)
     for x, y, *_, radius, _near in tick.map.movers:
         assert (np.hypot(*(world.seen_points - (x, y)).T) > radius).all()

@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from motm_twin.model.profile import Footprint, RobotProfile
-from motm_twin.perception.clusters import FLAT, LOST, growth_of, seen_outlines
+from motm_twin.perception.clusters import FLAT, LOST, growth_of, seen_outlines, touching
 
 RESOLUTION = 0.05
 ORIGIN = np.zeros(2)
@@ -67,3 +67,13 @@ def test_no_way_is_closed_and_no_cell_left_out(points, width):
     assert taken.difference(area.buffer(2.0 * FLAT)).area < 1e-9
     lost = area.buffer(g, quad_segs=32).difference(taken.buffer(g + LOST + 0.025, quad_segs=32))
     assert lost.area < 1e-4
+
+
+def test_cells_belong_to_the_anchors_that_they_touch_through_each_other() -> None:
+    cells = np.array([[2, 2], [3, 3], [3, 4], [3, 6], [8, 8], [2, 3]], np.int32)
+    anchors = np.array([True, False, False, False, False, False])
+    others = np.array([False, True, True, True, True, False])
+    near, far = (touching(cells, anchors, others, reach) for reach in (1, 2))
+    assert near.tolist() == [True, True, True, False, False, False]
+    assert far.tolist() == [True, True, True, True, False, False]
+    assert not touching(cells, np.zeros(6, bool), others, 2).any()

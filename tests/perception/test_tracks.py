@@ -12,7 +12,6 @@ from motm_twin.model.plant import Observation
 from motm_twin.model.profile import RobotProfile
 from motm_twin.model.state import state_hash
 from motm_twin.perception.mapper import Mapper
-from motm_twin.perception.movers import MoverTracker
 from motm_twin.perception.tracks import IDENTITY, RADIUS, SD, VX, VY, DynamicTracker
 from motm_twin.perception.world_map import WorldMap
 
@@ -30,7 +29,7 @@ def follow(seconds, *discs, drive=0.0, walls=(), seed=1, at_one_second=lambda tr
 
     Instead of (x, y) a function of the time [s] may tell where it is.
     """
-    mapper, movers, tracker = Mapper(FLOOR), MoverTracker(), DynamicTracker(FLOOR)
+    mapper, tracker = Mapper(FLOOR), DynamicTracker(FLOOR)
     rng, maps = np.random.default_rng(seed), []
     for k in range(round(seconds / STEP)):
         time = k * STEP
@@ -47,8 +46,8 @@ def follow(seconds, *discs, drive=0.0, walls=(), seed=1, at_one_second=lambda tr
             time=time, pose=pose, odometry=pose, twist=np.zeros(2), q=np.zeros(7), dq=np.zeros(7), gripper_width=0.08,
             gripper_moving=False, detections=(), scan=scan_of(cast(pose, [*bodies, *walls], rng), pose, time),
         )  # fmt: skip
-        world = movers.sort(mapper.update(observation), pose)
-        maps.append(tracker.update(mapper.taken, world))
+        world = mapper.update(observation)
+        maps.append(tracker.update(mapper.taken, world, pose))
     return maps, tracker
 
 
@@ -95,7 +94,7 @@ def test_one_that_is_gone_is_forgotten_at_once_where_the_beams_pass():
             gripper_width=0.08, gripper_moving=False, detections=(), scan=scan_of(empty, np.zeros(3), time),
         )  # fmt: skip
         mapper.update(observation)
-        world = tracker.update(mapper.taken, world)
+        world = tracker.update(mapper.taken, world, np.zeros(3))
     assert len(world.tracks) == 0
 
 
@@ -171,7 +170,7 @@ def test_nobody_is_where_no_scan_has_shown_him_for_long():
     maps, tracker = follow(1.5, ((3.0, -0.8), (-0.4, 0.3), 0.25))
     for late, expected in ((1.9, 1), (2.1, 0), (20.0, 0)):
         later = msgspec.structs.replace(maps[-1], stamp=maps[-1].stamp + late)
-        assert len(tracker.update(None, later).tracks) == expected
+        assert len(tracker.update(None, later, np.zeros(3)).tracks) == expected
 
 
 def test_the_tracker_can_be_copied():

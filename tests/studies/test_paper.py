@@ -6,7 +6,7 @@ import msgspec
 import pytest
 from rich.console import Console
 
-from motm_twin.perception.movers import MoverParameters
+from motm_twin.perception.tracks import TrackParameters
 from motm_twin.sessions.session import SOURCE, made_with
 from motm_twin.studies import statistics
 from motm_twin.studies.paper import data, report, sweep_figures, tables, time_figures
@@ -279,7 +279,7 @@ def test_measures_are_read_by_name_and_lists_are_counted():
 
 def test_what_is_static_is_said_as_the_loop_has_it():
     text = report.body()
-    assert f"has rested for {MoverParameters().waits:g} s" in text
+    assert f"has rested for {TrackParameters().rests:g} s" in text
     assert "been in the same place for 3 s" in text
     assert "stood for 3 s" not in text
 

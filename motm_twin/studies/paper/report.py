@@ -11,7 +11,7 @@ from motm_twin.control.arm.parameters import AvoidanceParameters
 from motm_twin.control.tuning import PARAMETERS
 from motm_twin.measures.measures import STATIC_AFTER
 from motm_twin.methods.registry import METHODS
-from motm_twin.perception.movers import MoverParameters
+from motm_twin.perception.tracks import TrackParameters
 from motm_twin.sessions.session import SOURCE
 from motm_twin.studies.paper import data
 from motm_twin.studies.paper.data import COMMAND, MACHINE, NOT_RECORDED, PLAN, Origin, Result, Store, current_origin
@@ -118,7 +118,7 @@ CHANGED = (
     "keeps off mapped furniture.",
     "A static obstacle beside the target lets its d_s shrink during the grasp: else the object could not be reached. "
     f"Static is what was never seen to move and has been in the same place for {STATIC_AFTER:g} s, or was seen to move "
-    f"and has rested for {MoverParameters().waits:g} s since. Others keep {AvoidanceParameters().d_s} m.",
+    f"and has rested for {TrackParameters().rests:g} s since. Others keep {AvoidanceParameters().d_s} m.",
     "The damper line bounds the speed of approach. As printed it reads as a bound of the distance's rate.",
 )
 CANNOT = (
