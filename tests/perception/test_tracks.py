@@ -12,7 +12,7 @@ from motm_twin.model.plant import Observation
 from motm_twin.model.profile import RobotProfile
 from motm_twin.model.state import state_hash
 from motm_twin.perception.mapper import Mapper
-from motm_twin.perception.tracks import IDENTITY, RADIUS, SD, VX, VY, DynamicTracker
+from motm_twin.perception.tracks import IDENTITY, RADIUS, SD, VX, VY, DynamicTracker, passed
 from motm_twin.perception.world_map import WorldMap
 
 from .small_world import LIDAR, cast, scan_of
@@ -179,3 +179,39 @@ def test_the_tracker_can_be_copied():
     other.restore(tracker.snapshot())
     assert state_hash(other.snapshot()) == state_hash(tracker.snapshot())
     assert isinstance(maps[-1], WorldMap)
+
+
+def test_beams_pass_a_place_only_when_all_near_it_do():
+    """The heading may be off by 1.5 deg, and position and range by 8 cm: a box in sight has not left its place."""
+    place, first, step, margin = np.array([[2.0, 0.0], [2.0, 0.5]]), -math.pi, math.radians(1.0), 0.08
+    look = lambda ranges: passed(place, np.zeros(2), first, step, ranges, margin, 0.025)  # noqa: E731
+    ranges = np.full(360, np.inf)
+    assert look(ranges) == 2
+    ranges[180] = 2.05  # of the beam at 0 deg: the place may still be met there
+    assert look(ranges) == 1
+    ranges[180] = np.nan  # says nothing
+    assert look(ranges) == 1
+    ranges[180] = 2.2
+    assert look(ranges) == 2
+    ranges[183] = 2.0  # 3 deg, 10 cm beside it
+    assert look(ranges) == 1
+    assert passed(place, np.zeros(2), first, step, np.full(90, np.inf), margin, 0.025) == 0  # out of view
+    assert passed(place, np.array([4.0, 0.0]), first, step, np.full(360, np.inf), margin, 0.025) == 2  # across +-pi
+
+
+def test_who_waits_out_of_sight_is_still_there():
+    """His cells were static as soon as his track was lost, 2 s after somebody had stopped in front of him."""
+
+    def comes(time):
+        return np.array([1.5, -1.6 + 0.8 * min(max(0.0, time - 3.0), 2.0)])
+
+    def waits(time):
+        return np.array([3.0, -0.6 + 0.4 * min(time, 1.5)])
+
+    maps, tracker = follow(8.0, (waits, None, 0.2), (comes, None, 0.3))
+    hidden = [track for track in tracker.snapshot().tracks if math.dist(track.state[:2], (3.0, 0.0)) < 0.2]
+    assert len(hidden) == 1 and hidden[0].seen < 5.0
+    theirs = np.hypot(*(maps[-1].seen_points - [3.0, 0.0]).T) < 0.3
+    assert not maps[-1].seen_static[theirs].any()
+    assert np.hypot(*(maps[-1].hidden - [3.2, 0.0]).T).min() < 0.1
+    assert all(math.dist(row[:2], (3.0, 0.0)) > 0.5 for row in maps[-1].tracks)
