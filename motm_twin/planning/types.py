@@ -14,7 +14,7 @@ from motm_twin.perception.world_map import NO_TRACKS, WorldMap
 
 
 class PastWalls(IntEnum):
-    """How an arm comes to its target past the walls beside it."""
+    """Ways in which an arm comes to its target past the walls beside it."""
 
     AROUND = 0
     OVER_NEAR = 1  # over the low ones, from within `Target.reach_over`

@@ -14,7 +14,6 @@ KERNELS: dict[str, tuple[str, tuple[str, ...]]] = {
     "control/arm/limits.py": ("rows of the program", ("approach_row",)),
     "control/arm/program.py": ("bounds of all joint rates", ("_joint_bounds",)),
     "control/arm/qp.py": ("arrays of the solver DAQP, and its answer", ("_complete", "_fill_daqp")),
-    "control/monitor.py": ("outline of the footprint against all points of the scan", ("points_in_stop",)),
     "control/predictor.py": ("joints a little later", ("_arm",)),
     "perception/scan_match.py": ("a prior, a sweep, and the map's lines", ("_measured",)),
     "perception/floor.py": ("grid, its origin and resolution, and a ray", ("mark_seen",)),
