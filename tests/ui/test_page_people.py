@@ -109,6 +109,7 @@ def middle(client, name):
 def deliver(visitor):
     """Click the cube, then the bin: two tasks, and the robot begins."""
     client = visitor.twin.client
+    start = client.tick().robot.true_pose
     visitor.click(middle(client, "cube"))
     visitor.tab("Disturb")
     until(lambda: visitor.page.get_by_label("Selected").first.input_value() == "cube", 30.0, "the cube is not selected")
@@ -116,7 +117,7 @@ def deliver(visitor):
     tasks = until(lambda: len(client.tick().tasks) == 3 and client.tick().tasks, 30.0, "no new tasks")
     assert [(task.kind, task.target) for task in tasks[1:]] == [("pick", "cube"), ("place", "bin")]
     visitor.state("Running")  # the twin goes on by itself
-    until(lambda: client.tick().robot.twist[0] > 0.1, 60.0, "it does not begin")
+    until(lambda: math.dist(client.tick().robot.true_pose, start) > 0.1, 60.0, "it does not begin")  # [m] or [rad]
     visitor.tab("Drive")
 
 
