@@ -83,7 +83,7 @@ class _Beams(NamedTuple):
 
 
 class _InWay(NamedTuple):
-    """What counts as being in the way of the footprint."""
+    """Reach, margin and count with which scan points are in the way of the footprint."""
 
     corner: float  # [m] the furthest from the base's centre
     margin: float  # [m]
