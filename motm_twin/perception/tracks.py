@@ -75,7 +75,7 @@ class TrackParameters(msgspec.Struct, frozen=True, kw_only=True):
     hits: Annotated[int, Number("", OWN, "scans in which a track must be seen to count")] = 4
     hidden: Annotated[float, Number("s", OWN, "that a track lives on behind something nearer")] = 2.0
     unseen: Annotated[float, Number("s", OWN, "the same where nothing hides it")] = 0.3
-    moves: Annotated[float, Number("m/s", OWN, "from which a track moves")] = 0.10
+    moves: Annotated[float, Number("m/s", OWN, "from which a track moves")] = 0.06
     settles: Annotated[float, Number("s", OWN, "slower than that after which it waits")] = 2.0
     rests: Annotated[
         float, Number("s", OWN, "slower than that after which it stands: one that waits leaves sooner")
