@@ -19,33 +19,32 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from motm_twin.model.compiler import njit
 from motm_twin.model.geometry import Array, from_frame, frozen
 from motm_twin.model.known import KnownWorld
 from motm_twin.model.number import OWN, Number
 from motm_twin.model.state import Stateful
 from motm_twin.perception.base_map import BaseMap, base_map, read_only
-from motm_twin.perception.discs import (
-    Disc,
-    at_ends,
-    behind,
-    fitted_circle,
-    front_circle,
-    is_behind,
-    on_ways,
-    owners,
-    seen_width,
-)
+from motm_twin.perception.discs import Disc, at_ends, behind, front_circle, on_ways, owners, seen_width
 from motm_twin.perception.mapper import MapSettings
 from motm_twin.perception.scan import CheckedScan
 from motm_twin.perception.static_cells import Mask, Stood, beside, static_cells
+from motm_twin.perception.track_kernels import (
+    correct,
+    ends_off_furniture,
+    is_hidden,
+    on_discs,
+    passed,
+    predict,
+    segments,
+    share_out,
+)
 from motm_twin.perception.world_map import NO_MOVERS, NO_TRACKS, WorldMap
 
 X, Y, VX, VY, RADIUS, SD, IDENTITY = range(7)  # columns of `WorldMap.tracks`
 
 
-BEAMS_LOST = 3  # between two points of one segment: a few say nothing
 _MAP = MapSettings()
+_REACH = _MAP.lidar_reach  # [m] farther points are left out: too few beams meet a leg there
 _OFF = _MAP.explained_margin  # [m] by which position and range are off at most
 _ASTRAY = _MAP.explained_per_range  # [rad] by which the heading is
 
@@ -53,7 +52,6 @@ _ASTRAY = _MAP.explained_per_range  # [rad] by which the heading is
 class TrackParameters(msgspec.Struct, frozen=True, kw_only=True):
     """Parameters of the tracks of dynamic obstacles: sizes and speeds are those of persons and Temis."""
 
-    reach: Annotated[float, Number("m", OWN, "farther points are left out: too few beams meet a leg there")] = 8.0
     explained: Annotated[float, Number("m", OWN, "from mapped furniture, within which a point belongs to it")] = 0.10
     rim: Annotated[float, Number("m", OWN, "from the rim of a track, within which a point may belong to it")] = 0.15
     points: Annotated[int, Number("", OWN, "of a scan that make a measurement, or show that a track has moved")] = 3
@@ -75,7 +73,8 @@ class TrackParameters(msgspec.Struct, frozen=True, kw_only=True):
     hits: Annotated[int, Number("", OWN, "scans in which a track must be seen to count")] = 4
     hidden: Annotated[float, Number("s", OWN, "that a track lives on behind something nearer")] = 2.0
     unseen: Annotated[float, Number("s", OWN, "the same where nothing hides it")] = 0.3
-    moves: Annotated[float, Number("m/s", OWN, "from which a track moves")] = 0.06
+    sets_off: Annotated[float, Number("m/s", OWN, "from which a track that has left its place moves")] = 0.06
+    moves: Annotated[float, Number("m/s", OWN, "from which one that moves goes on moving")] = 0.10
     settles: Annotated[float, Number("s", OWN, "slower than that after which it waits")] = 2.0
     rests: Annotated[
         float, Number("s", OWN, "slower than that after which it stands: one that waits leaves sooner")
@@ -240,22 +239,21 @@ class DynamicTracker(Stateful[TrackState]):
             state.tracks, dt = [], 0.0
         for track in state.tracks:
             if not self._waits_unseen(track, self._stamp):
-                _predict(track.state, track.covariance, dt, p.acceleration**2 * 0.1)
+                predict(track.state, track.covariance, dt, p.acceleration**2 * 0.1)
         state.stamp = scan.stamp
         points = self._unexplained(scan, world, stood, static)
         look = Look(scan.origin, scan.pose[2] + scan.angle_min, scan.angle_step, scan.ranges)
         circles = np.array([(*track.state[:2].tolist(), track.radius) for track in state.tracks]).reshape(-1, 3)
         owner = owners(points.at, circles, p.rim)
-        alone = np.ones(len(state.tracks), dtype=bool)  # no other track is seen in the same segment
-        partly = np.zeros(len(state.tracks), dtype=bool)  # something nearer hides one side of it
-        for start, end in segments(points, p.gap):
-            self._share(points.at[start:end], owner[start:end], alone, scan)
-            if goes_on_hidden(points.beam[start:end], points.reach[start:end], scan.ranges, p.gap):
-                partly[owner[start:end][owner[start:end] >= 0]] = True
+        cuts = segments(points.at, points.beam, points.reach, p.gap)
+        limits = (p.gap, p.radius_max)
+        alone, partly = share_out(
+            points.at, points.beam, scan.ranges, scan.origin, owner, cuts, len(state.tracks), limits
+        )
         for k, track in enumerate(state.tracks):
             own = owner == k
             if np.count_nonzero(own) >= p.points:
-                self._correct(track, points.at[own], scan, alone=bool(alone[k]), partly=bool(partly[k]))
+                self._correct(track, points.at[own], scan, alone[k], partly[k])
                 track.static = _most(points.static[own])
                 self._judge(track, Place(points.at[own], look), scan.stamp)
         state.tracks = [track for track in state.tracks if self._lives(track, scan)]
@@ -265,39 +263,17 @@ class DynamicTracker(Stateful[TrackState]):
     def _unexplained(self, scan: CheckedScan, world: WorldMap, stood: Mask, static: Mask) -> Points:
         """Points that are neither mapped furniture nor known to stand; those of who stands but has moved stay in."""
         p = self.parameters
-        beam = np.flatnonzero(scan.ranges < min(p.reach, scan.range_max))
-        reach = scan.ranges[beam]
-        at = scan.origin + reach[:, None] * scan.directions[beam]
         known = self._base_map(world)
-        cell = known.grid.cell_of(at)
-        inside = ((cell >= 0) & (cell < np.array(known.grid.shape))).all(axis=1)
-        at, beam, reach, cell = at[inside], beam[inside], reach[inside], cell[inside]
+        at, beam = ends_off_furniture(
+            scan.ranges, scan.directions, scan.origin, min(_REACH, scan.range_max), known.visible_distance,
+            known.grid.origin, known.grid.resolution, p.explained,
+        )  # fmt: skip
         by_stood, by_static = beside(
             at, world.seen_points, stood, static, world.origin, world.resolution, world.occupied.shape
         )
-        free = known.visible_distance[cell[:, 0], cell[:, 1]] > p.explained
-        free &= ~by_stood | self._near_tracks(at, world.resolution)
-        return Points(np.ascontiguousarray(at[free]), beam[free], reach[free], by_static[free])
-
-    def _near_tracks(self, at: Array, slack: float) -> Mask:
-        """Which points (n, 2) are within ``slack`` [m] of a track that has moved: it may set off again; shape (n,)."""
-        near = np.zeros(len(at), dtype=bool)
-        for track in self._state.tracks:
-            if track.moved > -math.inf:
-                near |= np.hypot(*(at - track.state[:2]).T) <= track.radius + slack
-        return near
-
-    def _share(self, at: Array, owner: NDArray[np.int64], alone: Mask, scan: CheckedScan) -> None:
-        """Give all of a segment (n, 2) to the only track that has points in it, if it may be one thing."""
-        p = self.parameters
-        tracks = np.unique(owner[owner >= 0])
-        if len(tracks) > 1:
-            alone[tracks] = False
-        elif len(tracks) == 1:
-            if seen_width(at, scan.origin) <= p.radius_max:
-                owner[:] = tracks[0]
-            else:
-                alone[tracks] = False
+        moved = [(*track.state[:2].tolist(), track.radius) for track in self._state.tracks if track.moved > -math.inf]
+        free = ~by_stood | on_discs(at, np.array(moved).reshape(-1, 3), world.resolution)  # they may set off again
+        return Points(at[free], beam[free], scan.ranges[beam[free]], by_static[free])
 
     def _merge(self) -> None:
         """Of two tracks whose middles are as near as no two of anything can be, keep the older."""
@@ -307,42 +283,31 @@ class DynamicTracker(Stateful[TrackState]):
                 kept.append(track)
         self._state.tracks = kept
 
-    def _correct(self, track: Track, own: Array, scan: CheckedScan, *, alone: bool, partly: bool) -> None:
-        """Correct a track with its points (n, 2).
-
-        ``alone``: its segment shows nothing else; ``partly``: something nearer hides one side of it.
-        """
+    def _correct(self, track: Track, own: Array, scan: CheckedScan, alone: np.bool_, partly: np.bool_) -> None:
+        """Correct a track with its points (n, 2); see `correct`."""
         p = self.parameters
-        middle = fitted_circle(own, track.state[:2], track.radius)
-        if alone:
-            least = track.radius if partly else p.radius_min
-            wanted = min(max(seen_width(own, scan.origin), least), p.radius_max)
-            track.radius += (0.5 if wanted > track.radius else p.shares) * (wanted - track.radius)
-            before, middle = middle, fitted_circle(own, track.state[:2], track.radius)
-            track.state[:2] += middle - before  # more of it is seen: that is no motion
-        if is_behind(own, middle, scan.origin, track.radius):
-            before, middle = middle, front_circle(own, scan.origin, track.radius)
-            track.state[:2] += middle - before
-        _update(track.state, track.covariance, middle, p.noise**2)
-        track.covers = float(np.hypot(own[:, 0] - track.state[0], own[:, 1] - track.state[1]).max()) - p.noise
+        sizes = (p.radius_min, p.radius_max, p.shares, p.noise)
+        track.radius, track.covers = correct(
+            track.state, track.covariance, own, scan.origin, track.radius, alone, partly, sizes
+        )
         track.seen = scan.stamp
         track.hits += 1
 
     def _judge(self, track: Track, here: Place, now: float) -> None:
-        """Say if a track moves: it is fast enough, has left its place, or moved lately; two of these three.
+        """Say if a track moves: it has left its place and is fast enough, or it goes on moving.
 
         One that has stopped among what is static never moved: it is a side of that, and the pose was off.
         """
-        p, before = self.parameters, track.place
-        fast = math.hypot(track.state[2], track.state[3]) >= p.moves
+        p, before, speed = self.parameters, track.place, math.hypot(track.state[2], track.state[3])
         unsettled = self._phase(track, now) in (Phase.MOVING, Phase.WAITING)
-        if not fast and not unsettled:
+        goes_on = unsettled and speed >= p.moves
+        if not unsettled and speed < p.sets_off:
             return
         left = (
             passed(before.points, *here.look, _OFF, _ASTRAY) >= p.points
             or passed(here.points, *before.look, _OFF, _ASTRAY) >= p.points
         )
-        if left or (fast and unsettled):
+        if left or goes_on:
             track.moved, track.place = now, here
         elif unsettled and now - track.moved > p.settles and track.static:
             track.moved, track.place = -math.inf, here
@@ -354,7 +319,7 @@ class DynamicTracker(Stateful[TrackState]):
             return True
         if track.hits < p.hits:
             return silent <= 0.1
-        if not self._is_hidden(track, scan):
+        if not is_hidden(scan.ranges, scan.directions, track.state[:2] - scan.origin, track.radius):
             return silent <= p.unseen
         return silent <= (p.rests if self._waits_unseen(track, scan.stamp) else p.hidden)
 
@@ -362,23 +327,13 @@ class DynamicTracker(Stateful[TrackState]):
         """It was not seen in the scan of this time [s], and waited when it was seen last: it is still there."""
         return track.seen < stamp and self._phase(track, track.seen) == Phase.WAITING
 
-    @staticmethod
-    def _is_hidden(track: Track, scan: CheckedScan) -> bool:
-        """Most beams that would meet it end before it."""
-        x, y = (track.state[:2] - scan.origin).tolist()
-        away = math.hypot(x, y)
-        if away <= track.radius:
-            return False
-        ahead, across = scan.directions[:, 0], scan.directions[:, 1]
-        towards = (np.abs(ahead * y - across * x) < track.radius) & (ahead * x + across * y > 0.0)
-        return bool(np.count_nonzero(scan.ranges[towards] < away - track.radius) >= 0.5 * np.count_nonzero(towards))
-
     def _begin(self, points: Points, left: Mask, scan: CheckedScan, look: Look) -> None:
         """Begin a track with each segment of the points that are left, if it may be somebody."""
         p, state = self.parameters, self._state
         rest = Points(points.at[left], points.beam[left], points.reach[left], points.static[left])
         ends: list[Disc] = []
-        for start, end in segments(rest, p.gap):
+        cuts = segments(rest.at, rest.beam, rest.reach, p.gap).tolist()
+        for start, end in itertools.pairwise(cuts):
             own = rest.at[start:end]
             width = seen_width(own, scan.origin)
             if len(own) < p.points:
@@ -401,72 +356,10 @@ class DynamicTracker(Stateful[TrackState]):
         state.ends = tuple(ends)
 
 
-@njit(cache=True)
-def _predict(state: Array, covariance: Array, dt: float, density: float) -> None:
-    """Move a track on by dt [s], with white acceleration of this density [m^2/s^3]."""
-    for axis in range(2):
-        state[axis] += dt * state[2 + axis]
-    for axis in range(2):
-        i, k = axis, 2 + axis
-        pp, pv, vv = covariance[i, i], covariance[i, k], covariance[k, k]
-        covariance[i, i] = pp + 2.0 * dt * pv + dt * dt * vv + density * dt**3 / 3.0
-        covariance[i, k] = pv + dt * vv + density * dt * dt / 2.0
-        covariance[k, i] = covariance[i, k]
-        covariance[k, k] = vv + density * dt
-
-
-@njit(cache=True)
-def _update(state: Array, covariance: Array, middle: Array, variance: float) -> None:
-    """Correct a track with a measured middle (2,); both axes are independent."""
-    for axis in range(2):
-        i, k = axis, 2 + axis
-        pp, pv = covariance[i, i], covariance[i, k]
-        gain_p, gain_v = pp / (pp + variance), pv / (pp + variance)
-        off = middle[axis] - state[i]
-        state[i] += gain_p * off
-        state[k] += gain_v * off
-        covariance[k, k] -= gain_v * pv
-        covariance[i, k] = pv * (1.0 - gain_p)
-        covariance[k, i] = covariance[i, k]
-        covariance[i, i] = pp * (1.0 - gain_p)
-
-
-@njit(cache=True)
-def goes_on_hidden(beam: NDArray[np.int64], reach: Array, ranges: Array, gap: float) -> bool:
-    """Something nearer by ``gap`` [m] ends a segment, in the order of the beams, on one of its sides."""
-    for end, step in ((0, -1), (beam.shape[0] - 1, 1)):
-        for k in range(1, BEAMS_LOST + 1):
-            other = beam[end] + k * step
-            if 0 <= other < ranges.shape[0] and ranges[other] < reach[end] - gap:
-                return True
-    return False
-
-
 def standing(world: WorldMap, movers: Array, parameters: TrackParameters) -> Mask:
     """Which seen points of the map do not belong to one of these movers (k, 5 or more), shape (m,)."""
     rows = movers[:, :5].copy()  # neither a slice nor read-only: one kernel for all
     return world.seen_static | ~on_ways(world.seen_points, rows, parameters.trail, parameters.rim)
-
-
-@njit(cache=True)
-def passed(points, origin, first, step, ranges, margin, turn):
-    """Number of points (n, 2) [m] that all beams of a scan near them went past, by ``margin`` [m] at least.
-
-    ``turn`` [rad]: the points' bearings may be off by this, and by the margin. ``first``, ``step`` [rad]: the beams'
-    bearings; a beam of nan says nothing.
-    """
-    count, beams = 0, ranges.shape[0]
-    for i in range(points.shape[0]):
-        x, y = points[i, 0] - origin[0], points[i, 1] - origin[1]
-        away = max(math.sqrt(x * x + y * y), margin)
-        ahead = (math.atan2(y, x) - first) / step
-        half = (turn + margin / away) / step
-        free = True
-        for k in range(math.floor(ahead - half), math.ceil(ahead + half) + 1):
-            beam = k % round(2.0 * math.pi / step)
-            free = free and beam < beams and ranges[beam] > away + margin
-        count += free
-    return count
 
 
 def _expected(track: Track, ahead: float) -> tuple[float, float]:
@@ -478,12 +371,3 @@ def _expected(track: Track, ahead: float) -> tuple[float, float]:
 def _most(mask: Mask) -> bool:
     """More than half of them are set."""
     return bool(2 * np.count_nonzero(mask) > len(mask))
-
-
-def segments(points: Points, gap: float) -> list[tuple[int, int]]:
-    """First and last + 1 of each segment's points: neighbours are no farther apart than ``gap`` [m], 8 m away twice."""
-    if not len(points.at):
-        return []
-    apart = np.hypot(*np.diff(points.at, axis=0).T) > gap * (1.0 + points.reach[1:] / 8.0)
-    cuts = np.flatnonzero(apart | (np.diff(points.beam) > BEAMS_LOST)) + 1
-    return list(itertools.pairwise([0, *cuts.tolist(), len(points.at)]))

@@ -12,7 +12,8 @@ from motm_twin.model.plant import Observation
 from motm_twin.model.profile import RobotProfile
 from motm_twin.model.state import state_hash
 from motm_twin.perception.mapper import Mapper
-from motm_twin.perception.tracks import IDENTITY, RADIUS, SD, VX, VY, DynamicTracker, passed
+from motm_twin.perception.track_kernels import passed
+from motm_twin.perception.tracks import IDENTITY, RADIUS, SD, VX, VY, DynamicTracker
 from motm_twin.perception.world_map import WorldMap
 
 from .small_world import LIDAR, cast, scan_of

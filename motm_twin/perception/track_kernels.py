@@ -1,0 +1,195 @@
+"""Kernels of the tracks: points that nothing explains, their segments, and what they say about a track."""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from motm_twin.model.compiler import njit
+from motm_twin.model.geometry import Array
+from motm_twin.perception.discs import fitted_circle, front_circle, is_behind, seen_width
+
+BEAMS_LOST = 3  # between two points of one segment: a few say nothing
+
+
+@njit(cache=True)
+def ends_off_furniture(ranges, directions, origin, reach, distance, corner, resolution, explained):
+    """Ends (n, 2) [m] of beams that are on the map, and farther from furniture than ``explained`` [m]; the beams (n,).
+
+    Beams of ``reach`` [m] and more say nothing. ``distance`` to furniture [m] of the map's cells, whose first begins at
+    ``corner`` (x, y) [m].
+    """
+    ends, beams, count = np.empty((ranges.shape[0], 2)), np.empty(ranges.shape[0], np.int64), 0
+    least = np.float32(explained)
+    for k in range(ranges.shape[0]):
+        if ranges[k] < reach:  # nan is not
+            x, y = origin[0] + ranges[k] * directions[k, 0], origin[1] + ranges[k] * directions[k, 1]
+            row, column = math.floor((y - corner[1]) / resolution), math.floor((x - corner[0]) / resolution)
+            if 0 <= row < distance.shape[0] and 0 <= column < distance.shape[1] and distance[row, column] > least:
+                ends[count, 0], ends[count, 1], beams[count] = x, y, k
+                count += 1
+    return ends[:count].copy(), beams[:count].copy()
+
+
+@njit(cache=True)
+def on_discs(points: Array, discs: Array, slack: float) -> NDArray[np.bool_]:
+    """Which points (n, 2) are on discs (k, 3) or within ``slack`` [m] of one; shape (n,)."""
+    found = np.zeros(points.shape[0], np.bool_)
+    for i in range(points.shape[0]):
+        for k in range(discs.shape[0]):
+            away = math.hypot(points[i, 0] - discs[k, 0], points[i, 1] - discs[k, 1])
+            found[i] = found[i] or away <= discs[k, 2] + slack
+    return found
+
+
+@njit(cache=True)
+def segments(points: Array, beams: NDArray[np.int64], reach: Array, gap: float) -> NDArray[np.int64]:
+    """First point of each segment, and the number of points (n, 2), in the order of the beams (n,); shape (k + 1,).
+
+    Neighbours in a segment are no farther apart than ``gap`` [m], 8 m away twice that. ``reach`` [m], shape (n,).
+    """
+    n, count = points.shape[0], 1
+    cuts = np.zeros(n + 1, np.int64)
+    for i in range(1, n):
+        apart = math.hypot(points[i, 0] - points[i - 1, 0], points[i, 1] - points[i - 1, 1])
+        if apart > gap * (1.0 + reach[i] / 8.0) or beams[i] - beams[i - 1] > BEAMS_LOST:
+            cuts[count] = i
+            count += 1
+    if n:
+        cuts[count] = n
+        count += 1
+    return cuts[:count].copy()
+
+
+@njit(cache=True)
+def share_out(points, beams, ranges, sensor, owner, cuts, tracks, limits):
+    """Give all of a segment to the only track that has points in it, if it may be one thing: changes ``owner`` (n,).
+
+    ``cuts``: see `segments`; ``tracks``: their number; ``limits``: a gap and half the width of what may be one thing
+    [m]. Returns which tracks are seen alone in their segment, and which are partly hidden; shape (tracks,) both.
+    """
+    gap, width = limits
+    alone, partly = np.ones(tracks, np.bool_), np.zeros(tracks, np.bool_)
+    for s in range(cuts.shape[0] - 1):
+        start, end = cuts[s], cuts[s + 1]
+        only, several = -1, False
+        for i in range(start, end):
+            if owner[i] >= 0:
+                several = several or (only >= 0 and owner[i] != only)
+                only = owner[i]
+        if only < 0:
+            continue
+        one = not several and seen_width(points[start:end], sensor) <= width
+        hidden = goes_on_hidden(beams[start:end], ranges, gap)
+        for i in range(start, end):
+            if one:
+                owner[i] = only
+            elif owner[i] >= 0:
+                alone[owner[i]] = False
+            if hidden and owner[i] >= 0:
+                partly[owner[i]] = True
+    return alone, partly
+
+
+@njit(cache=True)
+def goes_on_hidden(beams: NDArray[np.int64], ranges: Array, gap: float) -> bool:
+    """Something nearer by ``gap`` [m] ends a segment, in the order of the beams, on one of its sides."""
+    for end, step in ((0, -1), (beams.shape[0] - 1, 1)):
+        for k in range(1, BEAMS_LOST + 1):
+            other = beams[end] + k * step
+            if 0 <= other < ranges.shape[0] and ranges[other] < ranges[beams[end]] - gap:
+                return True
+    return False
+
+
+@njit(cache=True)
+def is_hidden(ranges: Array, directions: Array, middle: Array, radius: float) -> bool:
+    """Most beams that would meet a disc end before it; ``middle`` (2,) [m] from the sensor."""
+    x, y = middle[0], middle[1]
+    away, towards, before = math.hypot(x, y), 0, 0
+    if away <= radius:
+        return False
+    for k in range(ranges.shape[0]):
+        ahead, across = directions[k, 0], directions[k, 1]
+        if abs(ahead * y - across * x) < radius and ahead * x + across * y > 0.0:
+            towards += 1
+            before += ranges[k] < away - radius
+    return before >= 0.5 * towards
+
+
+@njit(cache=True)
+def correct(state, covariance, own, sensor, radius, alone, partly, sizes):
+    """Correct a track with its points (n, 2): changes ``state`` (4,) and ``covariance`` (4, 4).
+
+    ``alone``: its segment shows nothing else; ``partly``: something nearer hides one side of it. ``sizes``: least and
+    greatest radius [m], share by which a radius shrinks, noise of a middle [m]. Returns the radius [m], and how far the
+    points are from the middle [m].
+    """
+    least, most, shrinks, noise = sizes
+    middle = fitted_circle(own, state[:2], radius)
+    if alone:
+        wanted = min(max(seen_width(own, sensor), radius if partly else least), most)
+        radius += (0.5 if wanted > radius else shrinks) * (wanted - radius)
+        before, middle = middle, fitted_circle(own, state[:2], radius)
+        for axis in range(2):
+            state[axis] += middle[axis] - before[axis]  # more of it is seen: that is no motion
+    if is_behind(own, middle, sensor, radius):
+        before, middle = middle, front_circle(own, sensor, radius)
+        for axis in range(2):
+            state[axis] += middle[axis] - before[axis]
+    _update(state, covariance, middle, noise**2)
+    covers = 0.0
+    for i in range(own.shape[0]):
+        covers = max(covers, math.hypot(own[i, 0] - state[0], own[i, 1] - state[1]))
+    return radius, covers - noise
+
+
+@njit(cache=True)
+def predict(state: Array, covariance: Array, dt: float, density: float) -> None:
+    """Move a track on by dt [s], with white acceleration of this density [m^2/s^3]."""
+    for axis in range(2):
+        state[axis] += dt * state[2 + axis]
+    for axis in range(2):
+        i, k = axis, 2 + axis
+        pp, pv, vv = covariance[i, i], covariance[i, k], covariance[k, k]
+        covariance[i, i] = pp + 2.0 * dt * pv + dt * dt * vv + density * dt**3 / 3.0
+        covariance[i, k] = pv + dt * vv + density * dt * dt / 2.0
+        covariance[k, i] = covariance[i, k]
+        covariance[k, k] = vv + density * dt
+
+
+@njit(cache=True)
+def _update(state: Array, covariance: Array, middle: Array, variance: float) -> None:
+    """Correct a track with a measured middle (2,); both axes are independent."""
+    for axis in range(2):
+        i, k = axis, 2 + axis
+        pp, pv = covariance[i, i], covariance[i, k]
+        gain_p, gain_v = pp / (pp + variance), pv / (pp + variance)
+        off = middle[axis] - state[i]
+        state[i] += gain_p * off
+        state[k] += gain_v * off
+        covariance[k, k] -= gain_v * pv
+        covariance[i, k] = pv * (1.0 - gain_p)
+        covariance[k, i] = covariance[i, k]
+        covariance[i, i] = pp * (1.0 - gain_p)
+
+
+@njit(cache=True)
+def passed(points, origin, first, step, ranges, margin, turn):
+    """Number of points (n, 2) [m] that all beams of a scan near them went past, by ``margin`` [m] at least.
+
+    ``turn`` [rad]: the points' bearings may be off by this, and by the margin. ``first``, ``step`` [rad]: the beams'
+    bearings; a beam of nan says nothing.
+    """
+    count, beams = 0, ranges.shape[0]
+    for i in range(points.shape[0]):
+        x, y = points[i, 0] - origin[0], points[i, 1] - origin[1]
+        away = max(math.sqrt(x * x + y * y), margin)
+        ahead = (math.atan2(y, x) - first) / step
+        half = (turn + margin / away) / step
+        free = True
+        for k in range(math.floor(ahead - half), math.ceil(ahead + half) + 1):
+            beam = k % round(2.0 * math.pi / step)
+            free = free and beam < beams and ranges[beam] > away + margin
+        count += free
+    return count
