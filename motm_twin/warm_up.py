@@ -206,7 +206,7 @@ def _perception() -> None:
         world = mapper.update(now)
         world = tracks.update(mapper.taken, world, now.pose)
         acting = Actuation(twist=frozen(np.array([0.2, 0.0])), joint_velocity=frozen(np.zeros(7)), gripper="open")
-        checks.told(monitor.check(acting, seen, PERIOD, scan_stamp=seen.time, world=world).actuation, seen)
+        checks.note_command(monitor.check(acting, seen, PERIOD, scan_stamp=seen.time, world=world).actuation, seen)
     Beliefs(tracker, now, known.robot, DetectionSettings(), known.bins, Screens.of(known)).screened(np.zeros(3))
 
 

@@ -287,11 +287,11 @@ class Twin(Commanding[commands.Answer]):
                 yield message
 
     def _wait_run(self, run: int, since: float) -> None:
-        """Wait for a run after ``run``; ``since`` as of `_told`."""
+        """Wait for a run after ``run``; ``since`` as of `_status_after`."""
         settled: list[float] = []  # [s] when the run of an external robot was seen to have begun
 
         def began() -> bool:
-            status, tick = self._told(since), self.client.tick()
+            status, tick = self._status_after(since), self.client.tick()
             if status is not None and status.run > run and status.state in ("playing", "paused"):
                 settled.append(time.monotonic())
                 if status.plant in ("zenoh", "mirror") and settled[-1] > settled[0] + FIRST_TICK:
@@ -302,10 +302,10 @@ class Twin(Commanding[commands.Answer]):
             raise TimeoutError(f"the run did not begin within {LOADING:g} s")
 
     def _wait_steps(self, run: int, last: int, since: float) -> None:
-        """Wait for period ``last``, or the end of ``run`` if that comes first; ``since`` as of `_told`."""
+        """Wait for period ``last``, or the end of ``run`` if that comes first; ``since`` as of `_status_after`."""
 
         def made() -> bool:
-            status, tick = self._told(since), self.client.tick()
+            status, tick = self._status_after(since), self.client.tick()
             if status is not None and status.state == "done":
                 return True
             return tick is not None and (tick.index >= last or tick.run > run)
@@ -313,7 +313,7 @@ class Twin(Commanding[commands.Answer]):
         if not self._within(STEPPING, made, self.client.keys.tick):
             raise TimeoutError(f"the steps were not made within {STEPPING:g} s")
 
-    def _told(self, since: float) -> messages.StatusMessage | None:
+    def _status_after(self, since: float) -> messages.StatusMessage | None:
         """The newest status, if it is of after ``since`` [s] on the server's clock. Raises Refused for an error."""
         status = self.client.status()
         if status is None or status.server_time <= since:

@@ -16,7 +16,7 @@ from motm_twin.control.monitor import Monitor
 from motm_twin.control.parameters import Parameters
 from motm_twin.control.predictor import dwell_to_plan, followed
 from motm_twin.control.progress import Progress, ProgressState, base_has_to_move
-from motm_twin.control.reasons import standing
+from motm_twin.control.reasons import why_standing
 from motm_twin.control.response import Response
 from motm_twin.control.self_check import SelfCheck
 from motm_twin.control.sequence import TaskSequence
@@ -269,7 +269,7 @@ class ControlLoop(Stateful[LoopState]):
         return (
             plan.why
             if plan.status in (PlanStatus.BY_HAND, PlanStatus.ESCAPING)
-            else standing(self.sequence, plan, step, observation)
+            else why_standing(self.sequence, plan, step, observation)
         )
 
     def _outside(self, target: Target | None) -> bool:
@@ -321,8 +321,8 @@ class ControlLoop(Stateful[LoopState]):
             self._state.dwell, self._state.engaged = step.dwell, step.engaged
             if step.outcome:
                 events += self._ended(step, inputs.goal, observation, T_odom_world)
-            self.self_check.told(verdict.actuation, observation)
-            self.response.told(verdict.actuation, reported)
+            self.self_check.note_command(verdict.actuation, observation)
+            self.response.note_command(verdict.actuation, reported)
             self.plant.command(verdict.actuation)
             self.plant.step(dt)
         return steps, tuple(samples), tuple(reports), events, reason

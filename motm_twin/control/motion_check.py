@@ -92,7 +92,7 @@ def skip(state: MotionState) -> None:
     state.recent.clear()
 
 
-def told(state: MotionState, actuation: Actuation, now: Observation) -> None:
+def note_command(state: MotionState, actuation: Actuation, now: Observation) -> None:
     """Remember what the robot is told from now on."""
     state.told, state.rates = actuation.twist.copy(), actuation.joint_velocity.copy()
     state.recent.append((now.time, state.rates))

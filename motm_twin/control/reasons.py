@@ -21,7 +21,7 @@ _DOING = {
 }
 
 
-def standing(sequence: TaskSequence, plan: BasePlan, step: ArmStep, observation: Observation) -> Reason | None:
+def why_standing(sequence: TaskSequence, plan: BasePlan, step: ArmStep, observation: Observation) -> Reason | None:
     """Why the base stands or brakes; None when it drives or is about to."""
     if step.program in (ProgramStatus.STANDING, ProgramStatus.WITHDRAWING):
         return step.why

@@ -117,7 +117,7 @@ class Response(Stateful[ResponseState]):
             dq=later.dq, gripper_moving=later.gripper_moving, ahead=now.ahead + delay, behind=0.0,
         )  # fmt: skip
 
-    def told(self, actuation: Actuation, reported: Observation) -> None:
+    def note_command(self, actuation: Actuation, reported: Observation) -> None:
         """Remember a command, given when this was reported."""
         state, keep = self._state, self._settings.longest + FARTHEST
         now = reported.time

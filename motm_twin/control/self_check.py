@@ -156,7 +156,7 @@ class SelfCheck(Stateful[SelfCheckState]):
         joints = motion_check.joint_shares(motion, stands=stands)
         bad = state.of_scan
         return Trust(
-            base=worst.base, joints=joints, reason=worst.told,
+            base=worst.base, joints=joints, reason=worst.consequence,
             scan=None if bad is None or bad.kind != Kind.SCAN_BAD else bad.reason,
         )  # fmt: skip
 
@@ -170,16 +170,18 @@ class SelfCheck(Stateful[SelfCheckState]):
         """Joint rates that no recent command explains: how far they are from those told [rad/s], shape (7,)."""
         return self._state.motion.astray
 
-    def told(self, actuation: Actuation, now: Observation) -> None:
+    def note_command(self, actuation: Actuation, now: Observation) -> None:
         """Remember what the robot is told, to compare what it does with it."""
-        motion_check.told(self._state.motion, actuation, now)
+        motion_check.note_command(self._state.motion, actuation, now)
 
     def events(self, time: float) -> list[Event]:
         """Findings that are new since the last period, and those that are over."""
         state = self._state
         now = {(one.kind, one.subject): one for one in state.findings}
         events = [
-            Event(time=time, kind="fault", text=str(one.told)) for key, one in now.items() if key not in state.told
+            Event(time=time, kind="fault", text=str(one.consequence))
+            for key, one in now.items()
+            if key not in state.told
         ]
         ended = [(kind.replace("_", " "), subject) for kind, subject in state.told if (kind, subject) not in now]
         events += [Event(time=time, kind="fault", text=f"ended: {kind} ({subject})") for kind, subject in ended]

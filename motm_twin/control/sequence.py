@@ -168,11 +168,11 @@ class TaskSequence(Stateful[SequenceState]):
         state = self._state
         if outcome == "picked" and isinstance(task, Pick):
             state.held = task.object
-            return self._finish(time, "picked", f"picked {task.object}")
+            return self._complete(time, "picked", f"picked {task.object}")
         if outcome == "placed" and isinstance(task, Place):
             text = f"placed {state.held} in {task.bin}"
             state.held, state.refused = "", ()
-            return self._finish(time, "placed", text)
+            return self._complete(time, "placed", text)
         if outcome == "no room" and isinstance(task, Pick):
             return self._give_up(time, f"pick {task.object}: {why}")
         if outcome == "missed" and isinstance(task, Pick):
@@ -199,7 +199,7 @@ class TaskSequence(Stateful[SequenceState]):
         if isinstance(task, Place) and not state.held:
             return self._give_up(time, f"place in {task.bin}: nothing is held, there is nothing to place")
         if isinstance(task, DriveTo) and arrived(task, pose):
-            return self._finish(time, "arrived", f"arrived at {name_of(task)}")
+            return self._complete(time, "arrived", f"arrived at {name_of(task)}")
         if not outside:
             state.outside_since = None
         elif state.outside_since is None:
@@ -306,7 +306,7 @@ class TaskSequence(Stateful[SequenceState]):
             state.status[state.index] = "active"
             state.attempts[state.index] = max(1, state.attempts[state.index])
 
-    def _finish(self, time: float, kind: str, text: str) -> tuple[Event, ...]:
+    def _complete(self, time: float, kind: str, text: str) -> tuple[Event, ...]:
         state = self._state
         state.status[state.index] = "done"
         state.index += 1

@@ -122,7 +122,7 @@ def attempt(rng: Rng, dial: Dial, scale: float) -> Layout:
         _walls(layout)
     if parted:
         _partition(layout)
-    for name, maker in _wanted(rng, dial):
+    for name, maker in _pieces_to_place(rng, dial):
         layout.pieces.append(_placed(layout, name, maker))
     _start(layout)
     for index in range(dial.agents):
@@ -172,7 +172,7 @@ def _partition(layout: Layout) -> None:
         raise Unfit("the doorway is too narrow")
 
 
-def _wanted(rng: Rng, dial: Dial) -> list[tuple[str, Maker]]:
+def _pieces_to_place(rng: Rng, dial: Dial) -> list[tuple[str, Maker]]:
     """Names and kinds of all pieces: those with tasks first, which need the most room."""
     kinds: list[tuple[str, Maker]] = []
     for name, count, makers in (

@@ -15,7 +15,7 @@ from motm_twin.model.geometry import frozen
 from motm_twin.model.names import MethodError, hint
 from motm_twin.model.state import HasState
 from motm_twin.perception.still_map import StandingMap, StillMap
-from motm_twin.perception.tracks import VX, VY, standing
+from motm_twin.perception.tracks import VX, VY, stationary_points
 from motm_twin.planning.commitment import KeepPlans
 from motm_twin.planning.every_ring import EveryRing
 from motm_twin.planning.in_time import InTime
@@ -66,7 +66,7 @@ STAA = Method(
 )
 
 
-def _without(name: str, title: str, what: str, section: str, **parameters: ParameterValue) -> Method:
+def _ablation(name: str, title: str, what: str, section: str, **parameters: ParameterValue) -> Method:
     return Method(
         name=name,
         title=title,
@@ -77,13 +77,13 @@ def _without(name: str, title: str, what: str, section: str, **parameters: Param
 
 
 ABLATIONS = (
-    _without("no_goal_orientation", "no goal orientation", "the candidate's heading", "III-A", goal_orientation=False),
-    _without("no_rotation_cost", "no rotation cost", "rotation in the global cost", "III-B", rotation_cost=False),
-    _without("no_pass_through", "no pass-through", "ending the search at a pass", "III-C", termination="reach_goal"),
-    _without("no_penalty_scaling", "no penalty scaling", "the fading penalty", "III-D", scale_penalty=False),
-    _without("no_bezier", "no Bezier", "the Bezier heuristic", "III-E", bezier=False),
-    _without("no_next_target", "no next target", "the way on to the next target", "IV", next_weight=0.0),
-    _without("no_arm_avoidance", "no arm avoidance", "the arm's obstacle avoidance", "V", arm_avoidance=False),
+    _ablation("no_goal_orientation", "no goal orientation", "the candidate's heading", "III-A", goal_orientation=False),
+    _ablation("no_rotation_cost", "no rotation cost", "rotation in the global cost", "III-B", rotation_cost=False),
+    _ablation("no_pass_through", "no pass-through", "ending the search at a pass", "III-C", termination="reach_goal"),
+    _ablation("no_penalty_scaling", "no penalty scaling", "the fading penalty", "III-D", scale_penalty=False),
+    _ablation("no_bezier", "no Bezier", "the Bezier heuristic", "III-E", bezier=False),
+    _ablation("no_next_target", "no next target", "the way on to the next target", "IV", next_weight=0.0),
+    _ablation("no_arm_avoidance", "no arm avoidance", "the arm's obstacle avoidance", "V", arm_avoidance=False),
 )
 
 
@@ -101,13 +101,13 @@ class IgnoreFarMovers:
         world = problem.world
         gone = world.movers[world.movers[:, 5] == 0.0][:, :5]
         if self._quick == math.inf:
-            without = self.standing.without(world, standing(world, gone, self._tracks))
-            return problem if without is world else msgspec.structs.replace(problem, world=without)
+            kept = self.standing.keep(world, stationary_points(world, gone, self._tracks))
+            return problem if kept is world else msgspec.structs.replace(problem, world=kept)
         speed = np.hypot(world.tracks[:, VX], world.tracks[:, VY])
         go_on, yields = world.tracks[speed >= self._quick], world.tracks[(speed >= GOES) & (speed < self._quick)]
-        without = self.standing.without(world, standing(world, np.concatenate((gone, go_on[:, :5])), self._tracks))
-        without = msgspec.structs.replace(without, tracks=frozen(go_on))
-        return msgspec.structs.replace(problem, world=without, yielding=yields)
+        kept = self.standing.keep(world, stationary_points(world, np.concatenate((gone, go_on[:, :5])), self._tracks))
+        kept = msgspec.structs.replace(kept, tracks=frozen(go_on))
+        return msgspec.structs.replace(problem, world=kept, yielding=yields)
 
     def memory(self) -> dict[str, HasState]:
         """Both maps."""

@@ -50,11 +50,11 @@ def state_hash(value: Any) -> str:
     Raises TypeError for a type that is not plain state, naming it: a hash that skips something proves nothing.
     """
     digest = hashlib.sha256()
-    _feed(digest, value)
+    _add(digest, value)
     return digest.hexdigest()
 
 
-def _feed(digest: Any, value: Any) -> None:
+def _add(digest: Any, value: Any) -> None:
     if value is None or isinstance(value, (bool, int, str, bytes)):
         digest.update(f"{type(value).__name__}:{value!r};".encode())
     elif isinstance(value, (float, np.floating)):
@@ -67,18 +67,18 @@ def _feed(digest: Any, value: Any) -> None:
         digest.update(f"a{value.dtype.str}{value.shape}".encode())
         digest.update(np.ascontiguousarray(value).tobytes())
     elif isinstance(value, np.random.Generator):
-        _feed(digest, value.bit_generator.state)
+        _add(digest, value.bit_generator.state)
     elif isinstance(value, (list, tuple)):
         digest.update(f"l{len(value)}".encode())
         for item in value:
-            _feed(digest, item)
+            _add(digest, item)
     elif isinstance(value, dict):
         digest.update(f"d{len(value)}".encode())
         for key in sorted(value, key=repr):
-            _feed(digest, key)
-            _feed(digest, value[key])
+            _add(digest, key)
+            _add(digest, value[key])
     elif isinstance(value, (set, frozenset)):
-        _feed(digest, sorted(value, key=repr))
+        _add(digest, sorted(value, key=repr))
     elif isinstance(value, msgspec.Struct):
         digest.update(type(value).__name__.encode())
         _feed_struct(digest, value)
@@ -87,9 +87,9 @@ def _feed(digest: Any, value: Any) -> None:
         for field in dataclasses.fields(value):
             item = getattr(value, field.name)
             if field.metadata != LATER:
-                _feed(digest, item)
+                _add(digest, item)
             elif item != field.default:
-                _feed(digest, (field.name, item))
+                _add(digest, (field.name, item))
     elif hasattr(value, "__index__"):
         digest.update(f"int:{int(value)!r};".encode())
     else:
@@ -102,8 +102,8 @@ def _feed_struct(digest: Any, value: msgspec.Struct) -> None:
     for field in msgspec.structs.fields(value) if later else ():
         item = getattr(value, field.name)
         if field.name not in later:
-            _feed(digest, item)
+            _add(digest, item)
         elif item != field.default:
-            _feed(digest, (field.name, item))
+            _add(digest, (field.name, item))
     for name in () if later else value.__struct_fields__:
-        _feed(digest, getattr(value, name))
+        _add(digest, getattr(value, name))

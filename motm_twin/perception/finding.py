@@ -24,7 +24,7 @@ class Finding(msgspec.Struct, frozen=True, kw_only=True):
         return self.reason.subject
 
     @property
-    def told(self) -> Reason:
+    def consequence(self) -> Reason:
         """The reason, with what comes of it: stopped, slowed, or neither."""
         if self.base == 1.0:
             return self.reason

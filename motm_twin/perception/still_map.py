@@ -12,7 +12,7 @@ from motm_twin.perception.base_map import BaseMap, base_map, read_only
 from motm_twin.perception.clusters import growth_of, seen_outlines, steadied
 from motm_twin.perception.distance import proximity_cost, seen_distance, squared_cells
 from motm_twin.perception.mapper import MapSettings
-from motm_twin.perception.tracks import TrackParameters, standing
+from motm_twin.perception.tracks import TrackParameters, stationary_points
 from motm_twin.perception.world_map import WorldMap
 
 
@@ -31,7 +31,7 @@ class StandingMap(Stateful[StandingState]):
         self._base: BaseMap | None = None
         self._state = StandingState()
 
-    def without(self, world: WorldMap, standing: np.ndarray) -> WorldMap:
+    def keep(self, world: WorldMap, standing: np.ndarray) -> WorldMap:
         """The map with only those seen points (m,) of bool that stand."""
         if standing.all():
             self._state.outlines = ()
@@ -72,9 +72,9 @@ class StillMap(StandingMap):
 
     def of(self, world: WorldMap) -> WorldMap:
         """The map without its movers; the same object when it has none."""
-        return self.without(world, standing(world, world.movers, self._parameters))
+        return self.keep(world, stationary_points(world, world.movers, self._parameters))
 
     def proximity(self, world: WorldMap) -> np.ndarray:
-        """STAA*'s grid of such a map, shape (rows, columns): `without` leaves the one that it was given."""
+        """STAA*'s grid of such a map, shape (rows, columns): `keep` leaves the one that it was given."""
         settings = MapSettings()
         return proximity_cost(world.distance, settings.proximity_width, settings.proximity_blur)

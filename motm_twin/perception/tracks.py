@@ -356,7 +356,7 @@ class DynamicTracker(Stateful[TrackState]):
         state.ends = tuple(ends)
 
 
-def standing(world: WorldMap, movers: Array, parameters: TrackParameters) -> Mask:
+def stationary_points(world: WorldMap, movers: Array, parameters: TrackParameters) -> Mask:
     """Which seen points of the map do not belong to one of these movers (k, 5 or more), shape (m,)."""
     rows = movers[:, :5].copy()  # neither a slice nor read-only: one kernel for all
     return world.seen_static | ~on_ways(world.seen_points, rows, parameters.trail, parameters.rim)

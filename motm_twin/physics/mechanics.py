@@ -31,7 +31,7 @@ from motm_twin.physics.mjcf import (
     base_inertia,
     compile_model,
     kind_of,
-    standing,
+    standing_bodies,
     track,
 )
 from motm_twin.sim.cube_contacts import between_pads
@@ -225,7 +225,7 @@ class Dynamics:
         agents = kind_of((), (), state.agents).agents
         if solids is self._solids and self._kind is not None and agents == self._kind.agents:
             return
-        found = standing(solids)
+        found = standing_bodies(solids)
         kind = kind_of(found, state.objects, state.agents)
         if kind != self._kind:
             self._compile(kind)

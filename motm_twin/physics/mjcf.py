@@ -319,7 +319,7 @@ class Kind(NamedTuple):
     agents: tuple[tuple[str, str, float, float], ...]  # name, kind, radius, height [m]
 
 
-def standing(solids: Solids) -> list[Standing]:
+def standing_bodies(solids: Solids) -> list[Standing]:
     """All solids, polygons before discs."""
     found = []
     for i in range(len(solids.names)):

@@ -82,7 +82,7 @@ class MakesWay(Stateful[EvasionState]):
         here = np.array([*problem.pose, *problem.twist], dtype=np.float64)
         planned = sampled(plan, here, p.horizon)
         told = near(np.concatenate((movers, problem.yielding)), here, p.horizon, limits.forward_speed, body)
-        plan = _told(plan, planned, told, body)
+        plan = _with_encounters(plan, planned, told, body)
         movers = near(movers, here, p.horizon, limits.forward_speed, body)
         if not len(movers):
             return plan
@@ -106,10 +106,12 @@ class MakesWay(Stateful[EvasionState]):
         if cost >= met - p.gain:
             return plan
         state.out_of_way = True
-        return _told(evading(problem, plan, best, movers), best, told, body, plan.encounters)
+        return _with_encounters(evading(problem, plan, best, movers), best, told, body, plan.encounters)
 
 
-def _told(plan: BasePlan, states: Array, movers: Array, body: Body, evaded: tuple[Encounter, ...] = ()) -> BasePlan:
+def _with_encounters(
+    plan: BasePlan, states: Array, movers: Array, body: Body, evaded: tuple[Encounter, ...] = ()
+) -> BasePlan:
     """The plan with its encounters with movers (k, 7) on states (n, 5) every `STEP`."""
     found = encounters(states, movers, body, evaded)
     return msgspec.structs.replace(plan, encounters=found, courtesy=sum(other.courtesy for other in found))

@@ -222,13 +222,13 @@ class Recorder:
                 if now >= saved + SAVE_INTERVAL:
                     self._file.save()
                     saved = now
-            self._finish()
+            self._write_rest()
         finally:
             for subscriber in self._declared:
                 subscriber.undeclare()
             self._file.close()
 
-    def _finish(self) -> None:
+    def _write_rest(self) -> None:
         """Write what still waits, and the session as it ends."""
         self._file.save()
         deadline = time.monotonic() + LAST_SESSION

@@ -93,7 +93,7 @@ class ParkingController(Stateful[ParkingState]):
         self._advance(problem, placement, target)
         if self._state.phase == DRIVING:
             return self._arriving(self._search(problem, placement, budget))
-        return self._standing(problem, placement)
+        return self._come_to_rest(problem, placement)
 
     def staa_path(self) -> Array:
         """The path of unmodified STAA* in the last period, shape (m, 2) [m]; empty when there was no target."""
@@ -165,7 +165,7 @@ class ParkingController(Stateful[ParkingState]):
         free = stopping_clearance(*pose, *twist, *most, wanted, field_of(problem.world), self._body)
         return free >= wanted
 
-    def _standing(self, problem: BaseProblem, placement: Placement) -> BasePlan:
+    def _come_to_rest(self, problem: BaseProblem, placement: Placement) -> BasePlan:
         """Come to rest, and stay."""
         rows = self._stop_ends(problem)
         times = np.arange(len(rows)) * problem.period

@@ -127,7 +127,7 @@ class StationaryPlacement(Stateful[StationaryState]):
             self._state = StationaryState(target=(target.kind, target.name))
         state = self._state
         if state.decided is not None:
-            if self._stuck(state, state.decided, problem, target):
+            if self._stands_away(state, state.decided, problem, target):
                 state.refused = np.vstack((state.refused, state.decided.goal[:2]))
             elif self._still_serves(state.decided, problem, target):
                 return state.decided
@@ -151,7 +151,7 @@ class StationaryPlacement(Stateful[StationaryState]):
         points = world.seen_points[world.seen_static]
         return self.arm_reach.clear_of(poses, target, points) < self.stationary.arm_clearance
 
-    def _stuck(self, state: StationaryState, decided: Placement, problem: BaseProblem, target: Target) -> bool:
+    def _stands_away(self, state: StationaryState, decided: Placement, problem: BaseProblem, target: Target) -> bool:
         """True when the base has stood for long away from its place: the map may show a path where there is none."""
         p = self.stationary
         there = np.hypot(*(problem.pose[:2] - decided.goal[:2])) <= p.park_distance + p.park_slack

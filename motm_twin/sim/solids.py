@@ -239,10 +239,10 @@ class Furnishings:
         """Furniture, untaken loose solids and bins at their present places; cached while only obstacles change."""
         key = (layout.taken, layout.moved, layout.removed, layout.announced)
         if self._fixed is None or self._fixed[0] != key:
-            self._fixed = (key, fixed_parts(*self._standing(layout)))
+            self._fixed = (key, fixed_parts(*self._present(layout)))
         return self._fixed[1]
 
-    def _standing(self, layout: Layout) -> tuple[list[Solid], tuple[Bin, ...]]:
+    def _present(self, layout: Layout) -> tuple[list[Solid], tuple[Bin, ...]]:
         gone = {*layout.taken, *(part for name in layout.removed for part in self.parts(name))}
         transforms, unmapped, announced = {}, set[str](), dict(layout.announced)
         for name, pose in layout.moved:

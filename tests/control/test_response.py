@@ -27,7 +27,7 @@ def watched(seconds=6.0, noise=EARLIER_NOISE, **mismatch):
         actuation = Actuation(
             twist=np.array([0.2 * there, 0.6 * there]), joint_velocity=0.3 * there * np.ones(7), gripper="open"
         )
-        response.told(actuation, reported)
+        response.note_command(actuation, reported)
         plant.command(actuation)
         plant.step(0.01)
     return response, plant
@@ -80,7 +80,7 @@ def test_a_report_that_is_late_is_moved_on_by_the_commands_given_since():
     for _ in range(60):
         reported = plant.observe()
         seen, told = response.observed(reported), plant._state.arm.q.copy()
-        response.told(actuation, reported)
+        response.note_command(actuation, reported)
         plant.command(actuation)
         plant.step(0.01)
     assert reported.behind == reported.age == pytest.approx(0.4, abs=0.011)
@@ -102,7 +102,9 @@ def test_a_base_and_an_arm_that_stand_although_they_were_told_to_move_tell_nothi
     for k in range(400):
         now = msgspec.structs.replace(still, time=0.01 * k)
         response.observed(now)
-        response.told(Actuation(twist=np.array([0.3, 0.0]), joint_velocity=np.full(7, 0.2), gripper="open"), now)
+        response.note_command(
+            Actuation(twist=np.array([0.3, 0.0]), joint_velocity=np.full(7, 0.2), gripper="open"), now
+        )
     assert (response.delay, response.lag) == (0.0, 0.0)
 
 
@@ -121,7 +123,7 @@ def test_old_misfits_become_no_surer_by_waiting():
     response, plant = Response(SCENE.robot), SimulatedPlant(SCENE)
     rest = plant.observe()
     still = Actuation(twist=np.zeros(2), joint_velocity=np.zeros(7), gripper="open")
-    response.told(still, rest)
+    response.note_command(still, rest)
     response.observed(rest)
     response._state.of_lag = np.array([[0.1, 0.1, 0.1, 0.1, 0.0, 0.1, 0.1], [1.0] * 7])
     for k in range(1, 400):

@@ -13,7 +13,7 @@ from motm_twin.model.scene_file import load_scene
 from motm_twin.model.state import state_hash
 from motm_twin.perception.mapper import Mapper
 from motm_twin.perception.still_map import StandingMap, StillMap
-from motm_twin.perception.tracks import TrackParameters, standing
+from motm_twin.perception.tracks import TrackParameters, stationary_points
 from motm_twin.sim.plant import SimulatedPlant
 from motm_twin.trial import run_scene
 from motm_twin.twin import Twin
@@ -57,10 +57,10 @@ def test_the_map_of_the_planner_has_near_movers_and_no_far_ones(temis):
     planner = twin.loop.planner
     far = tick.map.movers[tick.map.movers[:, 5] == 0.0]
     assert len(far)
-    stands = standing(tick.map, far, TrackParameters())
+    stands = stationary_points(tick.map, far, TrackParameters())
     seen = tick.map.seen_points[~stands]
     assert len(seen) and (np.hypot(*(seen - tick.observation.pose[:2]).T) > 1.5).all()
-    world = planner.view.standing.without(tick.map, stands)
+    world = planner.view.standing.keep(tick.map, stands)
     assert len(world.seen_points) == stands.sum() and len(world.polygons) < len(tick.map.polygons)
     assert (world.distance >= tick.map.distance - 1e-6).all()
 
@@ -77,7 +77,7 @@ def test_a_map_in_which_everything_stands_is_left_as_it_is():
     scene = load_scene("exp1", "trial1")
     known = known_world(scene)
     world = Mapper(known).update(SimulatedPlant(scene).observe())
-    assert StandingMap(known).without(world, np.ones(len(world.seen_points), dtype=bool)) is world
+    assert StandingMap(known).keep(world, np.ones(len(world.seen_points), dtype=bool)) is world
 
 
 def test_the_robot_keeps_to_its_plan():

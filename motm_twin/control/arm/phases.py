@@ -49,7 +49,7 @@ def enter(state: ManipulatorState, phase: Phase, time: float) -> None:
     state.phase, state.since, state.leaves = phase, time, False
 
 
-def wanted(state: ManipulatorState, view: View) -> bool:
+def fits_gripper(state: ManipulatorState, view: View) -> bool:
     """The goal fits the gripper: a place while it holds an object, a pick while it holds none."""
     return view.goal.kind == ("place" if state.holding else "pick")
 
@@ -157,7 +157,7 @@ def _lost(state: ManipulatorState, view: View) -> Outcome:
 
 def _leave(state: ManipulatorState, view: View, inputs: ArmInputs, rules: PhaseRules) -> Outcome:
     _clear_way_home(state, view, inputs, rules)
-    if not wanted(state, view):
+    if not fits_gripper(state, view):
         if view.goal.kind == "place":
             return "", Reason(kind=Kind.NOTHING_HELD)
         return ("", Reason(kind=Kind.HELD_ALREADY)) if view.goal.kind == "pick" else NOTHING
@@ -230,7 +230,7 @@ def _in_base(pose: Array, point: Array) -> Array:
 def _arrive(state: ManipulatorState, view: View, inputs: ArmInputs, rules: PhaseRules) -> Outcome:
     p = rules.parameters
     out = view.radius - rules.reach(view.goal.kind)
-    if not wanted(state, view) or (out > 0.0 and view.time_to_range > p.patience):
+    if not fits_gripper(state, view) or (out > 0.0 and view.time_to_range > p.patience):
         _rest(state, view.time)
         return NOTHING
     state.top_between = rules.room.top_between(view.p, view.target, inputs.T_odom_world)

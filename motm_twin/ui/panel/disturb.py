@@ -175,7 +175,7 @@ def free_place(
     when there is none, the one in front of the robot.
     """
     hidden: FreePlace | None = None
-    for place in _wanted(pose, way, look_at):
+    for place in _places(pose, way, look_at):
         here = (place.x, place.y)
         if any(math.dist(here, other) <= APART for other in taken) or not is_free(grid, here):
             continue
@@ -185,7 +185,7 @@ def free_place(
     return hidden or _beside(pose, DISTANCES[0], 0.0)
 
 
-def _wanted(pose: Vector, way: Sequence[Sequence[float]], look_at: Point | None) -> Iterator[FreePlace]:
+def _places(pose: Vector, way: Sequence[Sequence[float]], look_at: Point | None) -> Iterator[FreePlace]:
     x, y, heading = pose
     if len(way) > 1:
         line = shapely.LineString(way)
