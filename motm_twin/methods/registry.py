@@ -79,7 +79,7 @@ def _ablation(name: str, title: str, what: str, section: str, **parameters: Para
 ABLATIONS = (
     _ablation("no_goal_orientation", "no goal orientation", "the candidate's heading", "III-A", goal_orientation=False),
     _ablation("no_rotation_cost", "no rotation cost", "rotation in the global cost", "III-B", rotation_cost=False),
-    _ablation("no_pass_through", "no pass-through", "ending the search at a pass", "III-C", termination="reach_goal"),
+    _ablation("no_pass_through", "no pass-through", "ending the search on the way", "III-C", termination="reach_goal"),
     _ablation("no_penalty_scaling", "no penalty scaling", "the fading penalty", "III-D", scale_penalty=False),
     _ablation("no_bezier", "no Bezier", "the Bezier heuristic", "III-E", bezier=False),
     _ablation("no_next_target", "no next target", "the way on to the next target", "IV", next_weight=0.0),

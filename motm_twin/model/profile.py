@@ -1,7 +1,7 @@
 """The robot profile: footprint, limits and sensors of one mobile manipulator; and the limits of the arm's joints.
 
-Defaults are Frankie (LD-60 base, Panda arm) with the limits of ``shared/data/experiment1.json``: the speeds reproduce
-the paper's Bezier figure and task times; accelerations and lags are this project's choice.
+Defaults are Frankie (LD-60 base, Panda arm): the speeds reproduce the paper's Bezier figure and task times;
+accelerations and lags are this project's choice.
 """
 
 import math
@@ -14,8 +14,8 @@ from motm_twin.model.geometry import Array, frozen
 DEG = math.pi / 180.0
 
 
-RAISED, CARRIED = 1.22, 0.92  # [m] of the raised and of the carried arm above its mount
-OVER = 0.05  # [m] that a robot without an arm keeps from what it passes under
+RAISED, CARRIED = 1.22, 0.92  # [m] height of the raised and of the carried arm above its mount
+OVER = 0.05  # [m] clearance that a robot without an arm keeps below things that it passes under
 
 
 class Footprint(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -44,12 +44,12 @@ class BaseLimits(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
 
     @property
     def full_speed(self) -> float:
-        """Largest speed [m/s] either way."""
+        """Largest speed [m/s] in either direction."""
         return max(self.forward_speed, self.reverse_speed)
 
     @property
     def stopping_way(self) -> float:
-        """Way [m] from full speed to rest: v lag + v^2 / 2a."""
+        """Stopping distance [m] from full speed: v lag + v^2 / 2a."""
         v = self.full_speed
         return v * self.velocity_lag + v * v / (2.0 * self.linear_acceleration)
 
@@ -59,7 +59,7 @@ class BaseLimits(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
         return np.array([self.linear_acceleration, self.yaw_acceleration])
 
     def within(self, wanted: Array) -> Array:
-        """A wanted acceleration (2,), as much of it as is allowed."""
+        """A wanted acceleration, clipped to the limits, shape (2,)."""
         return np.clip(wanted, -self.accelerations, self.accelerations)
 
 
@@ -119,23 +119,23 @@ class RobotProfile(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
 
     @property
     def top(self) -> float:
-        """Height [m] up to which the robot reaches: what begins above it is no obstacle."""
+        """Height [m] up to which the robot reaches: solids that begin above it are no obstacles."""
         return self.arm.mount_z + RAISED if self.has_arm else self.driving_top
 
     @property
     def driving_top(self) -> float:
-        """The same while it drives, with the arm where it is carried."""
+        """The same while it drives, with the arm in its carrying posture."""
         return self.arm.mount_z + CARRIED if self.has_arm else self.footprint.height + OVER
 
 
 # Limits of the joints: Franka Control Interface documentation, "Robot and interface specifications", Panda column.
-# Positions and speeds stand in ``frankie.urdf`` too (a test keeps them equal); accelerations have no place in a URDF.
+# Positions and speeds are in ``frankie.urdf`` too (a test keeps them equal); a URDF has no place for accelerations.
 Q_MIN = frozen([-2.8973, -1.7628, -2.8973, -3.0718, -2.8973, -0.0175, -2.8973])  # [rad], shape (7,)
 Q_MAX = frozen([2.8973, 1.7628, 2.8973, -0.0698, 2.8973, 3.7525, 2.8973])  # [rad], shape (7,)
 DQ_MAX = frozen([2.175, 2.175, 2.175, 2.175, 2.61, 2.61, 2.61])  # [rad/s], shape (7,)
 DDQ_MAX = frozen([15.0, 7.5, 10.0, 12.5, 15.0, 20.0, 20.0])  # [rad/s^2], shape (7,)
-WRIST_MIN = 0.75  # [rad] of joint 6: below it, the hand would touch the forearm (at some angle of joint 7, below 0.7)
-_BRAKING = 0.8  # of DDQ_MAX with which joints brake together: a lag of the drives must not take them above it
+WRIST_MIN = 0.75  # [rad] of joint 6: below it, the hand can touch the forearm (at some angle of joint 7, below 0.7)
+_BRAKING = 0.8  # share of DDQ_MAX for joint braking: a lag of the drives must not take it above
 
 READY = frozen([0.0, -0.3, 0.0, -2.2, 0.0, 2.0, math.pi / 4])  # [rad] hand down in front of the arm, shape (7,)
 
@@ -143,7 +143,7 @@ READY = frozen([0.0, -0.3, 0.0, -2.2, 0.0, 2.0, math.pi / 4])  # [rad] hand down
 def braking_time(rates: Array) -> float:
     """Time [s] in which joints at these rates [rad/s], shape (7,), stop when they brake together.
 
-    The hand then stays on its path. Tried and rejected: each joint brakes as hard as it can. A hand that fast joints
-    kept at its height over a driving base then sank by 9 cm.
+    The hand then stays on its path. Tried and rejected: each joint brakes as hard as it can. A hand whose height fast
+    joints kept constant over a driving base then sank by 9 cm.
     """
     return float(np.max(np.abs(rates) / (_BRAKING * DDQ_MAX)))

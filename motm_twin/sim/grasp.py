@@ -12,7 +12,7 @@ from motm_twin.sim.kernels import polygon_distance
 from motm_twin.sim.objects import SUPPORT_SLACK, ObjectState
 from motm_twin.sim.solids import Solids
 
-# ``shared/data/experiment1.json``, grasp_rule: each must hold during the whole closing time
+# The strict rule (this project's choice): each must hold during the whole closing time
 OFFSET_PER_AXIS = 0.015  # [m] of the cube's centre from the tool centre point, along each axis of the hand
 YAW_MISFIT = math.radians(15.0)  # between the closing axis and the nearest face normal of the cube
 RELATIVE_SPEED = 0.03  # [m/s] between tool centre point and cube
