@@ -44,7 +44,7 @@ _HOMES = {  # imported by `__getattr__`
 def drop_stale_kernels(package: Path) -> int:
     """Delete compiled kernels of a folder that are older than the newest source with kernels; returns their number.
 
-    They lie beside the sources, or in folders of ``NUMBA_CACHE_DIR`` that have the names that numba makes.
+    They are beside the sources, or in folders of ``NUMBA_CACHE_DIR`` with names that numba makes.
 
     Numba recompiles a kernel when its own file has changed, but not when a kernel that it calls has: after a `git pull`
     or an edit a run would mix old and new kernels. Called when the package is imported, before any kernel is loaded. A
@@ -58,13 +58,13 @@ def drop_stale_kernels(package: Path) -> int:
             if index.stat().st_mtime_ns < newest:
                 index.unlink()
                 dropped += 1
-        except OSError:  # somebody else was faster, or the installation cannot be written to
+        except OSError:  # another process was faster, or the installation is read-only
             continue
     return dropped
 
 
 def _compiled(package: Path) -> Iterator[tuple[Path, Path]]:
-    """Folders of sources, and numba's index of each kernel that it has kept of them."""
+    """Pairs of a source folder and numba's index file of a cached kernel from it."""
     elsewhere = os.environ.get("NUMBA_CACHE_DIR")
     for folder in package.absolute().glob("**/"):
         places = {folder / "__pycache__"}
@@ -75,7 +75,7 @@ def _compiled(package: Path) -> Iterator[tuple[Path, Path]]:
 
 
 if Path(sys.argv[0]).name == "motm-twin" or sys.orig_argv[1:3] == ["-m", "motm_twin"]:
-    starting()  # here at the earliest: our command line is being loaded
+    starting()  # as early as possible: our command line is being loaded
 
 drop_stale_kernels(Path(__file__).parent)
 

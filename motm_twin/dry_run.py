@@ -1,7 +1,7 @@
 """Dry run of a task: the paper's method in the world as known beforehand, without noise.
 
-It is what a planner of whole trajectories would be given: mapped furniture, believed positions of the cubes,
-perfect sensors and actuators, no agents. It is deterministic, and cached.
+The world is the input of a planner of whole trajectories: mapped furniture, believed positions of the cubes, perfect
+sensors and actuators, no agents. The run is deterministic, and cached.
 """
 
 from collections.abc import Callable, Iterable
@@ -32,7 +32,7 @@ _NOISELESS = Noise(
 
 
 def nominal_scene(known: KnownWorld) -> Scene:
-    """The world as the robot knows it, taken as the truth."""
+    """The scene that results when the robot's knowledge is taken as the truth."""
     return Scene(
         name="rehearsal", variant="", seed=0, title="What is known beforehand", robot=known.robot, start=known.start,
         solids=known.solids, objects=known.objects, bins=known.bins, agents=(), tasks=known.tasks, noise=_NOISELESS,
@@ -47,11 +47,11 @@ def dry_run(
     parameters: Parameters,
     edits: Timed = (),
 ) -> Rehearsed:
-    """Run the tasks to their end, with edits of the task list at their periods; raises ValueError for one refused.
+    """Run the tasks to their end, with edits of the task list at their periods; raises ValueError for a refused edit.
 
-    ``make_twin``: the class of twins, handed in because it makes dry runs itself.
+    ``make_twin``: the class `Twin`, passed in because it makes dry runs itself.
     """
-    from motm_twin.methods.registry import MOTM  # late: its methods use dry runs
+    from motm_twin.methods.registry import MOTM  # imported late: its methods use dry runs
 
     twin = make_twin(nominal_scene(known), method=MOTM, numbers=parameters)
     twin.loop.plant = log = _Log(twin.plant)

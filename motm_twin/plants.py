@@ -1,4 +1,4 @@
-"""The plant of a scene: kinematic, or by contact dynamics where the scene has numbers for them."""
+"""The plant of a scene: kinematic, or with contact dynamics if the scene has numbers for them."""
 
 from importlib import import_module
 from importlib.util import find_spec
@@ -11,11 +11,11 @@ from motm_twin.model.scene import Faults, Physics, Scene
 from motm_twin.sim.plant import SimulatedPlant
 
 MUJOCO = "mujoco"
-PLANTS = ("simulated", MUJOCO)  # by name: kinematic, contact dynamics
+PLANTS = ("simulated", MUJOCO)  # names of the kinematic plant, and of contact dynamics
 
 
 def make_plant(scene: Scene) -> SimulatedPlant:
-    """The plant of a scene at its start. Raises SceneError when it can not be had."""
+    """The plant of a scene at its start. Raises SceneError when the scene or this installation does not allow it."""
     require_orca(scene)
     if scene.physics is None:
         return SimulatedPlant(scene)
@@ -24,7 +24,7 @@ def make_plant(scene: Scene) -> SimulatedPlant:
 
 
 def with_plant(scene: Scene, plant: str) -> Scene:
-    """The scene for a plant of this name. Raises SceneError when it can not be had."""
+    """The scene for a plant of this name. Raises SceneError when the scene or this installation does not allow it."""
     if plant != MUJOCO:
         return scene
     scene = msgspec.structs.replace(scene, physics=scene.physics or Physics())
@@ -33,19 +33,19 @@ def with_plant(scene: Scene, plant: str) -> Scene:
 
 
 def require_orca(scene: Scene) -> None:
-    """Raise SceneError for agents by ORCA without pyrvo."""
+    """Raise SceneError when agents use ORCA and pyrvo is not installed."""
     if any(agent.behaviour == "orca" for agent in scene.agents):
         require_pyrvo(SceneError)
 
 
 def require_mujoco() -> None:
-    """Raise SceneError without MuJoCo."""
+    """Raise SceneError when MuJoCo is not installed."""
     if find_spec("mujoco") is None:
         raise SceneError('contact dynamics need MuJoCo: pip install "motm_twin[physics]"')
 
 
 def require_physics(scene: Scene) -> None:
-    """Raise SceneError without MuJoCo, or for a scene whose faults are those of the kinematic gripper."""
+    """Raise SceneError when MuJoCo is not installed, or when the scene has faults of the kinematic gripper."""
     require_mujoco()
     faults, none = scene.faults, Faults()
     for field in ("grasp_misses", "grasp_slips", "grasp_failure_probability", "grasp_delay", "grasp_delay_spread"):

@@ -20,8 +20,8 @@ from types import FrameType
 from typing import Any, ParamSpec, TypeVar
 
 _STOPPED = b"motm-twin: stopped\n"
-_SIGNALLED = 128  # plus the number of the signal: exit code of a program that one ended
-_before: dict[int, Any] = {}  # handlers that were there before a start
+_SIGNALLED = 128  # plus the number of the signal: exit code of a program that was ended by one
+_before: dict[int, Any] = {}  # handlers from before `starting`, by signal
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -30,8 +30,8 @@ R = TypeVar("R")
 def starting() -> None:
     """Let Ctrl-C and SIGTERM end this program at once, with one line, until `loaded`.
 
-    There is nothing to clean up yet, and an exception would come in the middle of an import: libraries catch it
-    there, or it ends in a traceback. Ignored signals (in a background job) stay ignored.
+    There is nothing to clean up yet, and an exception in the middle of an import would be caught by a library or end in
+    a traceback. Ignored signals (in a background job) stay ignored.
     """
     if threading.current_thread() is threading.main_thread() and not _before:
         for number in (signal.SIGINT, signal.SIGTERM):
@@ -48,7 +48,7 @@ def loaded() -> None:
 
 
 def interruptible(command: Callable[P, R]) -> Callable[P, R]:
-    """A command that Ctrl-C interrupts from its start on, and that cleans up after itself."""
+    """Decorator of a command that cleans up after itself: from its start Ctrl-C interrupts it instead of ending it."""
 
     @functools.wraps(command)
     def called(*given: P.args, **named: P.kwargs) -> R:
@@ -67,7 +67,7 @@ def _end(number: int, _: FrameType | None) -> None:
 
 @contextmanager
 def handled(handler: Any, *signals: int) -> Iterator[None]:
-    """Within the block these signals have this handler. In another thread than the main one nothing changes."""
+    """Context in which these signals have this handler; outside of the main thread it changes nothing."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -80,9 +80,9 @@ def handled(handler: Any, *signals: int) -> Iterator[None]:
 
 
 def deaf() -> AbstractContextManager[None]:
-    """Processes started in the block ignore Ctrl-C: the parent ends them itself.
+    """Context in which started processes ignore Ctrl-C: the parent ends them itself.
 
-    The parent ignores it for that moment, too; blocking the signal would not do, as joblib unblocks it.
+    The parent ignores it meanwhile, too. Blocking the signal would not suffice, as joblib unblocks it.
     """
     return handled(signal.SIG_IGN, signal.SIGINT)
 
@@ -101,8 +101,8 @@ def end_with_parent() -> None:
 
 @contextmanager
 def interrupt_deferred() -> Iterator[None]:
-    """Ctrl-C waits until the end of the block; processes of `multiprocessing` started in it never hear it."""
-    resource_tracker.ensure_running()  # where it begins, it lets signals through
+    """Context in which Ctrl-C waits until its end; `multiprocessing` processes started in it never receive Ctrl-C."""
+    resource_tracker.ensure_running()  # starting it unblocks signals, so it starts before
     signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield
@@ -111,7 +111,7 @@ def interrupt_deferred() -> Iterator[None]:
 
 
 GRACE = 1.6  # [s] between asking a process to end and killing it
-RESTARTS = 3  # within RESTART_WINDOW
+RESTARTS = 3  # largest number of restarts within RESTART_WINDOW
 RESTART_WINDOW = 60.0  # [s]
 Listener = Callable[[dict], None]  # event
 
@@ -133,10 +133,10 @@ class Reporter:
 
 
 def setter(stop: threading.Event) -> Callable[..., None]:
-    """A signal handler that sets an event, from another thread.
+    """A signal handler that sets an event from another thread.
 
-    A handler runs in the main thread between any two of its steps. While that thread waits for the same event, it may
-    hold the event's lock, and `Event.set` would wait for ever; `SimpleQueue.put` never does.
+    A handler interrupts the main thread anywhere. When that thread waits for the same event, it may hold the event's
+    lock, and `Event.set` in the handler would wait for ever; `SimpleQueue.put` never does.
     """
     heard: queue.SimpleQueue[None] = queue.SimpleQueue()
 
@@ -160,13 +160,13 @@ def stop_event(with_parent: bool) -> threading.Event:
 
 
 def await_stop(stop: threading.Event) -> None:
-    """Wait for a `stop_event`: a signal that another thread receives is handled when this one wakes."""
+    """Wait for a `stop_event`, waking every second to handle a signal that another thread has received."""
     while not stop.wait(1.0):
         continue
 
 
 def at_end_of_input(act: Callable[[], object]) -> None:
-    """Call a function, in another thread, when standard input ends: the parent closes it, or is gone."""
+    """Call a function in another thread when standard input ends: the parent has closed it, or is gone."""
 
     def watch() -> None:
         while os.read(0, 1024):
@@ -179,7 +179,7 @@ def at_end_of_input(act: Callable[[], object]) -> None:
 def leave(code: int) -> None:
     """Exit now, without waiting for threads that compile or compute."""
     for file in (sys.stdout, sys.stderr):
-        with suppress(OSError, ValueError):  # full, closed, or nobody reads it
+        with suppress(OSError, ValueError):  # the disk is full, or the file or pipe is closed
             file.flush()
     os._exit(code)
 
@@ -204,7 +204,7 @@ class Child:
         self.process: subprocess.Popen | None = None
 
     def start(self) -> None:
-        """Start the process. It ends by itself when this one is gone, because its standard input ends."""
+        """Start the process. It ends by itself when this process is gone, because its standard input ends."""
         read, write = os.pipe()
         command = [sys.executable, "-m", self._module, *self._arguments, "--report", str(write)]
         self.process = subprocess.Popen(  # noqa: S603 - our own module with checked arguments
@@ -223,11 +223,11 @@ class Child:
         listen.start()
 
     def exit_code(self) -> int | None:
-        """None while it runs."""
+        """Exit code of the process; None while it runs and before it starts."""
         return None if self.process is None else self.process.poll()
 
     def may_restart(self) -> bool:
-        """True when it has died rarely enough to be restarted."""
+        """True when there were at most `RESTARTS` starts within `RESTART_WINDOW`."""
         recent = [at for at in self._starts if time.monotonic() - at < RESTART_WINDOW]
         return len(recent) <= RESTARTS
 
@@ -239,7 +239,7 @@ class Child:
 
 
 def end_all(children: list[Child]) -> None:
-    """End all children: asked first, forced after `GRACE`; returns when none is left."""
+    """End all children, by request first and by force after `GRACE`; returns when none is left."""
     running = [child.process for child in children if child.process is not None and child.process.poll() is None]
     for process in running:
         process.send_signal(signal.SIGTERM)

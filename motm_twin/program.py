@@ -19,7 +19,7 @@ OK = 0
 FAILED = 1  # it ran, but did not succeed
 BAD_INPUT = 2  # the user can correct it
 INTERRUPTED = 130  # Ctrl-C
-THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")  # that numeric libraries compute in
+THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")  # of numeric libraries
 
 
 _NEEDED = 200  # columns: no table of ours is wider
@@ -27,7 +27,7 @@ _KEPT = "\n\t"
 
 
 def printable(text: str) -> str:
-    """The text with question marks for control characters and those that turn the direction of writing."""
+    """The text with question marks for unprintable characters, such as controls and changes of writing direction."""
     return text if text.isprintable() else "".join(c if c.isprintable() or c in _KEPT else "?" for c in text)
 
 
@@ -35,21 +35,21 @@ class PlainConsole(Console):
     """A console that prints only printable characters."""
 
     def on_broken_pipe(self) -> None:
-        """Raise on a closed output, for the caller to handle."""
+        """Raise the error of a closed output for the caller to handle."""
         raise  # noqa: PLE0704
 
     def render_str(self, text: str, **options: Any) -> Text:
-        """As of rich."""
+        """Render markup as rich does, with only printable characters."""
         return super().render_str(printable(text), **options)
 
 
 def plain_console(*, stderr: bool = False) -> PlainConsole:
-    """Standard output, or standard error, for lines that are never broken."""
+    """A console on standard output or standard error that never breaks lines."""
     return PlainConsole(stderr=stderr, highlight=False, soft_wrap=True)
 
 
 def table_console() -> PlainConsole:
-    """Standard output; rich takes 80 columns for what is no terminal, and cuts the cells."""
+    """A console on standard output for tables: without a terminal, rich would assume 80 columns and cut the cells."""
     known = sys.stdout.isatty() or "COLUMNS" in os.environ
     return PlainConsole(highlight=False, soft_wrap=True, width=None if known else _NEEDED)
 
@@ -58,10 +58,7 @@ STANDARD_OUTPUT = "-"
 
 
 def refuse_unwritable(*files: str | Path | None) -> None:
-    """Raise SessionError for a file that cannot be made where it should be, or that is a folder.
-
-    None and standard output are always possible.
-    """
+    """Raise SessionError for a file that cannot be created, or that is a folder. None and standard output pass."""
     from motm_twin.sessions.session import SessionError
 
     for file in files:
@@ -88,7 +85,7 @@ def folder_problem(folder: Path) -> str:
         there = next(path for path in (folder, *folder.absolute().parents) if path.exists())
         if not there.is_dir():
             return f"{there} is a file: give a folder"
-        with tempfile.TemporaryFile(dir=there):  # tried: root has the right to write to /proc, but cannot
+        with tempfile.TemporaryFile(dir=there):  # tested by writing: root has the right to write to /proc, but cannot
             return ""
     except OSError:
         return f"{there} cannot be written to: give another folder"
@@ -135,8 +132,8 @@ _frozen = False
 def freeze_setup() -> None:
     """Exclude everything that exists now from later garbage collections; only the first call has an effect.
 
-    A full collection goes through all modules and kernels: 40 ms of a period of 50 ms. What was set up for a run is
-    freed as usual when unreferenced, except for cycles in what exists at the first call.
+    A full collection goes through all modules and kernels: 40 ms of a period of 50 ms. Objects set up for a run are
+    freed as usual when unreferenced, except for cycles among objects that existed at the first call.
     """
     global _frozen  # noqa: PLW0603 - once per process
     if not _frozen:
@@ -146,17 +143,17 @@ def freeze_setup() -> None:
 
 
 def share_arenas() -> None:
-    """Let all threads allocate from `ARENAS` arenas, where the C library is glibc; call it before they start.
+    """Let all threads allocate from `ARENAS` arenas if the C library is glibc; call it before they start.
 
-    By default glibc gives each thread one, up to eight per core, and each keeps its thread's peak: a
-    server that 1,000 clients had come to and left was 5.7 MB larger than before; with two arenas it is 3.3 MB.
+    By default glibc gives each thread an arena, up to eight per core, and each keeps its thread's peak: after 1,000
+    clients had come and gone, a server was 5.7 MB larger than before; with two arenas it is 3.3 MB.
     """
     with contextlib.suppress(OSError, AttributeError):
         ctypes.CDLL(None).mallopt(_M_ARENA_MAX, ARENAS)
 
 
 def give_back() -> None:
-    """Collect what is left in cycles, and hand free memory back to the system, where the C library is glibc.
+    """Collect unreferenced cycles, and return free memory to the system if the C library is glibc.
 
     By default glibc keeps free memory between used pieces: 100 pages that came and went left 46 MB.
     """

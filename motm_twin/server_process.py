@@ -29,11 +29,11 @@ if TYPE_CHECKING:
     from motm_twin.twin import Twin
 
 SEARCH_SECONDS = 0.02  # [s] of wall time for one search of the base; the period is 0.05 s
-WATCH = 0.1  # [s] between looks at the state for the report
+WATCH = 0.1  # [s] between two checks of the state for the report
 
 
 def make_twin(scene: Scene, *, budget: SearchBudget, plant: str, method: "Method") -> "Twin":
-    """A twin whose searches are bounded by the clock as well; ``plant``: kinematic, or by contact dynamics."""
+    """A twin whose searches are bounded by the clock as well; ``plant`` "mujoco": contact dynamics, else kinematic."""
     from motm_twin.plants import with_plant
     from motm_twin.twin import Twin  # slow to import: only once the server listens
     from motm_twin.warm_up import compile_kernels, parts_of, program_clock
@@ -47,7 +47,7 @@ def make_twin(scene: Scene, *, budget: SearchBudget, plant: str, method: "Method
 def make_external_twin(
     robot: RobotLink, scene: Scene, *, budget: SearchBudget, sender: str, method: "Method"
 ) -> "Twin":
-    """A twin of a robot in another program; a mirrored one only observes."""
+    """A twin of a robot in another program; with a link that only listens, it has no tasks."""
     from motm_twin.external.plant import ZenohPlant
     from motm_twin.twin import Twin
     from motm_twin.warm_up import compile_kernels, parts_of, program_clock
@@ -116,7 +116,7 @@ def main() -> None:
 
 
 def _robot(options: argparse.Namespace, budget: SearchBudget, stop: threading.Event) -> RobotChoice | None:
-    """The requested external robot; waits for the router where it connects."""
+    """The requested external robot, None: simulated; with ``--connect`` it waits for the router."""
     if options.plant not in ("zenoh", "mirror"):
         return None
     sender = f"twin-{secrets.token_hex(4)}"

@@ -34,8 +34,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 ENCOUNTER = 1.0  # [m] between base and agent at which an encounter begins
-PARTED = 1.2  # [m] and at which it has ended
-ROBOT_WAIT = 120.0  # [s] of wall time for an external robot to come: it may compile first
+PARTED = 1.2  # [m] between base and agent at which it has ended
+ROBOT_WAIT = 120.0  # [s] of wall time for an external robot to connect: it may compile first
 
 
 @dataclass
@@ -50,7 +50,7 @@ class Tally:
     meeting: set[str] = field(default_factory=set)
 
     def add(self, tick: Tick) -> None:
-        """Take one Tick into account."""
+        """Add one Tick."""
         assert tick.truth is not None
         pose = tick.truth.pose
         if self.last_pose is not None:
@@ -61,7 +61,7 @@ class Tally:
         self.period_ms.append(tick.stage_ms["period"])
 
     def meet(self, tick: Tick, footprint: Footprint) -> None:
-        """Count encounters: an agent comes within 1 m of the base; it must part before it counts again."""
+        """Count encounters: an agent comes within `ENCOUNTER` of the base; beyond `PARTED` it can count again."""
         assert tick.truth is not None
         body = body_of(footprint)
         for agent in tick.truth.agents:
@@ -74,7 +74,7 @@ class Tally:
 
 
 def run_trial(scene: str, variant: str | None = None, seed: int | None = None, method: Method = FAST) -> dict[str, Any]:
-    """Load and run a scene; the dictionary that `motm-twin run --json` prints."""
+    """Load and run a scene; returns the dictionary that `motm-twin run --json` prints."""
     return run_scene(load_scene(scene, variant, seed), method=method)
 
 
@@ -88,7 +88,7 @@ def run_scene(
 ) -> dict[str, Any]:
     """Run a scene to the end of its task list or its time limit; ``plant``: an external robot.
 
-    ``parameters``: of `control.tuning`, on top of the method's, and those on top of ``numbers``.
+    ``parameters``: of `control.tuning`; they override the method's, which override ``numbers``.
     """
     compile_kernels(parts_of(method.parameters, agents=bool(scene.agents)))
     twin = Twin(
@@ -120,7 +120,7 @@ def run_scene(
 
 
 def _wait_for(robot: ExternalPlant) -> None:
-    """Wait for a robot; raises TimeoutError when none comes."""
+    """Wait for an external robot; raises TimeoutError when none connects."""
     deadline = time.monotonic() + ROBOT_WAIT
     while not robot.ready():
         if time.monotonic() > deadline:
@@ -210,7 +210,7 @@ def _astray(tick: Tick) -> str:
 
 
 def _count(tick: Tick, kind: str) -> int:
-    """Tasks of a kind in the list as it is now."""
+    """Number of tasks of a kind in the current task list."""
     return sum(task.kind == kind for task in tick.tasks)
 
 

@@ -1,4 +1,4 @@
-"""The twin: one scene, the simulated plant under the control loop, and everything needed to copy and rerun it."""
+"""The twin: one scene with its plant and control loop, and everything needed to copy and rerun it."""
 
 import math
 from collections.abc import Callable, Iterator
@@ -44,7 +44,7 @@ from motm_twin.planning.types import SearchBudget
 from motm_twin.plants import make_plant
 from motm_twin.sessions.session import Cut, LoggedEdit, Session, made_with, plain
 
-POINTED_AT = 0.15  # [m] error of a belief beyond which an object added to the task list is shown to the robot
+POINTED_AT = 0.15  # [m] error of a believed position above which adding the object to the task list corrects it
 
 
 class Twin:
@@ -96,7 +96,7 @@ class Twin:
         self.edits: list[LoggedEdit] = []
         self.cuts: list[Cut] = []
         self.refused: list[str] = []  # accepted edits that an external robot refused in the last period
-        self._broken: int | None = None  # period that has raised
+        self._broken: int | None = None  # index of the period that raised
         self._build()
         self._forget_queue()
 
@@ -122,7 +122,7 @@ class Twin:
 
     @property
     def next_parameters(self) -> dict[str, ParameterValue]:
-        """`parameters` as the queued edits will leave them."""
+        """`parameters` after the queued edits."""
         told = Told(self.scene, self.parameters)
         for edit in self._queue:
             if isinstance(edit, SetParameter):
@@ -131,7 +131,7 @@ class Twin:
 
     @property
     def announced(self) -> dict[str, PlanarPose]:
-        """Furniture that the robot was told of: reference point x, y [m], turn [rad]."""
+        """Poses of announced pieces of furniture by name: reference point x, y [m], turn [rad]."""
         return self._told.map[0]
 
     def post(self, edit: Edit) -> None:
@@ -158,7 +158,7 @@ class Twin:
     def advance(self, budget: SearchBudget | None = None) -> Tick:
         """Apply queued edits, run one period, and return its Tick; ``budget`` repeats a search that the clock had cut.
 
-        After a period that raises, the world is between two periods: only `reset` and `restore` can follow.
+        After a period that raised, the world is between two periods: only `reset` and `restore` are possible.
         """
         if self._broken is not None:
             raise RuntimeError(f"period {self._broken} has broken off: reset the twin, or restore a snapshot")
@@ -167,7 +167,7 @@ class Twin:
         try:
             tick = self._period(edits, budget)
         except BaseException:
-            del self.edits[logged:]  # the log tells of whole periods only
+            del self.edits[logged:]  # the log only has edits of whole periods
             self._broken = index
             raise
         if tick.plan.cut_by_clock:
@@ -201,7 +201,7 @@ class Twin:
         return self.loop.period(tuple(applied), budget, restarted=restarted)
 
     def _apply_or_refuse(self, edit: Edit) -> bool:
-        """Apply an edit; the world of an external robot has moved on since it was tried, and may refuse it now."""
+        """Apply an edit; False when an external robot refuses it, whose world has changed since the edit was posted."""
         if self._external is None:
             self._apply(edit)
             return True
@@ -214,9 +214,9 @@ class Twin:
         return True
 
     def session(self, title: str = "") -> Session:
-        """The run so far as a session; raises ValueError for a twin of given parameter objects.
+        """The run so far as a session; raises ValueError with an external robot or with given ``numbers``.
 
-        After a failed period it is the run until then, without a state hash: that state is lost.
+        After a failed period the session has the run until then, without a state hash: that state is lost.
         """
         if self._external is not None:
             raise ValueError("a robot in another program does not do the same again: record the run instead")
@@ -236,9 +236,9 @@ class Twin:
         )
 
     def candidate_paths(self, index: int) -> tuple[Array, Array] | None:
-        """Paths [m] behind the costs of a candidate of the last Tick: robot to it (m, 2), and on to the next target.
+        """Paths [m], (m, 2), behind a candidate's costs in the last Tick: to the candidate, and on to the next target.
 
-        None when it was rejected or there is none of that index; the second is empty without a next target.
+        None for a rejected candidate or an unknown index; the second path is empty without a next target.
         """
         return self.loop.planner.candidate_paths(index)
 
@@ -247,15 +247,15 @@ class Twin:
         return self.loop.planner.staa_path()
 
     def parts(self) -> dict[str, HasState]:
-        """Everything that has state; an external robot keeps its own."""
+        """All parts with state, by name; an external robot keeps its own state."""
         if not isinstance(self.plant, HasState):
             return {"told": self._told, **self.loop.parts()}
         return {"plant": self.plant, "told": self._told, **self.loop.parts()}
 
     def snapshot(self) -> dict[str, Any]:
-        """A copy of the whole state, random generators and the log of edits included; without queued edits."""
+        """A copy of the whole state with random generators and the log of edits, without queued edits."""
         state = {name: part.snapshot() for name, part in self.parts().items()}
-        # The lists only grow, so each with its length is enough, and snapshots of one run share them.
+        # The lists only grow: a list and its length are enough, and the snapshots of a run share the lists.
         log = tuple((entries, len(entries)) for entries in (self.edits, self.cuts))
         return {**state, "log": log, "broken": self._broken}
 
@@ -271,7 +271,7 @@ class Twin:
             self._retune()
         for name, part in self.parts().items():
             part.restore(state[name])
-        self.edits, self.cuts = (entries[:count] for entries, count in state["log"])  # new ones: others may share them
+        self.edits, self.cuts = (entries[:count] for entries, count in state["log"])  # copies: snapshots share them
         self._broken = state["broken"]
         self._forget_queue()
 
@@ -280,7 +280,7 @@ class Twin:
         return state_hash({name: part.snapshot() for name, part in self.parts().items()})
 
     def _build(self) -> None:
-        """The control loop for what the robot has been told, at its start."""
+        """Build the control loop at its start from the current announcements and parameters."""
         known = self._told.known()
         numbers = self._tuned()
         self.loop = ControlLoop(
@@ -295,11 +295,11 @@ class Twin:
         )
 
     def _tuned(self) -> Parameters:
-        """All numbers as they are now."""
+        """All parameters with their current values."""
         return tuned(self.parameters, self._numbers)
 
     def _rebuild(self) -> None:
-        """A control loop with the robot's present knowledge and the old one's progress."""
+        """Build a control loop from the robot's current knowledge and carry over the state of the old one."""
         old = self.loop
         self._build()
         for part, state in old.parts().items():
@@ -322,14 +322,14 @@ class Twin:
         return self.method.arm(ArmParts(known=known, parameters=arm, rehearse=self._rehearse))
 
     def _rehearse(self, edits: Timed) -> Rehearsed:
-        """The task from its start, in the world as the robot knows it now, with the parameters of now."""
+        """Dry run of the task from its start, with the robot's current knowledge and parameters."""
         return dry_run(Twin, self._told.known(), self._tuned(), edits)
 
     def _search_clock(self) -> Callable[[], float] | None:
         return self._clock if self._budget.seconds is not None else None
 
     def _retune(self) -> None:
-        """All parts with the current parameters. Their states, which hold no parameters, are kept."""
+        """Give all parts the current parameters and keep their states, which hold no parameters."""
         numbers = self._tuned()
         loop, planner, manipulator = self.loop, self.loop.planner, self.loop.manipulator
         if numbers.planning != planner.parameters:
@@ -356,17 +356,17 @@ class Twin:
             self.plant.expect_tasks(self.loop.sequence.tasks)
 
     def _set_parameter(self, told: Told, edit: SetParameter) -> None:
-        """Tell a parameter; without a value it is that of the start again."""
+        """Set a parameter in ``told``; an edit without a value restores that of the start."""
         default = parameter(edit.name).default
         value = self._start.get(edit.name, default) if edit.value is None else check(edit.name, edit.value)
         told.set_parameter(edit.name, value, default)
 
     def _forget_queue(self) -> tuple[Edit, ...]:
-        """Take the queued edits out, with what was found out about them in advance."""
+        """Empty the queue and return its edits; results of checking them in advance are dropped."""
         edits = tuple(self._queue)
         self._queue = []
         self._rehearsal: WorldRehearsal | None = None  # of queued world edits
-        self._listed: TaskList | None = None  # as the queued task edits leave it
+        self._listed: TaskList | None = None  # after the queued task edits
         return edits
 
     def _check_twist(self, edit: Drive) -> None:
@@ -376,7 +376,7 @@ class Twin:
         self._queue = [queued for queued in self._queue if not isinstance(queued, Drive)]
 
     def _check_tasks(self, edit: TaskEdit) -> None:
-        """Raise ValueError unless the list, as the queued edits leave it, takes this one."""
+        """Raise ValueError unless this edit is possible on the task list after the queued edits."""
         loop = self.loop
         tasks = edited(self._listed or loop.sequence.listed(), edit, loop.known, engaged=loop.engaged)
         if isinstance(edit, InsertTask):
@@ -391,7 +391,7 @@ class Twin:
         self._listed = tasks
 
     def _correct_beliefs(self, names: list[str]) -> None:
-        """Correct the robot's belief about an object that a person adds to the list, if it is off."""
+        """Correct the believed positions of objects that a user adds to the task list, if they are off."""
         truth = self.plant.truth()
         if truth is None:
             return
@@ -405,7 +405,7 @@ class Twin:
                 loop.tracker.move_belief(body.name, in_odometry, observation, loop.known.object_sd)
 
     def _announce(self, name: str) -> None:
-        """Update the map, with bins and beliefs on it, to the true place of a piece of furniture."""
+        """Move a piece of furniture in the map to its true pose, with the bins and believed objects on it."""
         on_piece, truth = self._told.on_piece(name), self.plant.truth()
         if truth is None:
             return

@@ -1,7 +1,7 @@
 """Compile the numeric kernels, once per installation: ``python -m motm_twin.warm_up``.
 
-Numba caches compiled kernels for later starts. The parts that a run needs are shared out to as many processes as there
-are cores; what is left is compiled where it is called, and `program_clock` does not count it.
+Numba caches compiled kernels for later starts. The parts that a run needs are distributed to as many processes as there
+are cores; other kernels are compiled at their first call, and `program_clock` does not count that time.
 """
 
 import gc
@@ -54,11 +54,11 @@ from motm_twin.sim.referee_geometry import update_gaps
 from motm_twin.twin import Twin
 
 ARM_STEP = 0.01  # [s]
-LOOK = 0.2  # [s] between two looks at what compiles
+LOOK = 0.2  # [s] between two checks of the compiling processes
 PERIODS = 10
-WATCHED = 80  # periods of things that move
-METHODS = ("motm", "foresight", "irm")  # that have all kernels of methods between them
-EVERYTHING = ("arm", "perception", "placement", "agents", "foresight")  # parts without those that others contain
+WATCHED = 80  # periods with dynamic obstacles
+METHODS = ("motm", "foresight", "irm")  # together they use all kernels of methods
+EVERYTHING = ("arm", "perception", "placement", "agents", "foresight")  # all parts but those that others contain
 DRIVES = (("exp1", 250), ("exp2", 100))  # scenes and periods for the other kernels: a carried cube, Temis
 
 
@@ -66,17 +66,17 @@ class _Compilation(event.Listener):
     """Time [s] that this process has spent compiling kernels."""
 
     def __init__(self) -> None:
-        """None yet."""
+        """Start at 0 s."""
         self.seconds, self._depth, self._began = 0.0, 0, 0.0
 
     def on_start(self, event: event.Event) -> None:
-        """A kernel, or one that it calls."""
+        """Note the start of an outermost kernel; kernels that it calls are nested."""
         if not self._depth:
             self._began = time.perf_counter()
         self._depth += 1
 
     def on_end(self, event: event.Event) -> None:
-        """It is compiled."""
+        """Add the time of an outermost kernel."""
         self._depth -= 1
         if not self._depth:
             self.seconds += time.perf_counter() - self._began
@@ -87,12 +87,12 @@ event.register("numba:compile", _compilation)
 
 
 def program_clock() -> float:
-    """`time.perf_counter` [s], which stands while this process compiles a kernel."""
+    """`time.perf_counter` [s] without the time in which this process compiled kernels."""
     return time.perf_counter() - _compilation.seconds
 
 
 def is_warm(parts: Iterable[str] = ("arm", "perception", "placement", "plant", "search")) -> bool:
-    """The largest kernel of each part is in numba's cache; after a change it is not (`drop_stale_kernels`)."""
+    """True when the largest kernel of each part is in numba's cache; `drop_stale_kernels` deletes it after a change."""
     return all(_is_kept(PARTS[part].largest) for part in parts)
 
 
@@ -102,12 +102,12 @@ def _is_kept(kernel: Any) -> bool:
 
 
 def can_keep() -> bool:
-    """Compiled kernels can be written to numba's cache."""
+    """True when compiled kernels can be written to numba's cache."""
     return os.access(run_search.stats.cache_path, os.W_OK)
 
 
 def parts_of(parameters: Mapping[str, ParameterValue], *, agents: bool) -> tuple[str, ...]:
-    """Parts that a run with these parameters needs, with agents or without."""
+    """Parts that a run with these parameters needs, with or without agents."""
     plant = "agents" if agents else "plant"
     search = "foresight" if parameters.get("risk_weight", 0.0) else "search"
     return ("arm", "perception", "placement", plant, search)
@@ -118,7 +118,7 @@ def _tell(text: str) -> None:
 
 
 def compile_kernels(parts: Iterable[str] = EVERYTHING, tell: Callable[[str], None] = _tell) -> None:
-    """Compile the parts that are not compiled already, in processes of their own; ``tell`` how far it is."""
+    """Compile the parts that are not compiled yet, in processes of their own; ``tell`` gets the progress as text."""
     parts = [part for part in parts if not is_warm([part])]
     if not parts:
         return
@@ -152,7 +152,7 @@ def compile_kernels(parts: Iterable[str] = EVERYTHING, tell: Callable[[str], Non
 
 
 def shares(parts: Iterable[str], most: int) -> list[list[str]]:
-    """Parts for each of so many processes at most, which take about as long as each other."""
+    """The parts distributed to at most ``most`` processes, which take about equally long."""
     found: list[list[str]] = [[] for _ in range(most)]
     for part in sorted(parts, key=lambda name: -PARTS[name].seconds):
         min(found, key=lambda share: sum(PARTS[name].seconds for name in share)).append(part)
@@ -160,19 +160,19 @@ def shares(parts: Iterable[str], most: int) -> list[list[str]]:
 
 
 def _start(parts: Iterable[str]) -> subprocess.Popen[bytes]:
-    """A process that compiles parts, and ends when its standard input does, with this process at the latest."""
+    """A process that compiles parts; it ends when its standard input ends, with this process at the latest."""
     here = str(Path(__file__).parents[1])
     environment = os.environ | {
         "PYTHONPATH": os.pathsep.join(filter(None, (here, os.environ.get("PYTHONPATH")))),
-        "NUMBA_OPT": os.environ.get("NUMBA_OPT", "1"),  # a seventh of the time; kernels are as quick, to the same bits
-        "NUMBA_DISABLE_ERROR_MESSAGE_HIGHLIGHTING": "1",  # it colours the text of every overload that does not fit
+        "NUMBA_OPT": os.environ.get("NUMBA_OPT", "1"),  # saves a seventh of the time; kernels as fast, same bits
+        "NUMBA_DISABLE_ERROR_MESSAGE_HIGHLIGHTING": "1",  # else it colours the text of every wrong overload
     }
     command = [sys.executable, "-m", "motm_twin.warm_up", *parts]
     return subprocess.Popen(command, stdin=subprocess.PIPE, env=environment, start_new_session=True)  # noqa: S603
 
 
 def _agents() -> None:
-    """The plant with agents that drive, and that walk."""
+    """Run the plant with agents that drive, and with agents that walk."""
     driving = load_scene("exp2")
     walking = tuple(msgspec.structs.replace(agent, behaviour="social_force") for agent in driving.agents)
     _plant(driving)
@@ -184,11 +184,11 @@ def _plant(scene: Scene | None = None) -> None:
     for _ in range(PERIODS):
         plant.observe()
         plant.step(ARM_STEP)
-    polygon_distance(0.0, 0.0, np.zeros((4, 2)), 0, 4)  # whether a cube that is let go lies on something
+    polygon_distance(0.0, 0.0, np.zeros((4, 2)), 0, 4)  # used to find what a released cube lies on
 
 
 def _perception() -> None:
-    """A round room through which two discs of different size go, then one, and a base that drives a little."""
+    """Run perception in a round room with a slowly driving base and two moving discs of different size, later one."""
     known = known_world(load_scene("exp2"))
     mapper, tracks, tracker = Mapper(known), DynamicTracker(known), ObjectTracker(known)
     monitor = Monitor(known.robot)
@@ -200,7 +200,7 @@ def _perception() -> None:
         for first, width, gap in ((beams // 3 + k, 30, 1.2), (beams // 2 - k, 12, 1.5))[: 2 if k < WATCHED // 2 else 1]:
             now.scan.ranges[first : first + width] = gap
         if k == PERIODS:
-            now.scan.ranges[10:] = math.inf  # a lidar that goes blind
+            now.scan.ranges[10:] = math.inf  # a lidar that stops seeing anything
         seen = checks.observed(now, None)
         tracker.update(seen)
         world = mapper.update(now)
@@ -250,7 +250,7 @@ def _called_by_other_arms(profile: RobotProfile) -> None:
 def _observation(
     lidar: Lidar, time: float, *, radius: float = 2.0, speed: float = 0.0, ahead: float = 0.0
 ) -> Observation:
-    """A robot in a round room, which has driven ahead [m]."""
+    """Observation of a robot that has driven ``ahead`` [m] in a round room."""
     pose = np.array([ahead, 0.0, 0.0])
     scan = Scan(
         stamp=time,
@@ -269,7 +269,7 @@ def _observation(
 
 
 def _arm_inputs(observation: Observation) -> ArmInputs:
-    """A cube and an obstacle within reach of the arm."""
+    """Inputs of the arm with a cube and two obstacles within its reach."""
     goal = ArmGoal(
         kind="pick", name="cube", position=np.array([0.7, 0.3, 0.8]), yaw=0.0, side=0.04, position_sd=0.001,
         last_seen=observation.time, neighbours=np.zeros((0, 6)),
@@ -305,28 +305,28 @@ class Part(NamedTuple):
     """Kernels that one process compiles."""
 
     compile: Callable[[], object]
-    largest: Any  # of its kernels
-    seconds: float  # of processor time
+    largest: Any  # its largest kernel
+    seconds: float  # processor time to compile it
 
 
-PARTS = {  # one process does its own in this order; the search comes last, as most of placement is in it too
+PARTS = {  # a process compiles its parts in this order; the search comes last, as it contains most of placement
     "placement": Part(warm_up_placement, mark_free, 10.0),
     "perception": Part(_perception, count_unseen, 20.0),
     "arm": Part(_arm, manipulability_gradient, 28.0),
     "plant": Part(_plant, update_gaps, 10.0),
-    "agents": Part(_agents, look_about, 14.0),  # the plant, with those that drive and walk
+    "agents": Part(_agents, look_about, 14.0),  # the plant with driving and walking agents
     "search": Part(warm_up_search, run_search, 22.0),
-    "foresight": Part(_foresight, fill_waits, 28.0),  # the search, with others to whom it gives way
+    "foresight": Part(_foresight, fill_waits, 28.0),  # the search with others that it gives way to
 }
 
 
 def main() -> None:
-    """Compile everything, by running the twin; with names of parts, only those."""
+    """Compile everything by running the twin; with names of parts, only these parts."""
     parts = sys.argv[1:]
     if parts and all(part in PARTS for part in parts):
         at_end_of_input(lambda: os._exit(1))
         gc.freeze()
-        gc.disable()  # a seventh of the time
+        gc.disable()  # saves a seventh of the time
         for part in parts:
             PARTS[part].compile()
             gc.collect()

@@ -1,4 +1,4 @@
-"""Client of a twin: its latest state, never an old one, and commands with answers."""
+"""Client of a twin: its newest state, never an older one, and commands with answers."""
 
 import itertools
 import secrets
@@ -22,8 +22,8 @@ from motm_twin.bus.connection import Keys, answers, direct, open_client, spoken_
 from motm_twin.model.scene import Scene
 
 STANDS = ("paused", "done")  # states in which no further tick comes
-ON_ITS_WAY = 0.3  # [s] that a tick may take to arrive after the status that is of it
-SAME_TIME = 1e-5  # [s] between a status, which may be rounded, and its tick
+ON_ITS_WAY = 0.3  # [s] a tick may arrive this much later than the status of the same moment
+SAME_TIME = 1e-5  # [s] tolerance between the times of a status, which may be rounded, and its tick
 LOST_AFTER = 2.0  # [s] without a status message
 GET_TIMEOUT = 1.0  # [s]
 NEVER = -1e9  # [s]
@@ -60,7 +60,7 @@ class _Slot:
 
 
 class _When(msgspec.Struct):
-    """Moment that a status or a tick is of."""
+    """Run and time that a status or a tick reports."""
 
     run: int
     time: float  # [s]
@@ -78,7 +78,7 @@ class TwinClient:
         self._sending = threading.Lock()  # numbers must arrive in order
         self._listeners: dict[str, list[OnGrid]] = defaultdict(list)  # by key
         self._fetches: list[threading.Thread] = []
-        self._fetched: _When | None = None  # the status for which a lost tick was fetched, once
+        self._fetched: _When | None = None  # status for which a lost tick was fetched; once is enough
         self.closed = False
         self._session = open_client(endpoint)
         self._encode = msgspec.json.Encoder().encode
@@ -94,7 +94,7 @@ class TwinClient:
 
     @property
     def alive(self) -> bool:
-        """True when the server showed a sign of life lately."""
+        """True when the server has shown a recent sign of life."""
         return time.monotonic() - self._slots[self.keys.status].at < LOST_AFTER
 
     def tick(self) -> messages.TickMessage | None:
@@ -110,7 +110,7 @@ class TwinClient:
         return self._loaded()[0]
 
     def of_scene(self, tick: messages.TickMessage) -> bool:
-        """True unless a tick is of a run before `scene` was loaded, as the newest is while that loads."""
+        """False for a tick of a run before `scene` was loaded; the newest tick is one while a scene loads."""
         return tick.run >= self._loaded()[1]
 
     def grid(self) -> Grid | None:
@@ -130,14 +130,14 @@ class TwinClient:
         return self._followed(self.keys.metrics, _decode_metrics)
 
     def events(self, since: int, timeout: float = SESSION_TIMEOUT) -> messages.EventsMessage | None:
-        """Events from number ``since`` on, as far as the server keeps them; None when it does not answer."""
+        """Events from number ``since`` on, as far as the server keeps them; None when the server does not answer."""
         replies = self._session.get(f"{self.keys.event}?from={since}", timeout=timeout)
         for answer in answers(replies, self.keys.event):
             return _decode_events(answer.payload.to_bytes())
         return None
 
     def wait_tick(self, after: int, timeout: float) -> int:
-        """Wait until more than ``after`` ticks have arrived or ``timeout`` [s] has passed; how many have arrived."""
+        """Wait until more than ``after`` ticks have arrived or ``timeout`` [s] has passed; return their number."""
         return self.wait(self.keys.tick, after, timeout)
 
     def wait(self, key: str, after: int, timeout: float) -> int:
@@ -191,7 +191,7 @@ class TwinClient:
     def command(self, command: Command, timeout: float = 2.0, *, sender: str | None = None, name: str = "") -> Answer:
         """Send a command and wait for its answer; a silent server is an answer too (not ok).
 
-        One client may speak for several persons: ``sender`` and the shown ``name`` say for whom.
+        One client may send for several persons: ``sender`` and the displayed ``name`` identify the person.
         """
         if self._clock_offset is None:
             self._fetch(self.keys.status, None, timeout)
@@ -281,7 +281,7 @@ class TwinClient:
                 self._start(lambda: self._fetch_tick(now, count), "lost tick")
 
     def _fetch_tick(self, now: _When, after: int) -> None:
-        """Fetch the newest tick unless one more than ``after`` comes by itself: it may be on its way."""
+        """Fetch the newest tick unless another one arrives after the first ``after``: it may be on its way."""
         if self.wait_tick(after, ON_ITS_WAY) == after and not self.closed:
             self._fetch(self.keys.tick, after)
             self._fetched = now
@@ -289,7 +289,7 @@ class TwinClient:
     def _on_alive(self, sample: zenoh.Sample) -> None:
         if sample.kind == zenoh.SampleKind.DELETE:
             with self._changed:
-                self._slots[self.keys.status].at = NEVER  # until the next one
+                self._slots[self.keys.status].at = NEVER  # until the next status
             return
         self._start(self._fetch_all, "late joiner")
 
@@ -304,7 +304,7 @@ class TwinClient:
     def _fetch_all(self) -> None:
         """Fetch the last value of every followed key, for late joiners.
 
-        Except for the scene, a value that arrives meanwhile is kept.
+        A value that arrives in the meantime is kept, except for the scene, which is fetched in any case.
         """
         for key, slot in list(self._slots.items()):
             if self.closed:
@@ -370,7 +370,7 @@ _decode_events = _decoder(messages.EventsMessage, messages.EVENTS_VERSION)
 
 
 def _decode_scene(payload: bytes, attachment: bytes | None, _at: float) -> tuple[Scene, int]:
-    """The scene and its first run, -1 when nobody says it, as in a recording."""
+    """The scene and its first run, or -1 without attachment, as in a recording."""
     info = None if attachment is None else msgspec.json.decode(attachment, type=messages.SceneInfo)
     return msgspec.json.decode(payload, type=Scene), -1 if info is None else info.run
 

@@ -216,7 +216,7 @@ def command_name(command: Command) -> str:
 
 MAX_SENDERS = 1000
 MAX_LIFETIME = 60.0  # [s] a later expiry would not bound replay attacks
-ORDER = 16  # a number less than this below a sender's last one is refused, seen or not
+ORDER = 16  # a number less than this below the sender's last one is refused, even if it is new
 MAX_SEEN = 4096  # numbers of one sender that have not expired
 
 
@@ -228,7 +228,7 @@ class _Sender:
         self.forget_at = 0.0  # [s]
 
     def admit(self, envelope: Envelope, now: float) -> None:
-        """Remember its number; raise Refused for one that was seen, or overtaken."""
+        """Record the number of a command; raise Refused if it was seen before or overtaken by a later one."""
         seq, name = envelope.seq, envelope.sender
         if seq in self._seen or self.last - ORDER < seq <= self.last:
             raise Refused(f"replayed: seq {seq} of {name!r}, {self.last} was seen already")
@@ -289,7 +289,7 @@ SILENCE = 10.0  # [s] after the last command of the driver
 
 
 class Lease:
-    """Exclusive right to drive. The first to act holds it, until they hand over or fall silent."""
+    """Exclusive right to drive. The first sender to act holds it until it hands over or falls silent."""
 
     def __init__(self) -> None:
         self.driver, self.name = "", ""
@@ -300,7 +300,7 @@ class Lease:
         return max(0.0, self._until - now) if self.driver else 0.0
 
     def require(self, sender: str, now: float) -> None:
-        """After `expire`: raise Refused when somebody else drives. Any command of the driver keeps the wheel."""
+        """Raise Refused when another sender drives; call `expire` first. Any command of the driver renews the lease."""
         if self.driver not in ("", sender):
             raise Refused(
                 f"{self.name} is driving: it can hand over to you, or you wait for {SILENCE:.0f} s of silence "
@@ -309,12 +309,12 @@ class Lease:
         self.renew(sender, now)
 
     def renew(self, sender: str, now: float) -> None:
-        """A sign of life; only the driver's counts."""
+        """Renew the lease if this sender drives."""
         if sender == self.driver:
             self._until = max(self._until, now + SILENCE)
 
     def give(self, to: str, name: str, now: float) -> None:
-        """Make this sender the driver, after `require`: it changed something, or was handed the wheel; "": nobody."""
+        """Make a sender the driver ("": nobody), after `require`: it has acted, or was handed the wheel."""
         until = now + SILENCE if to else 0.0
         self._until = max(self._until, until) if to and to == self.driver else until
         self.driver, self.name = to, (name.strip() or to)[:NAME_MAX] if to else ""
@@ -333,13 +333,13 @@ class Wheel:
     """Lets one person at a time change things, under a `Lease`; all times [s] are on one monotonic clock."""
 
     def __init__(self, release: Callable[[ReleaseBody], None], changed: Callable[[], None]) -> None:
-        """``release`` lets a body go, ``changed`` announces a new driver."""
+        """``release`` releases a body, ``changed`` announces a new driver."""
         self._release, self._changed = release, changed
         self.lease, self.holds = Lease(), Holds()
-        self._names: dict[str, str] = {}  # displayed name of each known sender, the latest last
+        self._names: dict[str, str] = {}  # displayed name by sender, the latest last
 
     def shown(self, now: float) -> dict[str, Any]:
-        """The driver, as a status shows it."""
+        """Fields of the status about the driver."""
         lease = self.lease
         return {"driver": lease.driver, "driver_name": lease.name, "driver_left": round(lease.left(now), 2)}
 
@@ -369,7 +369,7 @@ class Wheel:
             self.turn(envelope, now)
 
     def look_after(self, now: float) -> None:
-        """Release what is held, and the wheel, after silence."""
+        """Release held bodies, and the wheel, after silence."""
         for release in self.holds.expired(now):
             self._release(release)
         self._expire(now)
@@ -398,17 +398,17 @@ class Wheel:
 
 
 class Holds(dict[str, float]):
-    """Bodies that are being dragged, with the time [s] until which the grip lasts."""
+    """Bodies that are being dragged, with the time [s] when the grip expires."""
 
     def note(self, edit: Edit, now: float) -> None:
-        """Follow an edit that was accepted at ``now`` [s]."""
+        """Update the grips after an edit that was accepted at ``now`` [s]."""
         if isinstance(edit, MoveBody) and edit.held:
             self[edit.name] = now + HELD_FOR
         elif isinstance(edit, MoveBody | ReleaseBody | RemoveBody):
             self.pop(edit.name, None)
 
     def expired(self, now: float = math.inf) -> list[ReleaseBody]:
-        """Releases for those who fell silent, by default for all; they are forgotten."""
+        """Commands that release the expired grips, by default all; these grips are forgotten."""
         silent = [name for name, until in self.items() if until <= now]
         for name in silent:
             del self[name]

@@ -59,7 +59,7 @@ class Keys:
         )  # only the server publishes here
 
     def schema(self, name: str) -> str:
-        """Key that the schema of this name is asked for at."""
+        """Key to query for the schema of this name."""
         return f"{self._root}/schema/{name}"
 
     def command(self, name: str) -> str:
@@ -72,14 +72,14 @@ class Keys:
 
 
 def is_name(text: str) -> bool:
-    """The name is allowed for a twin."""
+    """True when a twin may have this name."""
     return _NAME.match(text) is not None
 
 
 def spoken_on(heard: Any, key: str) -> bool:
-    """The sample or query was sent to exactly this key.
+    """True when the sample or query was sent to exactly this key.
 
-    One sent to a wildcard reaches every matching key, past the access control of each.
+    A message sent to a wildcard reaches every matching key, past the access control of each.
     """
     return str(heard.key_expr) == key
 
@@ -139,12 +139,12 @@ def session_config(
 ) -> zenoh.Config:
     """The file's configuration with ``listen`` added to its addresses, and ``connect`` replacing them unless empty.
 
-    ``mode`` is that of the file unless it is given. On the keys ``own`` only this session speaks and answers, and only
-    it queries ``asks``, whoever connects; a file with its own access control overrides this. A
+    ``mode`` is that of the file unless it is given. Whoever connects, only this session may publish and answer on the
+    keys ``own`` and query the keys ``asks``; a file with its own access control overrides this. A
     wildcard passes such a rule, so receivers ignore wildcards (`spoken_on`).
 
-    The port ``guarded``, the first of ``listen``, requires the password of this user, or
-    one of those in the file. A session that connects to such a port has the password (`bus.private_folder`).
+    The port ``guarded``, the first of ``listen``, requires the password of this user or
+    one from the file. A session that connects to such a port sends the password (`bus.private_folder`).
     Raises ConfigError.
     """
     for endpoint in connect:
@@ -196,7 +196,7 @@ def _reserved(own: Sequence[str], asks: Sequence[str]) -> dict[str, object]:
 
 
 def _own_password(config: zenoh.Config, endpoint: str) -> dict[str, object]:
-    """Settings of a session that needs the user's password: a port that asks for none takes nobody who has one."""
+    """Settings with the user's password, if the port needs it: a port without a password rejects clients with one."""
     own = known_at(endpoint) or {}
     if not own and json.loads(config.get_json(f"{_AUTH}/user")) is None and to_come(endpoint):
         own = own_credentials()._asdict()
@@ -204,7 +204,7 @@ def _own_password(config: zenoh.Config, endpoint: str) -> dict[str, object]:
 
 
 def _passwords(config: zenoh.Config) -> list[str]:
-    """Lines "user:password" of those whom the file lets in."""
+    """Lines "user:password" of the users that the configuration file admits."""
     name = json.loads(config.get_json(f"{_AUTH}/dictionary_file"))
     if name is None:
         return []
@@ -242,7 +242,7 @@ LOOPBACK, LOOPBACK_6 = "127.0.0.1", "::1"
 FREE = (20_000, 32_768)  # ports from which a free one is taken: below those of outgoing connections (Linux: 32768)
 MAX_PORT = 65_535
 TRIES = 50  # ports that are tried
-PATIENCE = 6.0  # [s] a session of mode "client" tries this long to be let in
+PATIENCE = 6.0  # [s] for which a session of mode "client" tries to be let in
 ATTEMPT = 0.5  # [s] limit of one attempt to connect; a stop is noticed between attempts
 
 
@@ -279,7 +279,7 @@ def require_free_port(host: str, port: int, use: str) -> None:
 
 
 def free_port(host: str = LOOPBACK) -> int:
-    """A TCP port that is free now, and that no outgoing connection will take before it is listened on.
+    """A TCP port that is free now, and that no outgoing connection will take in the meantime.
 
     The operating system's own choice (port 0) is from the range of outgoing connections of any program.
     Raises PortTaken when none was found, ValueError for an address of another machine.
@@ -352,10 +352,10 @@ def open_member(endpoint: str, *, wait: float | None = None, stop: threading.Eve
 
 
 def _open_with_retries(config: Callable[[], zenoh.Config], wait: float | None, stop: threading.Event) -> zenoh.Session:
-    """A session by attempt after attempt; ``config`` is made anew for each, since it may ask for a password by then.
+    """Open a session, with retries; ``config`` is built anew for each, as it may need a password by then.
 
-    Zenoh alone gives up at the first attempt, also when the other side is only busy. Raises its ZError after ``wait``
-    [s] (None: never), and when ``stop`` is set.
+    Zenoh by itself gives up after the first attempt, even when the other side is only busy. Raises its ZError after
+    ``wait`` [s] (None: never), and when ``stop`` is set.
     """
     deadline = math.inf if wait is None else time.monotonic() + wait
     while True:

@@ -18,7 +18,7 @@ RECORDER = "motm_twin.record.recorder"
 START_WAIT = 20.0  # [s] for the recorder to begin
 _WAITING = 20  # files that may wait to be written
 
-Done = Callable[[str, str], None]  # why not ("" = done), path of the file
+Done = Callable[[str, str], None]  # reason of the failure ("": done), path of the file
 
 
 class DataFolder:
@@ -105,7 +105,7 @@ class DataFolder:
             raise Refused(f"{self._path} is being recorded already: stop that first")
         stamp = datetime.datetime.now(tz=datetime.UTC).strftime("%Y%m%d-%H%M%S")
         path = self._new(name or f"{scene}-{stamp}", ".mcap")
-        path.unlink()  # the recorder makes it
+        path.unlink()  # the recorder creates it
         return self._launch(path)
 
     def _launch(self, path: Path) -> Path:
@@ -138,7 +138,7 @@ class DataFolder:
         return Path(self._path)
 
     def _report(self, heard: threading.Event, event: dict) -> None:
-        """Runs in the thread that listens to the recorder ``heard``."""
+        """Take an event of the recorder ``heard``; called in the thread that listens to it."""
         if heard is not self._heard:
             return
         self._last = event.get("event", "")
@@ -150,7 +150,7 @@ class DataFolder:
         self._changed()
 
     def _ended(self, heard: threading.Event, code: int) -> None:
-        """In the same thread, at its end: a recorder that says nothing more was killed."""
+        """Take the end of a recorder, in the same thread: one that reported no end was killed."""
         if heard is not self._heard:
             return
         if self._last == "recording":
@@ -162,12 +162,12 @@ class DataFolder:
         self._changed()
 
     def _new(self, name: str, suffix: str) -> Path:
-        """A new, empty file."""
+        """Create an empty file; its path. Raises Refused."""
         self._folder.mkdir(parents=True, exist_ok=True)
         if sum(1 for _ in self._folder.iterdir()) >= MAX_FILES:
             raise Refused(f"{self._folder} has {MAX_FILES} files already: remove some")
         path = self._folder.resolve() / (name if name.endswith(suffix) else name + suffix)
-        try:  # a link of this name is there already, wherever it leads
+        try:  # O_EXCL: refuses an existing link too, wherever it leads
             os.close(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o644))
         except FileExistsError:
             raise Refused(f"{path} is there already: choose another name") from None

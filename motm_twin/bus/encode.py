@@ -22,7 +22,7 @@ from motm_twin.planning.prediction import ellipses
 
 _DRAWN = 4  # decimals of values that are only drawn: 0.1 mm
 _EXACT = 9
-_EXPECTED = (1.0, 2.0, 3.0)  # [s] for which dynamic obstacles are shown ahead
+_EXPECTED = (1.0, 2.0, 3.0)  # [s] ahead: times of the shown predictions of dynamic obstacles
 _TIME = 6  # simulated time in steps of 1 us: 1.97, not 1.9700000000000015
 JOINT_NAMES = [f"panda_joint{number}" for number in range(1, 8)]
 TCP_FRAME, CAMERA_FRAME, LIDAR_FRAME = "panda_tcp", "camera", "lidar"
@@ -31,7 +31,7 @@ _QUATERNION = 6
 
 
 def seconds(time: float) -> float:
-    """A simulated time [s] as it is sent."""
+    """A simulated time [s], rounded for a message."""
     return round(float(time), _TIME)
 
 
@@ -139,7 +139,7 @@ def tick_message(
 ) -> messages.TickMessage:
     """The message of one period.
 
-    ``ended`` [s]: completion time; ``announced``: places of furniture that the robot was told.
+    ``ended`` [s]: completion time; ``announced``: poses of furniture that were announced to the robot.
     """
     truth = tick.truth
     seen = numbers(tick.observation.pose, _EXACT)
@@ -312,7 +312,7 @@ class ObservationEncoder:
         self._detections: tuple[Detection, ...] | None = None
 
     def message(self, tick: Tick, run: int, server_time: float) -> ObservationsMessage:
-        """Of one period."""
+        """The message of one period."""
         if run != self._run:
             self._run, self._scan, self._detections = run, None, None
         samples = [self._sample(seen) for seen in tick.reported or tick.samples]

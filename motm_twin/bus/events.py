@@ -14,7 +14,7 @@ from motm_twin.bus import messages
 from motm_twin.model.edits import Drive, Edit, MoveBody
 from motm_twin.model.plant import PERIOD
 
-HISTORY = 1000  # events that can be asked for
+HISTORY = 1000  # events that can be queried
 SAME_DRAG = 1.0  # [s] simulated time within which repeated moves of a held body, or twists by hand, make one event
 
 Emit = Callable[[messages.NumberedEvent], None]
@@ -24,7 +24,7 @@ class EventLog:
     """Numbers events and keeps the last `HISTORY` of them; readable from any thread."""
 
     def __init__(self, now: Callable[[], float], emit: Emit) -> None:
-        """``now`` is the server's clock [s]; ``emit`` sends an event to whoever listens."""
+        """``now`` is the server's clock [s]; ``emit`` sends an event to the subscribers."""
         self._now, self._emit = now, emit
         self._since = now()
         self._lock = threading.Lock()
@@ -86,26 +86,26 @@ class EventWatch:
         self._run, self._index, self._began = -1, -1, -1.0
         self._loaded: str | None = None  # scene that was loaded and has not run yet
         self._state = ""
-        self._stopped: tuple[str, ...] = ()  # reason, without its numbers
+        self._stopped: tuple[str, ...] = ()  # reason of the last stop, without its numbers
         self._contacts: set[tuple[float, str, str]] = set()
         self._cut_ins: set[tuple[float, str]] = set()
         self._dragged: dict[str, float] = {}  # body, "" for the robot: [s] of the last move while held
-        self._found: list[tuple[float, str, str, dict[str, object]]] = []  # of the period that is looked at
+        self._found: list[tuple[float, str, str, dict[str, object]]] = []  # of the current period
         self._last = -math.inf  # [s] time of the newest event of the run
 
     def scene(self, name: str) -> None:
-        """A scene is about to run."""
+        """Note a scene that is about to run."""
         self._loaded = name
 
     def status(self, status: messages.StatusMessage) -> None:
-        """The run ended, or broke."""
+        """Add an event when the status says that the run ended, or failed."""
         before, self._state = self._state, status.state
         if status.state != before and status.state in ("done", "error"):
             self._last = max(self._last, status.time) if status.run == self._run else status.time
             self._log.add(run=status.run, index=self._index, time=self._last, kind=status.state, text=status.text)
 
     def tick(self, message: messages.TickMessage) -> None:
-        """A period; previews of a paused twin make no events."""
+        """Add the events of a period; previews of a paused twin have none."""
         if message.run == self._run and message.index <= self._index:
             return
         if message.run != self._run:
@@ -125,7 +125,7 @@ class EventWatch:
         self._tell(message)
 
     def _tell(self, message: messages.TickMessage) -> None:
-        """Number what was found, in the order of its times; what was told late has the time of the event before."""
+        """Number the found events in order of time; a late one gets the time of the event before it."""
         for time, kind, text, about in sorted(self._found, key=lambda one: one[0]):
             self._last = max(self._last, time)
             self._log.add(run=message.run, index=message.index, time=self._last, kind=kind, text=text, **about)

@@ -23,7 +23,7 @@ HEALTH_PATH = "/healthz"
 
 
 def page_answers(port: int) -> bool:
-    """The page is served on this machine, by either version of IP."""
+    """True when the page is served on this machine, over either version of IP."""
     for host in (LOOPBACK, LOOPBACK_6):
         with suppress(OSError), closing(http.client.HTTPConnection(host, port, timeout=TIMEOUT)) as connection:
             connection.request("GET", HEALTH_PATH)
@@ -38,7 +38,7 @@ def _status(session: zenoh.Session, key: str) -> StatusMessage | None:
 
 
 def _stands(before: StatusMessage, now: StatusMessage) -> bool:
-    """Time has not run since, though the twin plays and waits for no robot, which its text would say."""
+    """True when time has stood still although the twin plays and, by its text, waits for no robot."""
     waits = now.plant in ("zenoh", "mirror") and now.text
     return now.state == "playing" and not waits and (now.run, now.time) == (before.run, before.time)
 

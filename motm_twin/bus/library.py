@@ -49,7 +49,7 @@ class FileLibrary:
         self._told: FileStates = {}
 
     def choices(self) -> list[SceneChoice]:
-        """All that can be loaded."""
+        """All scenes that can be loaded."""
         return list(self._choices.values())
 
     def load(self, scene: str, variant: str | None, seed: int | None) -> Scene:
@@ -58,7 +58,7 @@ class FileLibrary:
             raise ValueError(f"no scene is called {scene[:64]!r}; {hint(scene, self._paths)}")
         path = self._paths[scene]
         file = None if is_made(path) else find_scene(path)[0]
-        marks = {} if file is None else _file_states(file)  # before it is read: a change in between must be seen
+        marks = {} if file is None else _file_states(file)  # before reading, so that a change in between is noticed
         resolved = load_scene(path, variant, seed)
         self._choices[scene] = _choice(listing(load_document(path)))
         self._watched, self._seen, self._told = file, marks, marks
@@ -83,7 +83,7 @@ def _choice(item: SceneListing) -> SceneChoice:
 
 
 def _file_states(file: Path) -> FileStates:
-    """The file and its neighbours, which it may extend."""
+    """States of a scene file and its neighbours, which it may extend."""
     marks = {}
     for path in {file, *file.parent.glob("*.yaml")}:
         try:
@@ -95,12 +95,12 @@ def _file_states(file: Path) -> FileStates:
 
 
 class MethodLibrary:
-    """Methods by name. They import control and planning, which is slow, so only once somebody asks."""
+    """Methods by name. Control and planning, which are slow to import, are imported at the first use."""
 
     def __init__(self, own: str = DEFAULT_METHOD) -> None:
         """``own``: a shipped name, or FILE.py:NAME from the command line, whose file is run now. Raises MethodError."""
         self._found: dict[str, Method] = {}
-        self.own_name = own  # of the method that the server begins with
+        self.own_name = own  # name of the method that the server begins with
         if ":" in own:
             from motm_twin.methods.registry import find_method
 
@@ -109,7 +109,7 @@ class MethodLibrary:
             self.own_name = method.name
 
     def choices(self) -> list[MethodChoice]:
-        """All that can be loaded."""
+        """All methods that can be loaded."""
         return [
             MethodChoice(
                 name=method.name, title=method.title, summary=method.summary, parameters=dict(method.parameters)
@@ -118,7 +118,7 @@ class MethodLibrary:
         ]
 
     def find(self, name: str) -> "Method":
-        """A method by its name, and by nothing else. Raises MethodError with the near ones."""
+        """A method by its name, never by a file. Raises MethodError with the names nearby."""
         from motm_twin.model.names import MethodError
 
         known = self._known()
@@ -133,17 +133,17 @@ class MethodLibrary:
 
 
 class SceneSource:
-    """The scenes and methods that can be loaded, and those that were loaded last."""
+    """The scenes and methods that can be loaded, and the last load."""
 
     def __init__(self, library: FileLibrary, methods: MethodLibrary, first: Load) -> None:
         self._library, self._methods = library, methods
-        self.loaded = first  # what `again` loads
+        self.loaded = first  # `again` loads it
         self.choices: list[SceneChoice] = library.choices()
-        self.methods: list[MethodChoice] = []  # asked for with the first scene: they take a while to import
-        self.error = ""  # of the file, while the old scene goes on
+        self.methods: list[MethodChoice] = []  # filled with the first scene: slow to import
+        self.error = ""  # of the scene file, while the old scene goes on
 
     def load(self, command: Load) -> Scene:
-        """Resolve a scene; from now on it, and its method, are the loaded ones. Raises Refused."""
+        """Resolve a scene, and note it and its method as the loaded ones. Raises Refused."""
         self._found(command.method)
         scene = self._resolved(command)
         self.loaded, self.error = msgspec.structs.replace(command, variant=scene.variant or None), ""
@@ -151,11 +151,11 @@ class SceneSource:
         return scene
 
     def method(self) -> "Method":
-        """The loaded one."""
+        """The loaded method."""
         return self._found(self.loaded.method)
 
     def shown(self, scene: Scene | None) -> dict[str, Any]:
-        """Its part of the status, while this scene is there; from any thread."""
+        """Fields of the status about scenes and methods, for the running scene if any; from any thread."""
         loaded = self.loaded
         return {
             "scene": scene.name if scene else loaded.scene,
@@ -167,7 +167,7 @@ class SceneSource:
         }
 
     def again(self) -> Scene | None:
-        """The loaded scene as its file has it now; None, and `error` says why, while that is wrong."""
+        """The loaded scene, read again from its file; None while the file is invalid, with the reason in `error`."""
         try:
             scene, self.error = self._resolved(self.loaded), ""
         except Refused as refusal:

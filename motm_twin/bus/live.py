@@ -1,4 +1,4 @@
-"""The running twin, what readers see of it, and previews of waiting edits. Knows no pacing, persons or transport.
+"""The running twin, its messages, and previews of waiting edits. Knows no pacing, persons or transport.
 
 A preview gives the state of the running plant and the edits to a second plant of the same scene: cubes ride on their
 table, fall into a bin or are taken out of the fingers. The running plant is not touched.
@@ -50,7 +50,7 @@ class Preview:
         self._plant = make_plant(scene)
         self._of: TickMessage | None = None
         self._applied = 0
-        self._frozen: dict[str, bool] = {}  # frozen by these edits: the plant reports it only after its next step
+        self._frozen: dict[str, bool] = {}  # by these edits, which the plant reports only after its next step
 
     def show(self, message: TickMessage, state: Callable[[], Any], edits: Sequence[Edit]) -> TickMessage:
         """The message of the last period with the edits; ``state`` gives the snapshot of the plant after it."""
@@ -60,7 +60,7 @@ class Preview:
         for edit in edits[self._applied :]:
             if isinstance(edit, WorldEdit):
                 self._plant.apply(edit)
-                if isinstance(edit, FreezeBody | SendAgent):  # which releases an agent
+                if isinstance(edit, FreezeBody | SendAgent):  # SendAgent releases an agent
                     self._frozen[edit.name] = isinstance(edit, FreezeBody) and edit.frozen
             self._applied += 1
         truth = self._with_frozen_agents(self._plant.truth())
@@ -97,27 +97,27 @@ def tasks_previewed(
 
 
 MAX_ADDED = 30
-SESSION_INTERVAL = 0.25  # [s] between two sessions written while playing: each costs the loop 2 ms, mostly for the hash
-MOST_ASKERS = 1000  # that may wait
+SESSION_INTERVAL = 0.25  # [s] between two sessions while playing: each costs the loop 2 ms, mostly for the hash
+MOST_ASKERS = 1000  # requests that may wait
 
 
 class Sink(Protocol):
     """Receiver of the loop's results; called from the loop's thread."""
 
     def tick(self, message: TickMessage, tick: Tick, last: bool) -> None:
-        """A new period; ``last``: no other follows for now."""
+        """Take a new period; ``last``: no other follows for now."""
         ...
 
     def scene(self, scene: Scene, run: int) -> None:
-        """Another scene was loaded, whose first run will be ``run``."""
+        """Take a newly loaded scene, whose first run will be ``run``."""
         ...
 
     def status(self) -> None:
-        """The status changed."""
+        """Note that the status has changed."""
         ...
 
     def event(self, *, run: int, index: int, time: float, kind: str, text: str) -> None:
-        """An event that no period shows."""
+        """Take an event that belongs to no period."""
         ...
 
 
@@ -130,8 +130,8 @@ class LiveTwin:
         self.run = 0
         self._began, self._first = 0.0, 0  # server time [s] of the load or reset, first period of the run
         self._past, self._aside_run = -1, -1  # run whose past this one shares, and run that is set aside
-        self._ended: float | None = None  # [s] when all was done
-        self._aside_ended: float | None = None  # the same of the run that is set aside
+        self._ended: float | None = None  # [s] completion time
+        self._aside_ended: float | None = None  # [s] completion time of the run that is set aside
         self.scene: Scene | None = None
         self.twin: Twin | None = None
         self.message: TickMessage | None = None  # of the last period
@@ -143,14 +143,14 @@ class LiveTwin:
         self._branches: Branches | None = None
         self._pending: list[Edit] = []
         self._preview: Preview | None = None
-        self._inspect, self._asked = Inspect(), False  # and whether it is new
+        self._inspect, self._asked = Inspect(), False  # requested explanations, and whether they are new
         self._session: tuple[tuple[int, int, int], bytes] | None = None
         self._robot: ExternalPlant | None = None
-        self._here = True  # as `ready` said last
+        self._here = True  # last result of `ready`
 
     @property
     def mirror(self) -> bool:
-        """The external robot is only shown, never commanded."""
+        """True when the external robot is only shown, never commanded."""
         return self._robot is not None and self._robot.mirror
 
     @property
@@ -160,12 +160,12 @@ class LiveTwin:
 
     @property
     def real_time(self) -> bool:
-        """Time passes by itself: the robot's clock is no simulated one."""
+        """True when time passes by itself: the robot's clock is not simulated."""
         return self._robot is not None and not self._robot.shared
 
     @property
     def commands_at_once(self) -> bool:
-        """A period moves a robot whose time passes by itself."""
+        """True when a period commands a robot whose time passes by itself."""
         return self.real_time and not self.mirror
 
     @property
@@ -189,7 +189,7 @@ class LiveTwin:
             raise Refused("the time of this robot runs by itself: its speed is 1")
 
     def status(self) -> dict[str, Any]:
-        """Its part of the status; from any thread."""
+        """Fields of the status about the run and the robot; from any thread."""
         robot = self._robot
         return {
             "run": self.run,
@@ -218,7 +218,7 @@ class LiveTwin:
         return 0 if self.message is None else min(self.message.task_index, len(self.message.tasks))
 
     def clear(self, scene: Scene) -> None:
-        """Another scene, still without a twin."""
+        """Take another scene, still without a twin."""
         self.scene, self.twin, self.message, self.tick, self._preview = scene, None, None, None, None
         self.aside = None
 
@@ -283,7 +283,7 @@ class LiveTwin:
         except ValueError as error:
             raise Refused(str(error)) from error
         self._pending.append(edit)
-        if isinstance(edit, SetParameter):  # readers see new values also while paused
+        if isinstance(edit, SetParameter):  # readers see new values even while paused
             self.parameters = twin.next_parameters
 
     def advance(self, *, by_the_clock: bool) -> tuple[TickMessage, Tick]:
@@ -298,7 +298,7 @@ class LiveTwin:
         self._asked = False
         places = sum(task.kind == "place" for task in self.tick.tasks)
         if not self.tick.done or (self.tick.truth is not None and self.tick.truth.places < places):
-            self._ended = None  # until every task has ended, and every object to be placed is in its bin
+            self._ended = None  # not before every task has ended, and every object to be placed is in its bin
         elif self._ended is None:
             self._ended = round(self.tick.time, 6)
         now = self._server_time()
@@ -315,7 +315,7 @@ class LiveTwin:
             sink.event(run=self.run, index=self.index, time=self.time, kind="refused", text=text)
 
     def inspect(self, command: Inspect) -> None:
-        """Add this explanation to all ticks from now on."""
+        """Add the requested explanations to all ticks from now on."""
         self._asked = self._asked or command != self._inspect
         self._inspect = command
 
@@ -340,7 +340,7 @@ class LiveTwin:
         return self._session[1]
 
     def session_info(self) -> bytes:
-        """Which run the session is of, as a SessionInfo in JSON."""
+        """The run of the session, as a SessionInfo in JSON."""
         return msgspec.json.encode(SessionInfo(run=self.run, began=self._began))
 
     def _made(self) -> "tuple[Twin, Branches]":
@@ -386,14 +386,14 @@ class LiveTwin:
         return InspectedMessage(candidate=wish.candidate, path=path, next_path=next_path), staa_path
 
 
-SessionReply = Callable[[bytes, bytes, str], None]  # session and SessionInfo as JSON, or why there are none
+SessionReply = Callable[[bytes, bytes, str], None]  # session and SessionInfo as JSON, reason of a refusal
 
 
 class SessionDesk:
-    """Takes requests from any thread; the loop answers all that wait with the same session."""
+    """Takes requests for the session from any thread; the loop answers all waiting ones with the same session."""
 
     def __init__(self, write: Callable[[], tuple[bytes, bytes]], why_not: Callable[[Exception], str]) -> None:
-        """``write`` gives the session and its SessionInfo as JSON, or raises what ``why_not`` words."""
+        """``write`` gives the session and its SessionInfo as JSON; ``why_not`` words the errors that it raises."""
         self._write, self._why_not = write, why_not
         self._askers: deque[SessionReply] = deque()
         self._written = -1e9  # [s]
@@ -401,7 +401,7 @@ class SessionDesk:
     def ask(self, reply: SessionReply) -> bool:
         """Request the session; ``reply`` is called once, from the loop's thread. Raises Refused when too many wait.
 
-        Returns True when nobody else was waiting, so that the loop must be woken.
+        Returns True when no other request was waiting, so that the loop must be woken.
         """
         if len(self._askers) >= MOST_ASKERS:
             raise Refused("too many are waiting for the session")
@@ -410,7 +410,7 @@ class SessionDesk:
         return first
 
     def serve(self, now: float, passing: bool) -> None:
-        """Answer all who wait, unless one was written just now; ``passing``: time runs, so each session differs."""
+        """Answer all requests; while time runs (``passing``), with `SESSION_INTERVAL` between two sessions."""
         if not self._askers or (passing and now < self._written + SESSION_INTERVAL):
             return
         self._written = now

@@ -23,11 +23,11 @@ from motm_twin.model.plant import PERIOD
 from motm_twin.model.scene import DriveTo, Scene
 from motm_twin.sessions.session import LoggedEdit
 
-IDLE_WAIT = 0.1  # [s] between looks at the clock while paused
+IDLE_WAIT = 0.1  # [s] between checks of the clock while paused
 STANDING_INTERVAL = 0.05  # [s] minimum between two previews of a paused twin
 AT_START = "the run starts when the first page shows it, or somebody drives; play starts it now"
-AGAIN = 8.0  # [s] from the end of a run that nobody drives to the next
-REQUESTS_PER_TURN = 32  # a limit, so that time goes on however many wait
+AGAIN = 8.0  # [s] from the end of a run that nobody drives to the next run
+REQUESTS_PER_TURN = 32  # limited, so that time goes on however many requests wait
 
 Work = Callable[[], None]
 
@@ -44,13 +44,13 @@ class TwinLoop:
         server_time: Callable[[], float] = time.time,
         data: DataFolder | None = None,
     ) -> None:
-        """``sink`` takes what is computed; ``server_time``: clock of the server [s]; ``data``: where files are kept."""
+        """``sink`` receives the results; ``server_time``: clock of the server [s]; ``data``: folder of saved files."""
         self._twin_name, self._sink, self._data = twin_name, sink, data
         self._play_at_start, self._server_time, self._reference_tour = setup.playing, server_time, setup.reference_tour
         self._requests: queue.Queue[Work] = queue.Queue(maxsize=1000)
         self._stop, self._reload = threading.Event(), threading.Event()
         self._pacer, self._live = Pacer(), LiveTwin(setup.make_twin, server_time, setup.plant)
-        self._wheel = Wheel(self._post, lambda: sink.status())  # noqa: PLW0108 - it is made later
+        self._wheel = Wheel(self._post, lambda: sink.status())  # noqa: PLW0108 - the sink may be set later
         self._source = SceneSource(setup.library, setup.methods or MethodLibrary(), setup.first)
         self._tour: float | None = None
         self._hold, self._again, self._pages = setup.hold, setup.again, 0
@@ -74,7 +74,7 @@ class TwinLoop:
     def session(self, reply: SessionReply) -> None:
         """Ask for the run so far; ``reply`` is called once, between two periods. Raises Refused when full."""
         if self._sessions.ask(reply):
-            with suppress(commands.Refused):  # where so much waits, the loop does not sleep
+            with suppress(commands.Refused):  # a full queue keeps the loop awake
                 self._put(lambda: None)
 
     def reload(self) -> None:
@@ -143,7 +143,7 @@ class TwinLoop:
     def _answer(self, envelope: commands.Envelope, arrived: float, reply: Reply) -> None:
         index, command, late = self._live.index, envelope.command, self._server_time() - envelope.expires
         try:
-            if late >= 0.0:  # it waited for something slow, such as a load
+            if late >= 0.0:  # it had to wait, for a load, for example
                 raise commands.Refused(f"stale: expired {late:.3f} s ago")
             self._wheel.require(envelope, arrived)
             if isinstance(command, commands.Save | commands.Record):
@@ -155,11 +155,11 @@ class TwinLoop:
             return
         self._wheel.turn(envelope, arrived)
         if work is not None:
-            self._set_state("loading", "")  # before the answer: an error that is told after it is a new one
+            self._set_state("loading", "")  # before the answer, so that an error reported after it is new
         reply("", index)
         if work is not None:
             self._guarded(work)
-            self._wheel.lease.renew(envelope.sender, time.monotonic())  # who waits for its own command is not silent
+            self._wheel.lease.renew(envelope.sender, time.monotonic())  # waiting for one's own command is no silence
 
     def _apply(self, command: commands.Command) -> Work | None:
         """Apply a command, or return the slow part to do after the answer. Raises Refused."""
@@ -214,7 +214,7 @@ class TwinLoop:
                     self._set_state("playing", "")
             case _ if isinstance(command, commands.Edit):
                 self._edit(command)
-        return None  # what is left is for the wheel alone
+        return None  # the remaining commands concern the wheel only
 
     def _require_scene(self) -> None:
         if self._live.twin is None:
@@ -238,7 +238,7 @@ class TwinLoop:
         self._live.post(edit)
         self._wheel.holds.note(edit, time.monotonic())
         if isinstance(edit, commands.InsertTask | commands.Drive):
-            if self._held:  # somebody is there, though not by a page
+            if self._held:  # somebody drives, though not with a page
                 self._set_state("playing", "")
             if self._state == "done":
                 self._settling = SETTLE_PERIODS
@@ -255,9 +255,9 @@ class TwinLoop:
 
         def done(problem: str, path: str) -> None:
             if not problem:
-                with suppress(commands.Refused):  # with so many waiting, somebody drives
+                with suppress(commands.Refused):  # full: then others are sending, and one of them drives
                     self._put(lambda: self._wheel.turn_if_free(envelope, time.monotonic()))
-            reply(problem, index, path)  # later messages arrive after the answer
+            reply(problem, index, path)  # messages sent after this arrive after the answer
 
         self._data.write(command, self._live, done)
 
@@ -309,7 +309,7 @@ class TwinLoop:
         if state == "playing":
             self._pacer.restart()
         else:
-            self._real_time.want(False)  # a load computes for seconds
+            self._real_time.want(False)  # a load takes seconds of computing
         self._state, self._text = state, text
         self._sink.status()
 
@@ -323,7 +323,7 @@ class TwinLoop:
         before, scene = self._source.error, self._source.again()
         if self._source.error != before:
             self._sink.status()
-        if scene is not None and scene != self._live.scene:  # not for a changed comment or a corrected error
+        if scene is not None and scene != self._live.scene:  # a changed comment or corrected error does not count
             play = self._state in ("playing", "done") or self._live.twin is None
             self._build(scene, play, "scene file changed: loaded again")
 
@@ -342,7 +342,7 @@ class TwinLoop:
         self._begin(play)
 
     def _going_on(self, move: Callable[[], list[LoggedEdit]], text: str) -> Work:
-        """Work that continues from another moment of another run; ``move`` returns its edits."""
+        """Work that continues from another moment or run; ``move`` goes there and returns the edits until then."""
         play = self._state in ("playing", "done")
 
         def go_on() -> None:
@@ -350,7 +350,7 @@ class TwinLoop:
             holds = Holds()
             for entry in move():
                 holds.note(entry.edit, 0.0)
-            for release in holds.expired():  # nobody holds it any more
+            for release in holds.expired():  # nobody holds these bodies any more
                 self._live.post(release)
             self._begin(play)
 
@@ -376,7 +376,7 @@ class TwinLoop:
         self._real_time.want(self._state == "playing" and self._pacer.at_ease(time.monotonic()))
         self._outdated = False
         began = time.perf_counter()
-        with self.idle.suspended(self._live.simulated):  # a robot in another program is mostly waited for
+        with self.idle.suspended(self._live.simulated):  # with an external robot the period mostly waits
             message, tick = self._live.advance(by_the_clock=self._state == "playing")
         self.took = time.perf_counter() - began
         done = tick.done and not self._live.mirror

@@ -34,7 +34,7 @@ class Pacer:
         return max(0.0, self._due - now)
 
     def started(self, now: float) -> None:
-        """A period begins at ``now``."""
+        """Note that a period begins at ``now``."""
         if self._due is None or now - self._due > MAX_LAG:
             self._due = now
         self._due += PERIOD / self.speed
@@ -46,7 +46,7 @@ class Pacer:
 
     def actual_speed(self, now: float) -> float:
         """Real-time factor reached over the last second, or over the last `FEWEST` periods when they took longer."""
-        done = list(self._done)  # first: the loop may restart while another thread reads
+        done = list(self._done)  # copied first: the loop may restart while another thread reads
         done = done[-max(FEWEST, sum(at >= now - WINDOW for at in done)) :]
         if len(done) <= 1:
             return 0.0
@@ -84,7 +84,7 @@ class RealTime:
 
 
 def schedule(real_time: bool) -> None:
-    """Schedule the calling thread so. Raises OSError where that is not permitted.
+    """Give the calling thread real-time or usual scheduling. Raises OSError where that is not permitted.
 
     Children never inherit it; only a privileged thread could undo that.
     """

@@ -193,7 +193,7 @@ def _plain(value: Any) -> Any:
 
 
 def from_message(message: msgspec.Struct, target: Any, **others: Any) -> Any:
-    """The reverse: lists as arrays, null in them as infinite."""
+    """The reverse of `to_message`: lists become arrays, null in them becomes infinite."""
     names = [name for name in message.__struct_fields__ if name in target.__struct_fields__ and name not in others]
     values = {name: getattr(message, name) for name in names}
     return target(**{name: _array(value) for name, value in values.items()}, **others)

@@ -33,7 +33,7 @@ class Running(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def folder() -> Path:
-    """The private folder of these files, made when it is missing. Raises PermissionError when it is not ours."""
+    """The private folder, made when it is missing. Raises PermissionError when another user owns it."""
     path = Path(tempfile.gettempdir()) / f"motm-twin-{os.getuid()}"
     path.mkdir(mode=0o700, exist_ok=True)
     if path.is_symlink() or path.stat().st_uid != os.getuid():
@@ -46,12 +46,12 @@ def folder() -> Path:
 def own_secret(path: Path, otherwise: str) -> str:
     """The secret in a file of the private folder, made when it is missing; nobody else can read it.
 
-    Raises OSError, with what to do ``otherwise``.
+    Raises OSError, with the advice ``otherwise``.
     """
     with _one_at_a_time(path.parent):
         if found := _kept(path):
             return found
-        try:  # also in place of one that is empty, a link, or readable by others
+        try:  # also replaces a file that is empty, a link, or readable by others
             made = secrets.token_urlsafe(_BYTES)
             write_private(path, made.encode())
         except OSError as error:
@@ -61,7 +61,7 @@ def own_secret(path: Path, otherwise: str) -> str:
 
 @contextmanager
 def _one_at_a_time(place: Path) -> Iterator[None]:
-    """Hold the lock of a folder, against the threads and programs that also do."""
+    """Hold the lock of a folder, against other threads and programs that use it."""
     descriptor = os.open(place, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX)
@@ -83,10 +83,10 @@ def _kept(path: Path) -> str:
 
 
 def keep_fresh() -> None:
-    """Touch the private files: systems clear old ones out of the folder for temporary files."""
+    """Touch the private files: systems delete old files from the folder for temporary files."""
     with suppress(OSError):
         for path in folder().iterdir():
-            with suppress(OSError):  # it has just gone
+            with suppress(OSError):  # deleted in the meantime
                 os.utime(path)
 
 
@@ -125,7 +125,7 @@ def lives(pid: int) -> bool:
 
 USER = "here"
 FILE = "zenoh-password"  # in the user's private folder
-_OF_PORT = re.compile(r"zenoh-(\d{1,5})\.json5")  # as `client_file` has it
+_OF_PORT = re.compile(r"zenoh-(\d{1,5})\.json5")  # names of `client_file`
 _LOCAL = re.compile(r"tcp/(127\.\d+\.\d+\.\d+|localhost|\[::1\]):(\d{1,5})([?#].*)?")
 _LOOK = 0.5  # [s] for a listener on this machine to take a connection
 
@@ -138,7 +138,7 @@ class Credentials(NamedTuple):
 
 
 def own_credentials() -> Credentials:
-    """Those of this user, made when they are missing. Raises OSError."""
+    """Credentials of this user, made when they are missing. Raises OSError."""
     return Credentials(USER, own_secret(folder() / FILE, "see who owns that folder"))
 
 
@@ -186,14 +186,14 @@ def forget(port: int) -> bool:
 
 
 def known_at(endpoint: str) -> dict[str, str | None] | None:
-    """User and password, or neither, for a port of this user; None: no process of this user listens there."""
+    """User and password for a port of this user, null for an open one; None when no process of this user listens."""
     port = _local_port(endpoint)
     announced = None if port is None else _announced(port)
     return None if announced is None else announced["transport"]["auth"]["usrpwd"]
 
 
 def to_come(endpoint: str) -> bool:
-    """True when nobody listens there yet: a twin of this user may, and will ask for the password."""
+    """True when no program listens there yet: a twin of this user may later, and will require the password."""
     if (port := _local_port(endpoint)) is None:
         return False
     host = endpoint.removeprefix("tcp/").rpartition(":")[0].strip("[]")
@@ -210,7 +210,7 @@ def _local_port(endpoint: str) -> int | None:
 
 
 def _announced(port: int) -> dict[str, Any] | None:
-    """The file of a port; None when it is none of ours, or the process that wrote it is gone."""
+    """Content of the file of a port; None when it is not ours, or its process has ended."""
     try:
         found = json.loads(client_file(port).read_bytes())
         return found if lives(found["metadata"]["pid"]) and "usrpwd" in found["transport"]["auth"] else None
@@ -219,7 +219,7 @@ def _announced(port: int) -> dict[str, Any] | None:
 
 
 def write_private(path: Path, data: bytes, mode: int = 0o600) -> Path:
-    """Write atomically; until ``mode`` says otherwise nobody else can read it."""
+    """Write a file atomically; no one else can read it unless ``mode`` allows that."""
     descriptor, new = tempfile.mkstemp(dir=path.parent)
     with os.fdopen(descriptor, "wb") as file:
         file.write(data)

@@ -1,7 +1,7 @@
 """Publishes the loop's results and its health on Zenoh, and answers queries for the last of each.
 
-The loop only hands them over: encoding and sending happen in threads of this module. State goes through one thread, in
-order and without waiting for slow readers. Events go through another, which may wait for a reader before it drops it.
+The loop only hands results over: encoding and sending happen in threads of this module. State goes through one thread,
+in order and without waiting for slow readers. Events go through another, which may wait for a reader and then drop it.
 """
 
 import os
@@ -31,16 +31,16 @@ from motm_twin.perception.world_map import WorldMap
 
 Work = Callable[[], None]
 DRAIN = 1.0  # [s] to send the rest at closing
-EVERY = 2  # of the samples, which come at 100 Hz
+EVERY = 2  # every second sample is sent; they come at 100 Hz
 KEPT = 200  # samples that may wait while the sender is blocked
 Send = Callable[[Observation, int], None]  # sample, run
 
 
 class Outbox:
-    """Does work in its own thread. Beyond ``size`` waiting pieces, further ones are dropped."""
+    """Does work in its own thread. With ``size`` pieces waiting, further ones are dropped."""
 
     def __init__(self, name: str, size: int) -> None:
-        # A SimpleQueue keeps the interpreter: with a lock, the poster waited for the thread that it woke.
+        # Posting to a SimpleQueue keeps the interpreter: with a lock, the poster waited for the thread that it woke.
         self._queue: queue.SimpleQueue[Work | None] = queue.SimpleQueue()
         self._size, self._closed = size, False
         self._thread = threading.Thread(target=self._run, name=name, daemon=True)
@@ -66,7 +66,7 @@ class Outbox:
             try:
                 work()
             except Exception:
-                traceback.print_exc()  # what can not be sent must not end what comes after it
+                traceback.print_exc()  # one failed message must not stop the later ones
 
 
 class RobotStream:
@@ -192,7 +192,7 @@ def memory_mb(pid: int | str = "self") -> float:
 
 
 GRID_INTERVAL = 0.25  # [s] the grid is sent on change, at most four times a second
-GRID_REFRESH = 2.0  # [s] repeated this often while unchanged, for late subscribers
+GRID_REFRESH = 2.0  # [s] between repetitions of an unchanged grid, for late subscribers
 STATE_WAITING = 400  # messages: at full speed more than a second of them
 EVENTS_WAITING = 1000
 
@@ -212,7 +212,7 @@ class Publisher:
     ) -> None:
         """``status`` gives the state of the server, ``now`` its clock [s], ``took`` the time of the last period [s].
 
-        ``idle``: when queries are answered.
+        ``idle`` is set while queries may be answered.
         """
         self._keys, self._status, self._now, self._took = keys, status, now, took
         self._encode = msgspec.json.Encoder().encode
@@ -227,7 +227,7 @@ class Publisher:
         self._profile: RobotProfile | None = None
         self._encoder: tuple[RobotProfile, RobotEncoder] | None = None
         self._observations = ObservationEncoder()
-        self._scan = (-1, -1.0)  # run and stamp of the last one sent
+        self._scan = (-1, -1.0)  # run and stamp of the last sweep sent
         self._sent_map: WorldMap | None = None
         self._sent_run = -1
         self._sent_at = 0.0
@@ -241,7 +241,7 @@ class Publisher:
         self._state.post(partial(self._send_scene, scene, run))
 
     def status(self) -> None:
-        """Hand over the current state of the server, from any thread; never an older one after a newer."""
+        """Hand over the current state of the server, from any thread; never an older state after a newer one."""
         with self._telling:
             self._state.post(partial(self._send_status, self._status()))
 
@@ -251,7 +251,7 @@ class Publisher:
         self._state.post(lambda: self._values.put(key, self._encode(message(self._status()))))
 
     def close(self) -> None:
-        """Send what can be sent at once, and withdraw everything."""
+        """Send the rest within `DRAIN`, and withdraw all keys."""
         self._robot.close()
         self._state.close()
         self._events.close()
@@ -260,7 +260,7 @@ class Publisher:
     def _send_tick(self, message: TickMessage, tick: Tick, last: bool, took: float) -> None:
         self._values.put(self._keys.tick, self._encode(message))
         if self._profile is not None and (self._encoder is None or self._encoder[0] != self._profile):
-            self._encoder = self._profile, RobotEncoder(self._profile)  # late: its imports are loaded by now
+            self._encoder = self._profile, RobotEncoder(self._profile)  # created late, when its imports are loaded
         if not message.preview:
             self._robot.follow(tick, message.run)
         self._send_scan(tick, message.run)

@@ -1,6 +1,6 @@
 """Queries and their answers: commands, schemas, and the last value of every published key.
 
-While a period is computed, queries wait in Zenoh's own queue. Zenoh would call back at any time, and every call takes
+While a period is computed, queries wait in Zenoh's own queue. Callbacks would come at any time, and each takes
 the interpreter from the control loop: 1,000 refused commands a second made the 99th percentile of the period up to half
 as long again.
 """
@@ -22,7 +22,7 @@ from motm_twin.bus.commands import COMMAND_NAMES, Answer, CommandGate, Envelope,
 from motm_twin.bus.connection import Keys, direct
 from motm_twin.bus.schemas import names, schema
 
-WAITING = 1024  # queries of a key; more would block their link
+WAITING = 1024  # queries that may wait per key; more would block their link
 PATIENCE = 0.05  # [s] that queries wait for the end of a period: a whole period
 TOGETHER = 32  # queries that share this patience
 
@@ -36,7 +36,7 @@ class Idle(threading.Event):
 
     @contextlib.contextmanager
     def suspended(self, really: bool = True) -> Iterator[None]:
-        """The interpreter is busy in this block, if ``really``."""
+        """Mark the interpreter as busy within this block, if ``really``."""
         if really:
             self.clear()
         try:
@@ -53,14 +53,14 @@ class _Waiting:
         self._queries = self._queryable.handler
 
     def first(self) -> zenoh.Query | None:
-        """Wait for one; None after the end."""
+        """Wait for a query; None after the end."""
         try:
             return self._queries.recv()
         except zenoh.ZError:
             return None
 
     def more(self) -> zenoh.Query | None:
-        """One that is there; None when there is none."""
+        """A waiting query; None when there is none."""
         try:
             return self._queries.try_recv()
         except zenoh.ZError:
@@ -97,7 +97,7 @@ class _WaitingTogether:
 
 
 class DeferredQueryable:
-    """Answers the queries of some keys in its own thread, in order, when it is idle or after `PATIENCE`."""
+    """Answers the queries of some keys in its own thread, in order, while `Idle` is set or after `PATIENCE`."""
 
     def __init__(
         self, session: zenoh.Session, keys: Sequence[str], answer: Callable[[zenoh.Query], None], idle: Idle
@@ -117,7 +117,7 @@ class DeferredQueryable:
         while (query := self._waiting.first()) is not None:
             patient = time.monotonic() + PATIENCE
             for left in reversed(range(TOGETHER)):
-                self._idle.wait(max(0.0, patient - time.monotonic()))  # another period may have begun meanwhile
+                self._idle.wait(max(0.0, patient - time.monotonic()))  # another period may have begun since
                 self._reply(query)
                 if not left or (query := self._waiting.more()) is None:
                     break
@@ -141,7 +141,7 @@ class Reply(Protocol):
     """Callback for the outcome of a command, called once."""
 
     def __call__(self, reason: str, index: int, path: str = "", /) -> None:
-        """Take the refusal ("" = done), the last period before, and the written file."""
+        """Take the refusal ("": done), the last period before the command, and the written file."""
         ...
 
 
@@ -157,7 +157,7 @@ class Answering:
         request: Callable[[Envelope, Reply], None],
         idle: Idle,
     ) -> None:
-        """``now``: server time [s]; ``request`` takes a checked command, or raises Refused; ``idle``: as above."""
+        """``now``: server time [s]; ``request`` takes a checked command, or raises Refused."""
         self._keys, self._now, self._request = keys, now, request
         self._gate, self._encode = CommandGate(now), msgspec.json.Encoder().encode
         self._commands = [zenoh.KeyExpr(keys.command(name)) for name in COMMAND_NAMES]
@@ -168,7 +168,7 @@ class Answering:
         ]
 
     def close(self) -> None:
-        """Answer no more."""
+        """Stop answering."""
         for queryable in self._queryables:
             queryable.undeclare()
 
@@ -189,19 +189,19 @@ class Answering:
             reply(str(refusal), -1)
 
     def _refuse_unaddressed(self, query: zenoh.Query) -> None:
-        """Refuse a command that may reach several twins: clock and answer would be those of one of them."""
+        """Refuse a command that may reach several twins: its expiry and answer would hold for only one of them."""
         with suppress(zenoh.ZError), query:
             for key in self._commands:
                 if query.key_expr.intersects(key):
                     self._reply(query, key, f"a command is for one twin: send it to {key}, without a wildcard", -1)
 
     def _reply(self, query: zenoh.Query, key: zenoh.KeyExpr | str, reason: str, index: int, path: str = "") -> None:
-        """Reply on a key of this twin, never on a wildcard: of two answers on one key Zenoh drops one."""
+        """Reply on a key of this twin, never on a wildcard: Zenoh drops one of two answers on the same key."""
         answer = Answer(ok=not reason, reason=reason, server_time=self._now(), index=index, path=path)
         query.reply(key, self._encode(answer), encoding=zenoh.Encoding.APPLICATION_JSON)
 
     def _on_schema(self, query: zenoh.Query) -> None:
-        """Every schema that the query asks for, each on its own key."""
+        """Reply with every schema that the query asks for, each on its own key."""
         with suppress(zenoh.ZError), query:
             for key, text in self._schemas:
                 if query.key_expr.intersects(key):
@@ -215,7 +215,7 @@ class LatestValues:
     """Publishes, and answers late joiners with the last value of each key."""
 
     def __init__(self, session: zenoh.Session, keys: Keys, idle: Idle) -> None:
-        """``idle``: when to answer."""
+        """``idle`` is set while queries may be answered."""
         self._lock = threading.Lock()
         self._last: dict[str, tuple[bytes, bytes | None]] = {}  # key: payload, attachment
         self._answers: dict[str, MakeAnswer] = {}
@@ -234,7 +234,7 @@ class LatestValues:
                 reliability=zenoh.Reliability.RELIABLE,
             )
         self._asked = [(key, zenoh.KeyExpr(key)) for key in self._publishers]
-        # One for all keys: a query for several is answered in that order.
+        # One queryable for all keys, so that a query for several keys is answered in this order.
         self._queryable = DeferredQueryable(session, list(self._publishers), self._answer, idle)
 
     def put(self, key: str, payload: bytes, attachment: bytes | None = None) -> None:
@@ -248,13 +248,13 @@ class LatestValues:
         self._answers[key] = make
 
     def close(self) -> None:
-        """Withdraw everything."""
+        """Withdraw all keys."""
         self._queryable.undeclare()
         for publisher in self._publishers.values():
             publisher.undeclare()
 
     def _answer(self, query: zenoh.Query) -> None:
-        """The last value of every key that the query asks for."""
+        """Reply with the last value of every key that the query asks for."""
         with suppress(zenoh.ZError), query:  # the asker may be gone
             for key, expression in self._asked:
                 if not query.key_expr.intersects(expression):

@@ -39,7 +39,7 @@ MESSAGES: dict[str, tuple[str, type[msgspec.Struct]]] = {
     "command": (COMMAND_VERSION, Envelope),  # payload of every command
     "answer": (ANSWER_VERSION, Answer),  # to every command
 }
-# Of the keys below ``plant/``, and the answer to a request.
+# Messages on the keys below ``plant/``, and the answer to a request.
 PLANT_MESSAGES: dict[str, tuple[str, type[msgspec.Struct]]] = {
     f"plant/{name}": (f"{plant_messages.VERSION}/{name}", kind)
     for name, kind in (
@@ -71,7 +71,7 @@ def schema(name: str) -> dict[str, Any]:
 
 
 def names() -> list[str]:
-    """Of all schemas."""
+    """Names of all schemas."""
     return [*MESSAGES, *COMMANDS, *PLANT_MESSAGES]
 
 
@@ -99,7 +99,7 @@ def _comments(kind: type) -> dict[str, str]:
 
 def schema_of(kind: type[msgspec.Struct], version: str) -> dict[str, Any]:
     """The schema of a struct under this ``$id``, with the comments of its fields as descriptions."""
-    made = msgspec.json.decode(msgspec.json.encode(msgspec.json.schema(kind)))  # as its readers get it: no tuples
+    made = msgspec.json.decode(msgspec.json.encode(msgspec.json.schema(kind)))  # as readers get it: without tuples
     kinds = _structs(kind, {})
     for name, part in made.get("$defs", {}).items():
         notes = field_notes(kinds[name]) if name in kinds else {}

@@ -1,7 +1,7 @@
 """A folder with all that a twin and its clients on other machines need, one file each; and their rights over Zenoh.
 
-The files of clients hold their certificates and secrets inside: they are handed over whole, by a safe way. Rights are
-Zenoh's access control: what is not allowed here is denied. Rules name messages as they pass the server: ``ingress``
+The file of a client contains its certificates and secrets: hand it over as a whole, over a safe channel. Rights are
+Zenoh's access control: anything not allowed here is denied. Rules name messages as they pass the server: ``ingress``
 comes from the client, ``egress`` goes to it.
 """
 
@@ -46,7 +46,7 @@ class Authority:
 
     @classmethod
     def create(cls, name: str) -> "Authority":
-        """A new one, for ten years."""
+        """A new authority, valid for ten years."""
         key = ec.generate_private_key(ec.SECP256R1())
         subject = _name(name)
         builder = _builder(subject, subject, key.public_key(), AUTHORITY_DAYS)
@@ -128,10 +128,10 @@ STATE = (
 )
 READABLE = tuple(f"motm/*/{key}" for key in STATE)
 COMMANDS = ("motm/*/cmd/**",)
-OF_THE_TWIN = ("motm/*/plant/command", "motm/*/plant/grant")  # which a robot only hears
+OF_THE_TWIN = ("motm/*/plant/command", "motm/*/plant/grant")  # a robot only receives these
 ASKED_BY_THE_TWIN = ("motm/*/plant/reset", "motm/*/plant/edit", "motm/*/plant/tasks")
-# No wildcard matches key chunks that begin with @. Those of ROS 2: tokens of its two forms, and what advanced
-# publishers (latched topics) keep and say of themselves.
+# No wildcard matches key chunks that begin with @, so those of ROS 2 are listed: liveliness tokens in both forms, and
+# the caches and announcements of advanced publishers (latched topics).
 ROS2 = ("@/*/@ros2_lv/**", "@ros2_lv/**", "**/@adv/**")
 ASKING = ["declare_subscriber", "query", "declare_liveliness_subscriber", "liveliness_query"]
 TOLD = ["put", "delete", "reply", "declare_queryable", "liveliness_token"]
@@ -145,19 +145,19 @@ Granted = tuple[Json, list[str]]  # a subject, and the names of its rules
 
 
 def each(named: Named) -> list[tuple[str, str]]:
-    """Role and name of everybody."""
+    """Role and name of every client."""
     return [(role, name) for role, names in named.items() for name in names]
 
 
 def identity(role: str, name: str) -> str:
-    """The common name, or user name, that somebody connects with."""
+    """The common name, or user name, with which a client connects."""
     return f"{role}-{name}"
 
 
 def access_control(people: Named, *, by: str) -> Json:
     """The setting ``access_control`` for these people.
 
-    ``by``: "cert_common_names" or "usernames", how they are known. Programs with the password of the user that serves
+    ``by``: "cert_common_names" or "usernames", which identify them. Programs with the password of the serving user
     may do everything over the loopback interface.
     """
     of_robots, granted = _granted(people, by)
@@ -172,7 +172,7 @@ def access_control(people: Named, *, by: str) -> Json:
 
 
 def router_access_control(people: Named, *, by: str) -> Json:
-    """The same for a router: each twin publishes on its own keys; the others have the same rights as at a twin."""
+    """The same for a router: each twin publishes on its own keys; other clients have the same rights as at a twin."""
     of_robots, granted = _granted(people, by)
     rules = [*_of_people(), _rule("be asked", ["egress"], ASKING, ["motm/**"]), *of_robots]
     for twin in people.get("twin", ()):
@@ -192,7 +192,7 @@ def _of_people() -> list[Json]:
 
 
 def _granted(people: Named, by: str) -> tuple[list[Json], list[Granted]]:
-    """Rules of robots; viewers, drivers and robots with the names of their rules."""
+    """Rules of the robots, and all subjects (viewers, drivers, robots) with the names of their rules."""
     rules: list[Json] = []
     granted: list[Granted] = []
     reads = ["ask", "be told"]
@@ -243,7 +243,7 @@ class People(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
     names: dict[str, list[str]] = {}  # by role
 
     def check(self) -> None:
-        """Raise SecurityError for what can not be used."""
+        """Raise SecurityError for values that cannot be used."""
         if self.version != PEOPLE_VERSION:
             raise SecurityError(
                 f"people.json has version {self.version!r}: make the folder anew, this program reads {PEOPLE_VERSION!r}"
@@ -261,7 +261,7 @@ class People(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
 
 
 def _check(named: Named, days: int = DAYS) -> None:
-    """Raise SecurityError for a name that was given twice, and for days that cannot be."""
+    """Raise SecurityError for a name that is given twice, and for an impossible number of days."""
     people = each(named)
     for role, name in people:
         if people.count((role, name)) > 1:
@@ -276,7 +276,7 @@ class Folder:
     def __init__(self, path: Path) -> None:
         self.path = path
         # Zenoh configurations: of the twin server, of its own processes on that machine, and of a router to which twins
-        # connect, which is there when twins are known.
+        # connect, which exists when twins are known.
         self.server, self.here, self.router = (path / f"{name}.json5" for name in ("server", "here", "router"))
 
     def of(self, role: str, name: str) -> Path:
@@ -296,7 +296,7 @@ class Folder:
         return people
 
     def ready(self) -> "Folder":
-        """This folder, when a server can use it. Raises SecurityError."""
+        """This folder, checked to be usable by a server. Raises SecurityError."""
         self.known()
         missing = [file.name for file in (self.server, self.here) if not file.is_file()]
         if missing:
@@ -304,7 +304,7 @@ class Folder:
         return self
 
     def create(self, people: People, *, days: int = DAYS) -> list[Path]:
-        """A new authority, server and clients; the files for clients. Raises SecurityError before it writes."""
+        """Create authority, server and clients; returns the clients' files. Raises SecurityError before it writes."""
         people.check()
         _check(people.names, days)
         if self.path.exists() and any(self.path.iterdir()):
@@ -324,7 +324,7 @@ class Folder:
         return made
 
     def add(self, named: Named, *, days: int = DAYS) -> list[Path]:
-        """Admit more clients; their files. Takes effect when the server restarts.
+        """Admit more clients; returns their files. Takes effect when the server restarts.
 
         Raises SecurityError before it writes.
         """
@@ -361,7 +361,7 @@ class Folder:
         self._server(people)
 
     def _server(self, people: People) -> None:
-        """Write what depends on who is known."""
+        """Write the files that depend on the known people."""
         mutual = not people.passwords
         tls: Json = {
             "listen_certificate_base64": _base64((self.path / "server.crt").read_bytes()),
@@ -377,7 +377,7 @@ class Folder:
             "usrpwd": {"dictionary_file": str((self.path / "users.txt").resolve())},
             "access_control": access_control(people.names, by=by),
         }
-        self._write_users(self._users())  # there is a list, even of nobody
+        self._write_users(self._users())  # the list exists even when it is empty
         if people.names.get("twin"):
             rights = router_access_control(people.names, by=by)
             self._write("router.json5", _settings(**{**settings, "access_control": rights, "mode": "router"}), _SECRET)
@@ -391,7 +391,7 @@ class Folder:
             "root_ca_certificate_base64": _base64((self.path / "ca.crt").read_bytes()),
             "verify_name_on_connect": True,
         }
-        # A router does not pass on from peer to peer: those who look are its clients.
+        # A router does not forward between peers: viewers and drivers are its clients.
         at_router = bool(people.names.get("twin")) and role != "twin"
         settings: Json = {"mode": "client"} if at_router else {}
         host = f"[{people.hosts[0]}]" if ":" in people.hosts[0] else people.hosts[0]
@@ -432,7 +432,7 @@ class Folder:
 
 
 def _settings(*, tls: Json | None = None, usrpwd: Json | None = None, **sections: Any) -> bytes:
-    """A whole configuration: the shipped one, and what is asked for on top."""
+    """A whole configuration: the shipped one with these settings on top."""
     shipped = re.sub(r"//.*", "", SHIPPED.read_text(encoding="utf-8"))  # its JSON5 is YAML without the comments
     config = yaml.safe_load(shipped) | sections
     if tls is not None:

@@ -1,4 +1,4 @@
-"""The twin server: the twin in real time, its state on Zenoh, commands only as checked queries.
+"""The twin server: runs the twin in real time, its state on Zenoh, commands only as checked queries.
 
 `server_process` is its program.
 """
@@ -35,8 +35,8 @@ class RobotChoice:
 
     meet: Callable[..., Any]  # (session, twin, *, listen_only) -> link to the robot, closed with the server
     make_twin: Callable[..., Any]  # a Twin: (link, scene, *, method)
-    mirror: bool = False  # it is shown, and never commanded
-    session: zenoh.Session | None = None  # where the robot connects; None: the server's own
+    mirror: bool = False  # the robot is shown, never commanded
+    session: zenoh.Session | None = None  # session to which the robot connects; None: the server's own
 
 
 def server_clock() -> Callable[[], float]:
@@ -59,13 +59,13 @@ class Server:
         return f"tcp/{LOOPBACK}:{self.port}"
 
     def start(self) -> None:
-        """Begin to run or play."""
+        """Start the threads that run or play."""
         for thread in self._threads:
             thread.start()
 
     @abstractmethod
     def close(self) -> bool:
-        """Withdraw everything; False when something had to be abandoned."""
+        """Stop and withdraw all keys; False when something had to be abandoned."""
 
     def __enter__(self) -> Self:
         self.start()
@@ -89,7 +89,7 @@ class TwinServer(Server):
         robot: RobotChoice | None = None,
         open_bus: bool = False,
     ) -> None:
-        """``robot``: one in another program instead of the simulated one; ``setup.make_twin`` is not used then.
+        """``robot``: an external robot instead of the simulated one; ``setup.make_twin`` is then unused.
 
         ``open_bus``: let in every program of this machine, not only those of this user.
         """
@@ -102,7 +102,7 @@ class TwinServer(Server):
             data,
             self.endpoint,
             twin,
-            changed=lambda: self._publisher.status(),  # noqa: PLW0108 - made later
+            changed=lambda: self._publisher.status(),  # noqa: PLW0108 - created below
             failed=self._recording_failed,
         )
         self._robot = None
@@ -131,13 +131,13 @@ class TwinServer(Server):
         ]
 
     def record(self, path: Path, done: Callable[[str, str], None]) -> None:
-        """Record to this file; ``done`` is told the refusal ("": begun) and the path, from another thread."""
+        """Record to this file; ``done`` gets the refusal ("": begun) and the path, from another thread."""
         self._data.record(path, done)
 
     def close(self) -> bool:
         """Stop within a second and a half; False when the current period had to be abandoned."""
         self._stop.set()
-        self._data.close()  # while the loop still gives it the session
+        self._data.close()  # while the loop can still give it the session
         self.loop.stop()
         self._token.undeclare()
         self._answering.close()

@@ -1,7 +1,7 @@
 """The command line: `motm-twin serve | run | record | replay | rerun | what-if | scene | bench | ...`.
 
-Each command has its options and help here, in `settings`, or in its own file. What it does is imported when it is
-called.
+Each command has its options and help here, in `settings`, or in its own file. Its implementation is imported when it
+is called.
 """
 
 import io
@@ -119,7 +119,7 @@ def _warm_up() -> int:
     return 0
 
 
-OWN: dict[str, Callable[..., int]] = {  # have signal handlers of their own, or say when they are loaded
+OWN: dict[str, Callable[..., int]] = {  # commands with their own signal handlers, or that report when they are loaded
     "serve": _serve, "run": _run, "record": record.record, "replay": record.replay, "robot": client.robot,
     "demo": _demo,
 }  # fmt: skip
@@ -135,13 +135,13 @@ def main() -> None:
     """Run the command line and exit with the command's code; 1 when the output is closed, 130 after Ctrl-C."""
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
-            stream.reconfigure(errors="replace")  # a terminal that knows ASCII only, as over a serial line
+            stream.reconfigure(errors="replace")  # for terminals with ASCII only, as over a serial line
     try:
         try:
             code = _called()
         finally:
-            sys.stdout.flush()  # a closed output shows here at the latest
-    except BrokenPipeError:  # "Note on SIGPIPE" of Python's signal: what is left must not be written at the end again
+            sys.stdout.flush()  # raises for a closed output at the latest
+    except BrokenPipeError:  # "Note on SIGPIPE" of Python's signal: the rest must not be written at exit
         _give_up_output()
         code = FAILED
     except OSError as error:
@@ -157,7 +157,7 @@ def main() -> None:
 
 
 def _output_fails() -> bool:
-    """Standard output cannot be written, as on a full disk."""
+    """True when standard output cannot be written, as on a full disk."""
     try:
         sys.stdout.flush()
         return os.write(sys.stdout.fileno(), b"") < 0
@@ -170,7 +170,7 @@ def _give_up_output() -> None:
 
 
 def _called() -> int:
-    """The exit code of the command."""
+    """Call the command; its exit code."""
     if sys.argv[1:] == ["--version"]:
         print(f"motm-twin {__version__}")
         return OK
@@ -186,7 +186,7 @@ def _called() -> int:
         )
     except (SceneError, SessionError, ConfigError, MethodError) as error:
         return _refused(str(error))
-    except RuntimeError:  # of Numba, when a module with kernels is imported
+    except RuntimeError:  # raised by Numba when a module with kernels is imported
         if problem := kernel_problem():
             return _refused(problem)
         raise

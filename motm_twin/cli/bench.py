@@ -69,9 +69,9 @@ def _study(study: sensitivity.Study) -> Run:
 
 
 class Bench(NamedTuple):
-    """A benchmark that is no group of trials."""
+    """A benchmark that is not a group of trials."""
 
-    minutes: int  # about, on two cores
+    minutes: int  # approximate duration on two cores
     title: str
     run: Run
 
@@ -103,9 +103,9 @@ BENCHES = {
 }  # fmt: skip
 RUNS: dict[str, Run] = {name: _group(name) for name in GROUPS} | {name: bench.run for name, bench in BENCHES.items()}
 OF_EXTRA = "physics"  # group that needs an extra
-ALL = (*(name for name in GROUPS if name != OF_EXTRA), groups.TASK)  # of the name "all"
-TRIAL = 0.12  # [min] of one trial on one of two processes
-ALONE = (barn.NAME, people.NAME, people.TRACKER)  # named first, with arguments of their own
+ALL = (*(name for name in GROUPS if name != OF_EXTRA), groups.TASK)  # for the name "all"
+TRIAL = 0.12  # [min] per trial on one of two processes
+ALONE = (barn.NAME, people.NAME, people.TRACKER)  # must be named first, and have their own arguments
 ONLY_EXPERIMENTS = tuple(name for name in EXPERIMENTS if name not in RUNS)
 
 
@@ -155,7 +155,7 @@ def _list_groups(console: Console) -> None:
 
 
 def _problem(given: BenchSettings) -> str:
-    """Refusal of the first impossible setting; "" when all are possible."""
+    """Refusal of the first impossible setting; "" when there is none."""
     if problem := _wrong_name(given):
         return problem
     if given.worlds is not None and given.worlds < 1:
@@ -176,7 +176,7 @@ def _impossible(workers: int, out: Path) -> str:
 def _wrong_name(given: BenchSettings) -> str:
     """Refusal of the first unknown name, with the known ones; "" when all are known."""
     possible = tuple(EXPERIMENTS) if given.experiment else ("all", *RUNS, *ONLY_EXPERIMENTS, *ALONE)
-    named = given.groups if given.groups[0] not in ALONE else []  # scene files may follow it
+    named = given.groups if given.groups[0] not in ALONE else []  # scene files may follow
     for what, names, known in (
         ("experiment" if given.experiment else "group", named, possible),
         ("fault", given.kinds, (disturbances.NONE, *disturbances.KINDS)),
@@ -237,7 +237,7 @@ def bench_experiments(names: list[str], given: BenchSettings, console: Console) 
             console=console,
             retry_failed=given.retry_failed,
         )
-    except ValueError as error:  # of the arguments: what goes wrong in a trial is in its result
+    except ValueError as error:  # a wrong argument: errors of trials are in their results
         return _refused(error, console)
     except KeyboardInterrupt:
         console.print(kept_text(given.out, names), markup=False)
@@ -280,14 +280,14 @@ WARN_HOURS = 3.0  # beyond this, --yes is required
 
 
 def write_paper(given: PaperSettings) -> int:
-    """Run what the report of the paper's experiments needs, and write it; the exit code."""
+    """Run the trials for the report of the paper's experiments, and write it; the exit code."""
     console = plain_console()
     if problem := _paper_problem(given):
         return _refused_paper(problem)
     plan = data.PLANS[given.plan]()
     try:
         records = _records_in_folder(given, plan) if given.draw else _run(given, plan, console)
-    except ValueError as error:  # a scene, method or folder with which no trial can be run; or hours
+    except ValueError as error:  # an unusable scene, method or folder, or unconfirmed hours
         return _refused_paper(str(error))
     except KeyboardInterrupt:
         text = f"\nstopped; the finished trials are in {given.out}: the same command resumes there"
@@ -308,7 +308,7 @@ def _paper_problem(given: PaperSettings) -> str:
 
 
 def _records_in_folder(given: PaperSettings, plan: data.Plan) -> data.Records:
-    """The records in the folder. Raises ValueError when there are none, and what is asked for is drawn from some."""
+    """The records in the folder. Raises ValueError when there are none and the requested parts need them."""
     records = data.stored(given.out)
     if not any(records.values()) and parts.needed(plan.experiments, given.only or parts.NAMES):
         raise ValueError(f"--out {given.out}: there is no trial in it to draw: give the folder of a run")
@@ -316,7 +316,7 @@ def _records_in_folder(given: PaperSettings, plan: data.Plan) -> data.Records:
 
 
 def _run(given: PaperSettings, plan: data.Plan, console: Console) -> data.Records:
-    """Run what is missing; the records of the plan, and of what else is in the folder. Raises ValueError."""
+    """Run missing trials; returns the records of the plan and all others in the folder. Raises ValueError."""
     compile_kernels()
     experiments = parts.needed(plan.experiments, given.only) if given.only else plan.experiments
     wanted = data.keys(experiments)
@@ -341,7 +341,7 @@ def _run(given: PaperSettings, plan: data.Plan, console: Console) -> data.Record
 
 
 def _announce(given: PaperSettings, wanted: data.Keys, console: Console) -> None:
-    """Say how long it will take. Raises ValueError for hours that nobody has confirmed."""
+    """Print the expected duration. Raises ValueError for unconfirmed hours."""
     left, count = data.missing(given.out, wanted, retry_failed=given.retry_failed)
     expected_h = data.hours(left, given.workers)
     expected = f"{expected_h:.1f} h" if expected_h >= 1.0 else f"{60.0 * expected_h:.0f} min"
@@ -354,7 +354,7 @@ def _announce(given: PaperSettings, wanted: data.Keys, console: Console) -> None
 
 
 def _begun(given: PaperSettings) -> bool:
-    """The folder has trials of this plan, run with the source as it is now."""
+    """True when the folder has trials of this plan, run with the current source."""
     wanted = (given.plan, made_with()[SOURCE])
     notes = (record.made_with for these in data.stored(given.out).values() for record in these)
     return any((note.get(data.PLAN), note.get(SOURCE)) == wanted for note in notes)

@@ -1,7 +1,7 @@
 """`motm-twin watch | twins | send | robot`: programs that connect to a twin.
 
-Lines from messages, the twins that run, a command from words; and the reference robot, our simulated plant with its
-referee as a program of its own.
+They print messages, list running twins, send a command; or run the reference robot, our simulated plant with its
+referee as a separate program.
 """
 
 import math
@@ -79,7 +79,7 @@ def watch(
 
 
 def _messages(handle: "Twin", key: str, once: bool) -> Iterator[dict[str, Any]]:
-    """Every newest message, every event; the attachment of a grid."""
+    """Newest messages of a key, or all events; for grids their attachments."""
     client, name = handle.client, getattr(handle.client.keys, key)
     if key == "event" and not once:
         for event in handle.events():
@@ -248,7 +248,7 @@ def send(
 def parse(command: str, fields: Sequence[str], json: str | None = None) -> commands.Command:
     """The command of this name with fields "name=value", or as JSON. Raises ValueError with what is allowed.
 
-    A load that names no method means the default one, as with `serve` and in Python, and says so in the message.
+    A load without a method means the default one, as in `serve` and in Python; the message then names it.
     """
     kind = KINDS.get(command)
     if kind is None:
@@ -274,7 +274,7 @@ def parse(command: str, fields: Sequence[str], json: str | None = None) -> comma
 
 
 def _value(name: str, text: str, kind: Any) -> Any:
-    """A word as the type of its field: as JSON where that fits, a list without its brackets, or as it stands."""
+    """A word converted to the type of its field: as JSON if that fits, as a list without brackets, or as plain text."""
     for candidate in (text, f"[{text}]"):
         try:
             return msgspec.to_builtins(msgspec.json.decode(candidate, type=kind))
@@ -294,7 +294,7 @@ def _sent(handle: "Twin", command: commands.Command, timeout: float) -> int:
         return FAILED
     print(_json(answer))
     if not isinstance(command, commands.TakeWheel | commands.HandOver | commands.Inspect | commands.Audience):
-        handle.client.command(commands.HandOver())  # this program ends now: others need not wait for its silence
+        handle.client.command(commands.HandOver())  # this program ends: others need not wait for its lease
     return OK
 
 
@@ -364,7 +364,7 @@ def robot(settings: Annotated[RobotSettings, arg(name="")]) -> int:
 
     twin = settings.twin
     try:
-        leads = configured_endpoint()  # a file that cannot be used is refused in any case
+        leads = configured_endpoint()  # an unusable file is refused in any case
         endpoint = settings.endpoint or leads or f"tcp/{LOOPBACK}:{DEFAULT_PORT}"
         server = _server(settings, endpoint, lambda: say(f"has met the twin {twin!r} at {endpoint}"))
     except ValueError as error:
@@ -395,6 +395,6 @@ def _server(settings: RobotSettings, endpoint: str, on_met: Callable[[], None]) 
         twin=settings.twin,
         clock=settings.clock,
         link=LinkSpec(seed=link.pop("link_seed"), **link),
-        stop=stop_event(settings.child),  # until all is imported a signal ends the program
+        stop=stop_event(settings.child),  # before this, while imports run, a signal ends the program
         on_met=on_met,
     )

@@ -1,4 +1,4 @@
-"""`motm-twin doctor`: one line for each thing that works on this machine or does not, and what to do about it."""
+"""`motm-twin doctor`: one line for each check of this machine, with a remedy if it fails."""
 
 import ctypes.util
 import importlib
@@ -28,12 +28,12 @@ class Mark(StrEnum):
     """Grade of an answer."""
 
     GOOD = "good"
-    NOTE = "note"  # something that not everybody needs is missing
+    NOTE = "note"  # something optional is missing
     WRONG = "wrong"
 
 
 class Answer(NamedTuple):
-    """One line; ``cure`` says what to do about it."""
+    """One line; ``cure`` is the remedy."""
 
     mark: Mark
     text: str

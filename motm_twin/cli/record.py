@@ -65,7 +65,7 @@ def record(
         try:
             assert process.stdout is not None
             for line in process.stdout:
-                with suppress(OSError):  # recording goes on when nobody reads this
+                with suppress(OSError):  # recording goes on even if the output is closed
                     _tell(console, json_module.loads(line))
             return process.wait()
         finally:

@@ -1,6 +1,6 @@
-"""`motm-twin run | rerun | what-if`: a headless run, which may leave a session and a figure behind.
+"""`motm-twin run | rerun | what-if`: a headless run, which can save a session and a figure.
 
-A session, or a recording, is run again and compared bit for bit; or a session with other parameters.
+A session or a recording is run again and compared bit for bit; or a session is run with other parameters.
 """
 
 from __future__ import annotations
@@ -49,12 +49,12 @@ from motm_twin.trial import run_scene
 if TYPE_CHECKING:
     from motm_twin.studies.speed_plot import SpeedFigure
 
-SHOWN_CONTACTS = 5  # of a run; the others are in its JSON
+SHOWN_CONTACTS = 5  # contacts of a run that are printed; its JSON has all
 _PARTS = {"at_limit": "at the speed limit", "below_limit": "below it"}  # parts that the report names by one word
 
 
 def run(given: RunSettings) -> int:
-    """Run a scene as the settings say, and tell how it went; the exit code."""
+    """Run a scene by these settings and print the report; the exit code."""
     refuse_unwritable(given.json)
     parameters = parse_changes(given.changes) if given.changes else {}
     scene = with_plant(load_scene(given.scene, given.variant, given.seed), given.plant)
@@ -72,7 +72,7 @@ def run_headless(
 ) -> dict[str, Any]:  # fmt: skip
     """Run a scene to its end; the report of the run. Raises SceneError and SessionError, before it runs.
 
-    After Ctrl-C the session of the periods so far is kept, and KeyboardInterrupt says so.
+    After Ctrl-C the session so far is saved, and the KeyboardInterrupt says so.
 
     ``parameters``: by name, on top of the method's; ``save``: new file of the session; ``plot``: file of the figure
     of `studies.speed_plot`.
@@ -85,7 +85,7 @@ def run_headless(
     def on_tick(tick: Tick) -> None:
         nonlocal periods
         if not periods:
-            processes.loaded()  # everything is compiled: from now on there is a run to save
+            processes.loaded()  # all is compiled: from now on there is a run to save
         periods = tick.index + 1
         if save is not None:
             tracker.add(tick)
@@ -112,7 +112,7 @@ def run_headless(
     except KeyboardInterrupt:
         if save is None or periods == 0:
             raise
-        keep(save, "")  # of a period that broke off
+        keep(save, "")  # no hash: the period was interrupted
         raise KeyboardInterrupt(f"the {periods / PERIODS_PER_SECOND:.2f} s before are in {save}") from None
     if figure is not None:
         figure.draw(report, plot)
@@ -170,8 +170,8 @@ def rerun_file(file: str, *, update: bool = False, report: str | None = None, me
     """Rerun a session or a recording; the exit code: 0 equal (or updated), 1 different, or a session without a hash.
 
     ``update`` writes the new hash into the file; ``report``: file of the JSON report, '-' for standard output;
-    ``method``: FILE.py:NAME of a user's, for what was made with it. Raises SessionError for a file that cannot be used,
-    such as a recording of which no run can be computed, MethodError for such a method.
+    ``method``: FILE.py:NAME of a user's method, for files made with it. Raises SessionError for an unusable file,
+    such as a recording of which no run can be computed, MethodError for an unusable method.
     """
     refuse_unwritable(report)
     own = None if method is None else find_method(method)
@@ -199,11 +199,11 @@ class NotComputed(msgspec.Struct, frozen=True, kw_only=True):
     """A run that cannot be compared: neither equal nor different."""
 
     run: int
-    text: str  # why
+    text: str  # the reason
 
 
 def _rerun_recording(file: str, report: str | None, own: Method | None) -> int:
-    """Every run of a recording that can be computed. Raises SessionError when none can."""
+    """Rerun every run of a recording that can be computed. Raises SessionError when none can."""
     recording = load_recording(file)
     console = plain_console()
     if not recording.runs:
@@ -284,15 +284,15 @@ def _print(session: Session, again: Rerun) -> None:
     console.print(explain(again), markup=False)
 
 
-STEP = 5.0  # [s] simulated between two lines, at least
+STEP = 5.0  # [s] least simulated time between two lines
 
 
 def what_if(
     file: str, changes: list[str], *, seconds: float, report: str | None, lines: bool, method: str | None
 ) -> int:
-    """Run both and print them; the exit code. ``lines``: JSON lines of both runs instead, see `record.what_if`.
+    """Run and print both runs; the exit code. ``lines``: print JSON lines of both instead, see `record.what_if`.
 
-    ``method``: FILE.py:NAME of a user's, for a session that was made with it.
+    ``method``: FILE.py:NAME of a user's method, for a session made with it.
 
     Raises SessionError for a file, a parameter or a time that cannot be used.
     """
@@ -363,7 +363,7 @@ def _numbers(was: float, changed: float, digits: int) -> tuple[str, str, str]:
 
 
 class BothRuns:
-    """A bar for each run while the console is a terminal; without one, a line whenever both are a tenth further.
+    """A bar for each run while the console is a terminal; without one, a line for every further tenth of both.
 
     ``recorded`` [s] is the length of the recording; the length of a run is unknown.
     """

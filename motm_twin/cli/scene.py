@@ -32,12 +32,12 @@ def list_scenes() -> int:
 
 
 def check_scenes(names_or_paths: Sequence[str]) -> int:
-    """Check scenes one by one; bad input if one of them is."""
+    """Check scenes one by one; bad input if any of them is invalid."""
     return max([_check(name) for name in names_or_paths])
 
 
 def _check(name_or_path: str) -> int:
-    """Check every variant of a scene; print its content and doubts, or the one thing wrong; "-": standard input."""
+    """Check every variant of a scene; print its content and doubts, or the first error; "-": standard input."""
     try:
         if name_or_path == "-":
             document = text_document(sys.stdin.buffer.read(), "standard input")
@@ -73,7 +73,7 @@ def schema_text() -> str:
 
 
 def generate_scene(seed: int | None, difficulty: float | None, output: Path | None, path: str | None) -> int:
-    """Write a scene that nobody has seen before to a new file, or print it."""
+    """Write a newly generated scene to a new file, or print it."""
     try:
         if path is not None:
             raise SceneError(f"scene generate makes its own scene: leave {path!r} out, or write -o {path}")

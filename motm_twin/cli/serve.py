@@ -26,12 +26,12 @@ from motm_twin.ui.page_server import VARIABLE as VARIABLE_OF_TOKEN
 from motm_twin.ui.page_server import check_token, chosen_token
 
 SERVER, PAGE = "twin server", "page"
-WATCH = 0.1  # [s] between looks at the children
+WATCH = 0.1  # [s] between checks of the children
 TOUCH_INTERVAL = 3600.0  # [s] between two touches of the private files
 
 
 def serve(given: ServeSettings) -> int:
-    """Run until Ctrl-C or SIGTERM; the exit code. Raises SceneError and MethodError for what can not be used.
+    """Run until Ctrl-C or SIGTERM; the exit code. Raises SceneError and MethodError for an unusable scene or method.
 
     0: ended on request. 1: a process died again and again. 2: bad input, such as a port that is taken.
     """
@@ -57,7 +57,7 @@ def serve(given: ServeSettings) -> int:
 
 
 def _checked(given: ServeSettings) -> PageSettings:
-    """Check all but the scene and the method; the page with its token. Raises ValueError, OSError."""
+    """Check all settings but scene and method; returns the page with its token. Raises ValueError, OSError."""
     if given.paused and given.play:
         raise ValueError("--paused and --play exclude each other")
     if given.loop and given.external:
@@ -82,9 +82,9 @@ def _checked(given: ServeSettings) -> PageSettings:
 
 
 def _checked_addresses(given: ServeSettings | ReplaySettings, hint: str) -> PageSettings:
-    """Check name, ports and passwords; the page with the token that is asked for. Raises ValueError, OSError."""
+    """Check name, ports and passwords; returns the page with its token. Raises ValueError, OSError."""
     Keys(given.twin)
-    own_credentials()  # or the reason why they cannot be kept
+    own_credentials()  # raises if they cannot be stored
     require_free_port(LOOPBACK, given.zenoh_port, f"{hint} Choose another one with --zenoh-port (0: any)")
     page = given.page
     if given.headless:
@@ -98,7 +98,7 @@ def _checked_addresses(given: ServeSettings | ReplaySettings, hint: str) -> Page
 
 
 def serve_recording(given: ReplaySettings) -> int:
-    """Play a recording under the keys of a twin, with its page; exit codes as of `serve`."""
+    """Play a recording under the keys of a twin, with its page; exit codes as for `serve`."""
     console = plain_console()
     try:
         page = _checked_addresses(given, "is a twin running?")
@@ -129,25 +129,25 @@ class _Supervisor:
         self._open = False
 
     def add(self, name: str, module: str, arguments: list[str], token: str | None = None) -> None:
-        """A process to look after."""
+        """Add a process to supervise."""
         env = {name: value for name, value in os.environ.items() if name != VARIABLE_OF_TOKEN}
         for threads in THREADS:
             env.setdefault(threads, "1")
         if token is not None:
             env[VARIABLE_OF_TOKEN] = token
-        if name == PAGE:  # returns memory of visitors who left: `give_back` cannot trim Python's own arenas
+        if name == PAGE:  # returns memory after visitors left: `give_back` cannot trim Python's own arenas
             env.setdefault("PYTHONMALLOC", "malloc")
         if self._folder is not None:
             env[VARIABLE] = str(self._folder.server if name == SERVER else self._folder.here)
         self._children.append(Child(name, module, arguments, self._events.put, env))
 
     def add_page(self, page: PageSettings, more: Sequence[str] = ()) -> None:
-        """Add the page; its address is printed with who may drive."""
+        """Add the page; its address is printed, with a note on who may drive."""
         self._open = page.token is None
         self.add(PAGE, "motm_twin.ui.viewer", [*page.arguments(self.endpoint, self._twin), *more], page.token)
 
     def run(self) -> int:
-        """Look after the processes until a signal; the exit code."""
+        """Supervise the processes until a signal; the exit code."""
         with handled(setter(self._stop), signal.SIGINT, signal.SIGTERM):
             if self._open_bus:
                 announce(self.zenoh_port, self.endpoint, None)  # before the children connect
@@ -176,7 +176,7 @@ class _Supervisor:
                 code = child.exit_code()
                 if code is None or self._stop.is_set():
                     continue
-                time.sleep(WATCH)  # its last words
+                time.sleep(WATCH)  # for its last reports
                 self._tell_events()
                 if code == BAD_INPUT:
                     return BAD_INPUT

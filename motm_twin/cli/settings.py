@@ -40,14 +40,14 @@ _Words = Annotated[
         str_from_instance=lambda value: [value],
     ),
 ]
-Words = UseAppendAction[tuple[_Words, ...]]  # of a class of AddingUp
+Words = UseAppendAction[tuple[_Words, ...]]  # only in subclasses of AddingUp
 
 
 class AddingUp:
     """Settings whose options of several words add up when they are repeated: --twin a1 --twin a2, or --twin a1 a2."""
 
     def __post_init__(self) -> None:
-        """Join the lists of words, one for each time that an option was given."""
+        """Join the lists of words; there is one for each time that an option was given."""
         for each in fields(self):  # type: ignore[arg-type] - its subclasses are dataclasses
             given = getattr(self, each.name)
             if isinstance(given, tuple) and any(isinstance(words, list) for words in given):
@@ -166,11 +166,11 @@ class ServeSettings(SceneSettings):
 
     @property
     def external(self) -> bool:
-        """The robot is in another program."""
+        """True when the robot is in another program."""
         return self.plant in ("zenoh", "mirror")
 
     def server_arguments(self, zenoh_port: int) -> list[str]:
-        """Arguments of `server_process`; ``zenoh_port``: the one that was found free."""
+        """Arguments of `server_process`; ``zenoh_port``: the actual, free port."""
         given = {
             "--port": zenoh_port, "--twin": self.twin, "--variant": self.variant, "--seed": self.seed,
             "--method": self.method, "--plant": self.plant, "--connect": self.connect, "--data": self.data,
@@ -212,7 +212,7 @@ class ReplaySettings:
     twin: str = "frankie"
 
     def server_arguments(self, zenoh_port: int) -> list[str]:
-        """Arguments of `record.player_server`; ``zenoh_port``: the one that was found free."""
+        """Arguments of `record.player_server`; ``zenoh_port``: the actual, free port."""
         words = [self.file, "--speed", str(self.speed), "--port", str(zenoh_port), "--twin", self.twin]
         flags = {"--loop": self.loop, "--paused": self.paused, "--open-bus": self.open_bus}
         return words + [name for name, on in flags.items() if on]
@@ -273,7 +273,7 @@ class BenchSettings(AddingUp):
 
     @property
     def experiment(self) -> bool:
-        """Something was asked for that only experiments have."""
+        """True when an option was given that only experiments have."""
         return bool(self.methods or self.changes or self.retry_failed) or any(
             value is not None for value in (self.trials, self.backend, self.address)
         )
@@ -317,7 +317,7 @@ class PaperSettings(AddingUp):
         return "quick" if self.quick else "full" if self.full else "default"
 
     def command(self) -> str:
-        """The same as a command."""
+        """Command with these settings."""
         from motm_twin.studies.paper.data import OPTIONS_OF_PLANS
 
         run = f"{OPTIONS_OF_PLANS[self.plan]} --workers {self.workers}"

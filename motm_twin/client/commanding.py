@@ -1,4 +1,4 @@
-"""Every command of `bus.commands` as a typed method; each handle defines the return value."""
+"""Every command of `bus.commands` as a typed method; the class of the handle defines the return type."""
 
 from abc import abstractmethod
 from typing import Generic, TypeVar

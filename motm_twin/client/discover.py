@@ -14,7 +14,7 @@ from motm_twin.bus.private_folder import all_running
 TIMEOUT = 2.0  # [s]
 AGAIN = 0.05  # [s] between two questions
 BEHIND = 'behind a router, MOTM_ZENOH_CONFIG must say mode "client" (docs/scale.md)'
-OPTIONS = "--twin or --endpoint"  # how a user of the command line says which twin is meant
+OPTIONS = "--twin or --endpoint"  # command-line options that choose a twin
 T = TypeVar("T")
 
 
@@ -79,7 +79,7 @@ def find(endpoint: str | None, twin: str | None, *, how: str = "twin= or endpoin
 
 
 def opened(endpoint: str) -> zenoh.Session:
-    """A session with an endpoint. Raises NoTwin when it can not be had at once, as a configuration may want it."""
+    """A session with an endpoint. Raises NoTwin when it does not open at once and the configuration demands that."""
     try:
         return open_client(endpoint)
     except zenoh.ZError as error:
@@ -87,7 +87,7 @@ def opened(endpoint: str) -> zenoh.Session:
 
 
 def require_answer(session: zenoh.Session, twin: str, endpoint: str, *, within: float) -> None:
-    """Raise NoTwin when a twin does not tell its status within some seconds."""
+    """Raise NoTwin when a twin does not answer with its status ``within`` some seconds."""
     if not _asked(session, Found(twin=twin, endpoint=endpoint), within).alive:
         raise silent(twin, endpoint)
 
@@ -98,12 +98,12 @@ def silent(twin: str, endpoint: str) -> NoTwin:
 
 
 def _alive(session: zenoh.Session) -> list[str]:
-    """Names of the twins that a session sees, as soon as it sees any."""
+    """Names of the twins that a session sees, as soon as there is one."""
 
     def look() -> list[str]:
         replies = session.liveliness().get(f"{PREFIX}/*/alive", timeout=TIMEOUT)
         names = {str(reply.ok.key_expr).split("/")[1] for reply in replies if reply.ok is not None}
-        return sorted(name for name in names if is_name(name))  # anybody may declare a token, of any name
+        return sorted(name for name in names if is_name(name))  # other programs may declare tokens with any name
 
     return _until_connected(look) or []
 
@@ -129,7 +129,7 @@ def _asked(session: zenoh.Session, found: Found, within: float = TIMEOUT) -> Fou
 
 
 def _until_connected(ask: Callable[[], T], within: float = TIMEOUT) -> T:
-    """Ask again until there is an answer, or ``within`` [s] have passed: a session connects in the background."""
+    """Ask repeatedly until there is an answer or ``within`` [s] have passed: a session connects in the background."""
     deadline = time.monotonic() + within
     while not (answer := ask()) and time.monotonic() < deadline:
         time.sleep(AGAIN)

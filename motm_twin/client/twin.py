@@ -40,12 +40,12 @@ class EventReader:
     """One reader of the events of a twin; for one thread."""
 
     def __init__(self, client: TwinClient, since: int | None, changed: Callable[[], None] = lambda: None) -> None:
-        """``since``: number of the first event wanted; None: only new ones. ``changed`` is told of every new one."""
+        """``since``: number of the first event wanted; None: only new ones. ``changed`` is called for every new one."""
         self._client, self._tell = client, changed
         self._live: deque[NumberedEvent] = deque(maxlen=LIVE)
         self._changed = threading.Condition()
         self._decode = msgspec.json.Decoder(NumberedEvent).decode
-        client.follow(client.keys.event)  # first subscribe, then ask: nothing falls between
+        client.follow(client.keys.event)  # subscribe first, then query: no event falls in between
         self._leave = client.on_sample(client.keys.event, self._heard)
         history = client.events(0 if since is None else since)
         newest = 0 if history is None else history.newest
@@ -71,7 +71,7 @@ class EventReader:
             if event.seq == self._expected:
                 self._ready.append(event)
             elif event.seq > self._expected and (taken or not self._fetch()):
-                self._live.appendleft(event)  # what came before first; no answer: later
+                self._live.appendleft(event)  # earlier events come first; without an answer, try later
                 return taken
 
     def look(self) -> list[NumberedEvent]:
@@ -105,7 +105,7 @@ class EventReader:
         self._leave()
 
     def _heard(self, payload: bytes) -> None:
-        """In Zenoh's thread."""
+        """Take an event; called in Zenoh's thread."""
         event = self._decode(payload)
         with self._changed:
             self._live.append(event)
@@ -113,7 +113,7 @@ class EventReader:
         self._tell()
 
     def _fetch(self) -> bool:
-        """Put what is missing into `_ready`; False when the server does not answer. Raises EventsLost."""
+        """Put missing events into `_ready`; False when the server does not answer. Raises EventsLost."""
         if self._client.closed or (history := self._client.events(self._expected)) is None:
             return False
         if history.numbered_since != self._epoch:
@@ -128,7 +128,7 @@ class EventReader:
 
 LOADING = 120.0  # [s] for a load, which may compile the control loop
 STEPPING = 60.0  # [s] for steps
-FIRST_TICK = 1.0  # [s] after the begin of a run with an external robot, which may not be there
+FIRST_TICK = 1.0  # [s] after the start of a run with an external robot, which may be absent
 _SLICE = 0.5  # [s] of one wait
 
 
@@ -155,7 +155,7 @@ class Twin(Commanding[commands.Answer]):
         """Connect to a known twin; `connect` also finds it. Raises NoTwin."""
         try:
             self.client = TwinClient(endpoint, twin)
-        except zenoh.ZError as error:  # a configuration of mode "client" wants somebody there at once
+        except zenoh.ZError as error:  # a configuration of mode "client" needs a server at once
             raise silent(twin, endpoint) from error
         self._name = (name or Path(sys.argv[0]).name.removeprefix("-c") or "program")[: commands.NAME_MAX]
         self._readers: weakref.WeakSet[EventReader] = weakref.WeakSet()
@@ -170,17 +170,17 @@ class Twin(Commanding[commands.Answer]):
         return self.client.keys.twin
 
     def send(self, command: commands.Command, timeout: float = 2.0) -> commands.Answer:
-        """Send a command; return when its new run has begun, or its steps are done, the last ones of a run also.
+        """Send a command; return when its new run has begun, or its steps are done or have ended the run.
 
-        Raises Refused, also for a run that stops with an error meanwhile, and TimeoutError. Other commands hold from
-        the period after ``index`` of the answer. ``timeout`` [s] is for the answer. A run that waits for an external
+        Raises Refused, also for a run that stops with an error meanwhile, and TimeoutError. Other commands take effect
+        in the period after ``index`` of the answer. ``timeout`` [s] is for the answer. A run that waits for an external
         robot counts as begun, without a first period.
         """
         before, shown = self.client.status(), self.client.tick()
         answer = self.client.command(command, timeout, name=self._name)
         if not answer.ok:
             raise commands.Refused(answer.reason)
-        run = max((each.run for each in (before, shown) if each is not None), default=-1)  # a status may come late
+        run = max((each.run for each in (before, shown) if each is not None), default=-1)  # a status may be late
         if _leaps_ahead(command, before, shown):
             self._wait_steps(run, command.index, answer.server_time)
         elif begins_run(command, before):
@@ -287,7 +287,7 @@ class Twin(Commanding[commands.Answer]):
                 yield message
 
     def _wait_run(self, run: int, since: float) -> None:
-        """Wait for a run after ``run``; ``since`` as of `_status_after`."""
+        """Wait for a run after ``run``; ``since`` as for `_status_after`."""
         settled: list[float] = []  # [s] when the run of an external robot was seen to have begun
 
         def began() -> bool:
@@ -302,7 +302,7 @@ class Twin(Commanding[commands.Answer]):
             raise TimeoutError(f"the run did not begin within {LOADING:g} s")
 
     def _wait_steps(self, run: int, last: int, since: float) -> None:
-        """Wait for period ``last``, or the end of ``run`` if that comes first; ``since`` as of `_status_after`."""
+        """Wait for period ``last``, or the end of ``run`` if that comes first; ``since`` as for `_status_after`."""
 
         def made() -> bool:
             status, tick = self._status_after(since), self.client.tick()
@@ -314,7 +314,7 @@ class Twin(Commanding[commands.Answer]):
             raise TimeoutError(f"the steps were not made within {STEPPING:g} s")
 
     def _status_after(self, since: float) -> messages.StatusMessage | None:
-        """The newest status, if it is of after ``since`` [s] on the server's clock. Raises Refused for an error."""
+        """The newest status, if sent after ``since`` [s] on the server's clock. Raises Refused for an error."""
         status = self.client.status()
         if status is None or status.server_time <= since:
             return None
@@ -323,7 +323,7 @@ class Twin(Commanding[commands.Answer]):
         return status
 
     def _within(self, timeout: float, condition: Callable[[], bool], key: str) -> bool:
-        """True as soon as a condition holds, False after ``timeout`` [s]; it is tested when a ``key`` comes."""
+        """True as soon as a condition holds, False after ``timeout`` [s]; tested whenever ``key`` has a new value."""
         deadline = time.monotonic() + timeout
         count = 0
         while not condition():
@@ -350,7 +350,7 @@ def begins_run(command: commands.Command, status: messages.StatusMessage | None)
 def _leaps_ahead(
     command: commands.Command, status: messages.StatusMessage | None, tick: messages.TickMessage | None
 ) -> TypeGuard[commands.Branch]:
-    """True for a branch to a later period of a recording, which goes on in the run that is shown."""
+    """True for a branch to a later period of a recording, which stays in the present run."""
     recorded = status is not None and status.plant == "recording"
     return recorded and isinstance(command, commands.Branch) and tick is not None and tick.index <= command.index
 
@@ -362,7 +362,7 @@ T = TypeVar("T")
 async def connect_async(
     endpoint: str | None = None, twin: str | None = None, *, name: str = "", timeout: float = 5.0
 ) -> AsyncGenerator["AsyncTwin", None]:
-    """Connect for the time of an ``async with`` block; arguments and errors as of `connect`."""
+    """Connect for the duration of an ``async with`` block; arguments and errors as for `connect`."""
     handle = AsyncTwin(await asyncio.to_thread(partial(connect, endpoint, twin, name=name, timeout=timeout)))
     try:
         yield handle
@@ -384,7 +384,7 @@ class AsyncTwin(Commanding[Awaitable[Answer]]):
     """As `Twin`; commands, iterators and waits are awaited, the newest state needs no await."""
 
     def __init__(self, twin: Twin) -> None:
-        """For a connected twin."""
+        """Wrap a connected twin."""
         self.twin = twin
         self._wakes: set[asyncio.Event] = set()
 
@@ -439,7 +439,7 @@ class AsyncTwin(Commanding[Awaitable[Answer]]):
     async def _newest(self, key: str, read: Callable) -> AsyncGenerator[Any, None]:
         await asyncio.to_thread(self.twin.client.follow, key)
         wake, notify = self._wake()
-        wake.set()  # what is there already comes first
+        wake.set()  # first the messages that have arrived already
         leave = self.twin.client.on_sample(key, lambda _payload: notify())
         last = None
         try:
@@ -455,7 +455,7 @@ class AsyncTwin(Commanding[Awaitable[Answer]]):
             leave()
 
     def _wake(self) -> tuple[asyncio.Event, Callable[[], None]]:
-        """An event of this loop, and what sets it from any thread."""
+        """An event of this loop, and a function that sets it from any thread."""
         loop, wake = asyncio.get_running_loop(), asyncio.Event()
         self._wakes.add(wake)
 

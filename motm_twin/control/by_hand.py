@@ -1,8 +1,8 @@
 """Driving by hand: a twist that a person or program gives replaces the plan of the base for a moment.
 
-It keeps to the limits of the base, and to speeds from which the base can stop clear of all that the map shows. The
-monitor checks every command as usual, but relies on plans that avoid obstacles: alone it would not stop a driver
-who keeps pushing towards one.
+The twist is limited to what the base can do, and to speeds from which the base can stop clear of all obstacles in the
+map. The monitor checks every command as usual, but relies on plans that avoid obstacles: alone it would not stop a
+driver who keeps pushing towards one.
 """
 
 import math
@@ -35,16 +35,16 @@ class ByHandState:
 
 
 class ByHand(Stateful[ByHandState]):
-    """Remembers the twist that was given, as long as it counts."""
+    """Remembers the twist that was given, until `HOLD` has passed."""
 
     def __init__(self, profile: RobotProfile, period: float, margin: float = StaaParameters().margin) -> None:
-        """``period`` [s] of control; ``margin`` [m] kept from everything, as plans do."""
+        """``period`` [s] of control; ``margin`` [m] to keep from obstacles, as plans do."""
         self._limits, self._hold, self._body = profile.base, round(HOLD / period), body_of(profile.footprint)
         self.margin = margin
         self._state = ByHandState()
 
     def take(self, edit: Drive) -> None:
-        """A twist, for the period that begins now and those after it until `HOLD` has passed."""
+        """Accept a twist, for the period that begins now and those after it until `HOLD` has passed."""
         self._state = ByHandState(v=edit.v, w=edit.w, left=self._hold)
 
     def plan(self, problem: BaseProblem) -> BasePlan | None:
@@ -75,9 +75,9 @@ class ByHand(Stateful[ByHandState]):
         return np.clip((twist - problem.twist) / problem.period, -most, most)
 
     def _free_share(self, problem: BaseProblem, wanted: Array) -> tuple[float, float]:
-        """The largest share of a twist after which the base can still stop clear of all it sees; clearance now [m].
+        """Largest share of a twist after which the base can still stop clear of all obstacles; present clearance [m].
 
-        Nearer than the margin to something, it may do whatever brings it no nearer.
+        A base nearer than the margin to an obstacle may do anything that brings it no nearer.
         """
         field, b, dt = field_of(problem.world), self._limits, problem.period
         x, y, heading = problem.pose

@@ -40,7 +40,7 @@ from motm_twin.planning.types import BasePlan, BaseProblem, Mode, Placement, Pla
 
 
 class Settings(msgspec.Struct, frozen=True, kw_only=True):
-    """Budget of the search, and the numbers of all parts."""
+    """Budget of the search, and the parameters of all parts."""
 
     budget: SearchBudget = SearchBudget()
     parameters: Parameters = Parameters()  # planner and arm have their own
@@ -48,14 +48,14 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True):
 
 @dataclass
 class LoopState:
-    """What the period itself remembers."""
+    """Memory of the loop itself between periods."""
 
     index: int = 0
-    dwell: float | None = None  # [s] that the active job still needs in reach, as the arm said last
+    dwell: float | None = None  # [s] that the active job still needs in reach, as the arm reported last
     engaged: bool = False
-    waiting: Reason | None = None  # why the arm waits, as it said last
+    waiting: Reason | None = None  # why the arm waits, as it reported last
     progress: ProgressState = field(default_factory=ProgressState)
-    stuck_at: tuple[tuple[int, Array], ...] = ()  # number of a task, and a base pose from which the arm did not do it
+    stuck_at: tuple[tuple[int, Array], ...] = ()  # index of a task, and a base pose from which the arm failed to do it
 
 
 class ControlLoop(Stateful[LoopState]):
@@ -115,7 +115,7 @@ class ControlLoop(Stateful[LoopState]):
     ) -> Tick:
         """One period of 50 ms. `budget` replaces the setting (a rerun gives a recorded expansion count).
 
-        `restarted`: nobody commanded the robot for a while, so the base may not move as it was told last.
+        `restarted`: the robot was not commanded for a while, so the base may not move as commanded last.
         """
         stages = Stages(self._clock)
         with stages.measure("observe"):
@@ -165,7 +165,7 @@ class ControlLoop(Stateful[LoopState]):
         return tick
 
     def believed(self) -> Observation:
-        """The observation that the next period will believe; nothing is changed by asking."""
+        """The observation that the next period will believe; no state is changed."""
         every = self.parts()
         parts = [every[name] for name in ("self_check", "response", "tracker")]
         before = [part.snapshot() for part in parts]
@@ -188,18 +188,18 @@ class ControlLoop(Stateful[LoopState]):
 
     @property
     def engaged(self) -> bool:
-        """The arm is at work on the active task (final approach to lift, release)."""
+        """True while the arm is at work on the active task (final approach to lift, release)."""
         return self._state.engaged
 
     def retune(self, numbers: Parameters) -> None:
-        """Other numbers for the parts that keep some; planner and manipulator are replaced by others."""
+        """Give new parameters to the parts that keep theirs; planner and manipulator are replaced by others."""
         self.sequence.limits, self.by_hand.margin = numbers.sequence, numbers.planning.staa.margin
         if numbers.monitor != self.monitor.parameters:
             before, self.monitor = self.monitor, Monitor(self.known.robot, numbers.monitor)
             self.monitor.restore(before.snapshot())
 
     def edit_tasks(self, edit: TaskEdit) -> None:
-        """Change the task list; raises ValueError when it cannot be."""
+        """Change the task list; raises ValueError when the edit is not possible."""
         if self.sequence.edit(edit, self.known, engaged=self._state.engaged):
             self._begin_another()
             self._state.progress.restart(-1, math.inf)  # the next period starts the clock
@@ -207,11 +207,11 @@ class ControlLoop(Stateful[LoopState]):
         self.manipulator.retasked(edit)
 
     def _begin_another(self) -> None:
-        """Another task is the active one, perhaps with the number of the last: nothing of that one's counts."""
+        """Forget the state of the last task: another one is active now, perhaps with the same index."""
         self._state.dwell, self._state.engaged, self._state.stuck_at = None, False, ()
 
     def _problem(self, observation: Observation, world: WorldMap) -> BaseProblem:
-        """The base's question, from where the commands already given will take it."""
+        """The base's problem, at the pose to which the commands already given will take it."""
         lag = self.known.robot.base.velocity_lag
         dwell = dwell_to_plan(self._state.dwell, self._state.engaged, lag)
         return BaseProblem(
@@ -230,7 +230,7 @@ class ControlLoop(Stateful[LoopState]):
     def _watch_task(
         self, observation: Observation, target: Target | None, placement: Placement, plan: BasePlan
     ) -> list[Event]:
-        """Events of the active task: out of reach, taken, outside, or a base that gets nowhere."""
+        """Events of the active task: reached, in reach too long, taken, outside the map, or a base without progress."""
         waits = placement.mode == Mode.CLOSEST and plan.status == PlanStatus.IDLE
         blocked = "" if not waits else "no way to it" if Rejection.NO_PATH in placement.rejected else "not free"
         outside = (waits or placement.chosen < 0) and self._outside(target)
@@ -244,7 +244,7 @@ class ControlLoop(Stateful[LoopState]):
     def _watch_progress(
         self, observation: Observation, placement: Placement, plan: BasePlan, *, busy: bool
     ) -> tuple[Event, ...]:
-        """Keep the progress clock; what comes of a task on which the base has got nowhere for long."""
+        """Keep the progress clock; returns events of a task on which the base has long made no progress."""
         counts = base_has_to_move(self.sequence, plan, busy=busy, by_hand=plan.status == PlanStatus.BY_HAND)
         time, index = observation.time, self.sequence.index
         stalled = self._progress.watch(time, index, observation.pose, placement, plan, counts=counts)
@@ -255,7 +255,7 @@ class ControlLoop(Stateful[LoopState]):
         return events
 
     def _whereabouts(self, observation: Observation) -> list[Array]:
-        """Where the target of now and the next one are, shape (2,) [m] each."""
+        """Positions of the active target and the next one, shape (2,) [m] each."""
         tasks = (self.sequence.active, self.sequence.following)
         found = (self.targets.base_target(task, observation, None) for task in tasks)
         return [np.asarray(target.position[:2]) for target in found if target is not None]
@@ -265,7 +265,7 @@ class ControlLoop(Stateful[LoopState]):
         return reason or self.mapper.refusal or self.self_check.trust().reason
 
     def _why(self, plan: BasePlan, step: ArmStep, observation: Observation) -> Reason | None:
-        """Why the base stands, or is not driven by its plan; None when it is."""
+        """Reason why the base stands, or is not driven by its plan; None when it is."""
         return (
             plan.why
             if plan.status in (PlanStatus.BY_HAND, PlanStatus.ESCAPING)
@@ -273,7 +273,7 @@ class ControlLoop(Stateful[LoopState]):
         )
 
     def _outside(self, target: Target | None) -> bool:
-        """The target is outside the map."""
+        """Test that the target is outside the map."""
         if target is None:
             return False
         (x, y), (x_min, y_min, x_max, y_max) = target.position[:2], self.known.bounds
@@ -282,7 +282,7 @@ class ControlLoop(Stateful[LoopState]):
     def _arm_steps(
         self, observation: Observation, reported: Observation, world: WorldMap, plan: BasePlan, stages: Stages
     ) -> tuple[list[ArmStep], tuple[Observation, ...], tuple[Observation, ...], list[Event], Reason | None]:
-        """The arm steps of this period, what each saw and was reported; the plant moves on between them."""
+        """Arm steps of this period, the observation and the report of each, events, reason; each moves the plant on."""
         dt = PERIOD / ARM_STEPS
         T_odom_world = world_in_odometry(observation)
         plan_poses = _to_odometry(T_odom_world, plan.local_poses)
@@ -328,7 +328,7 @@ class ControlLoop(Stateful[LoopState]):
         return steps, tuple(samples), tuple(reports), events, reason
 
     def _ended(self, step: ArmStep, goal: ArmGoal, observation: Observation, T_odom_world: Array) -> tuple[Event, ...]:
-        """Follow the outcome of an arm step up, in the beliefs and the tasks; its events."""
+        """Apply the outcome of an arm step to beliefs and tasks; returns its events."""
         held, index = self.sequence.held, self.sequence.index
         if step.outcome == "missed":
             self.self_check.missed(goal.name, goal.position, observation)
@@ -339,7 +339,7 @@ class ControlLoop(Stateful[LoopState]):
         elif step.outcome == "placed" and held:
             self._let_go(held, goal, observation)
         events = self.sequence.apply(step.outcome, observation.time, step.why)
-        if self.sequence.index < index:  # back to a pick: tasks may have other numbers now
+        if self.sequence.index < index:  # back to a pick: tasks may have other indices now
             self._begin_another()
         elif self.sequence.index > index:
             self._state.dwell, self._state.engaged = None, False
@@ -363,7 +363,7 @@ class ControlLoop(Stateful[LoopState]):
         self, observation: Observation, T_odom_world: Array, plan: BasePlan, plan_poses: Array,
         obstacles: ArmObstacles, base_twist: Array, passed: float,
     ) -> ArmInputs:  # fmt: skip
-        """What an arm step reads that begins ``passed`` [s] after the plan was made."""
+        """Inputs of an arm step that begins ``passed`` [s] after the plan was made."""
         time_to_range, plan_times = followed(plan, self.known.robot.base.velocity_lag, passed)
         elsewhere = plan.status == PlanStatus.BY_HAND and not self._state.engaged
         task = None if elsewhere else self.sequence.active  # a base driven by hand: the arm folds away

@@ -77,7 +77,7 @@ class ArmParts:
 
 
 def map_ahead(parts: PlannerParts) -> StillMap | None:
-    """The map without dynamic obstacles, for a controller that predicts them; None: it does not."""
+    """The map without dynamic obstacles, for a controller that predicts them; None for one that does not."""
     return StillMap(parts.known, parts.tracks) if parts.parameters.staa.prediction > 0.0 else None
 
 
@@ -114,7 +114,7 @@ def search_anew(materials: Materials) -> Commitment:
 
 
 def stand_ground(materials: Materials) -> Evasion:
-    """No evasion: dynamic obstacles are obstacles where they are (Paper)."""
+    """No evasion: dynamic obstacles are obstacles at their present place (Paper)."""
     return StandsItsGround()
 
 
@@ -177,8 +177,8 @@ class Method:
     title: str  # a few words, for tables and figures
     summary: str  # one sentence: how it differs from the paper's method
     source: str  # "Paper, Sec. ...", an article, or "own"
-    known: str = ""  # what is published about it
-    chosen: str = ""  # what is not, and our choice
+    known: str = ""  # the published details
+    chosen: str = ""  # our choices for details that are not published
     parameters: Mapping[str, ParameterValue] = field(default_factory=dict)  # of `control.tuning`, if not the default
     planner: Callable[[PlannerParts], BasePlanner] = paper_planner
     arm: Callable[[ArmParts], Manipulator] = paper_arm

@@ -1,7 +1,7 @@
-"""The monitor: the last check before the plant. It knows limits and raw scan points, but no plans.
+"""The monitor: the last check before the plant. It reads scan points, seen floor, tracks and trust, but no plans.
 
-It passes an actuation on, or slows it, with a reason: not finite, above a limit, scan too old, or a stop from the
-commanded speed would end in something the lidar sees.
+It limits an actuation, and slows or stops it for a reason: sensors not finite, scan or state too old, a finding of the
+self-check, or a stop from the commanded speed that would meet scan points, unseen floor or a dynamic obstacle.
 """
 
 import math
@@ -40,9 +40,9 @@ from motm_twin.perception.world_map import WorldMap
 
 _MARGIN_OF_REACH = 0.1  # [m] beyond the stopping way and the footprint: nothing further off can be met
 _SAME_BODY = 0.15  # [m] between the points of neighbouring beams that show the same body
-_ROUNDING = 1e-6  # [m] more than sums of lengths are wrong by
-_STANDS = 0.01  # [m/s], [rad/s] below which a base that holds its turn goes no further, or turns no more
-_NOISE = 0.004  # [m/s], [rad/s] of a twist: no command answers it
+_ROUNDING = 1e-6  # [m] more than the rounding error of sums of lengths
+_STANDS = 0.01  # [m/s], [rad/s] below which the braked one of speed and yaw rate is 0, and the held one is braked, too
+_NOISE = 0.004  # [m/s], [rad/s] of a measured twist: a stop does not react to it
 _SENSORS = Reason(kind=Kind.NOT_FINITE, subject="sensors are")
 _NO_SCAN = Scan(
     stamp=0.0, ranges=np.empty(0), angle_min=0.0, angle_step=0.0, origin=np.zeros(2), range_min=0.0, range_max=0.0,
@@ -72,26 +72,26 @@ class _Asked(NamedTuple):
 
 
 class _Beams(NamedTuple):
-    """A scan, and how the robot has moved since then: from ``pose``, or with its measured twist for its ``age``."""
+    """A scan, and the motion of the robot since then: from ``pose``, or with its measured twist for ``age``."""
 
     ranges: Array
     angle_min: float
     angle_step: float
     origin: Array
     pose: Array
-    age: float  # [s]; negative: the pose tells
+    age: float  # [s]; negative: ``pose`` is used
 
 
 class _InWay(NamedTuple):
-    """Reach, margin and count with which scan points are in the way of the footprint."""
+    """Size of the footprint, and margin and number of scan points that are in its way."""
 
     corner: float  # [m] the furthest from the base's centre
     margin: float  # [m]
-    enough: int  # points
+    enough: int  # points: fewer may be noise
 
 
 class MonitorParameters(msgspec.Struct, frozen=True, kw_only=True):
-    """When the monitor acts."""
+    """Limits at which the monitor acts."""
 
     slow_age: Annotated[
         float, Number("s", OWN, "of a scan or state: older, half speed, the arm slows; twice as old, both stand")
@@ -117,14 +117,14 @@ class MonitorParameters(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Verdict(msgspec.Struct, frozen=True, kw_only=True, eq=False):
-    """What may be sent to the plant, and why it differs from what was asked."""
+    """The actuation that may be sent to the plant, and why it differs from the one asked for."""
 
     actuation: Actuation
     why: Reason | None
 
     @property
     def reason(self) -> str:
-        """The same in one sentence; "" for none."""
+        """`why` in one sentence; "" for none."""
         return "" if self.why is None else str(self.why)
 
 
@@ -133,11 +133,11 @@ class MonitorState:
     """The last permitted twist, and the kind of stop before dynamic obstacles that was possible from it."""
 
     twist: Array = field(default_factory=lambda: np.zeros(2))
-    holds: int = BRAKES_BOTH  # until the other ended: `HOLDS_TURN`, `HOLDS_SPEED`
+    holds: int = BRAKES_BOTH  # or `HOLDS_TURN`, `HOLDS_SPEED`: one is held until the other is 0
 
 
 class Monitor(Stateful[MonitorState]):
-    """Checks every actuation against finite numbers, limits, scan age and a stop in time."""
+    """Checks every actuation: finite numbers, limits, age of scan and state, and a stop in time."""
 
     def __init__(self, profile: RobotProfile, parameters: MonitorParameters | None = None) -> None:
         self.profile = profile
@@ -154,7 +154,7 @@ class Monitor(Stateful[MonitorState]):
         return self._state.twist.copy()
 
     def begin_from(self, twist: Array) -> None:
-        """The base moves like this although it was told something else: it was stopped while nobody commanded it."""
+        """Begin from a measured twist (2,): the base was stopped while it was not commanded."""
         self._state.twist = twist.copy()
 
     def check(
@@ -163,9 +163,9 @@ class Monitor(Stateful[MonitorState]):
     ) -> Verdict:  # fmt: skip
         """The actuation for the next dt [s], slowed where it must be.
 
-        `scan_stamp` [s] is that of the newest scan found good; None: there was none yet, and the base stands. The base
-        can always stop within the floor of the `world` that it has seen free, and before what moves in it; None:
-        neither is known. `trust`: what the robot has found out about itself.
+        `scan_stamp` [s] is that of the newest scan found good; None: there was none yet, and the base stands. In a
+        `world`, the base can always stop on floor that it has seen free, and, if passive safety is on, before dynamic
+        obstacles; None: neither is known. `trust`: from the self-check.
         """
         share, reason = self._age(observation, scan_stamp, trust.scan)
         if trust.base < 1.0 and trust.base <= share:
@@ -194,7 +194,7 @@ class Monitor(Stateful[MonitorState]):
             twist, reason = self._within_limits(stop, dt), self._braking(twist, observation)
         elif world is not None:
             twist, slower = self._in_seen_world(twist, world, observation, dt)
-            reason = reason or slower  # a sensor that fails is the cause of floor that it does not see
+            reason = reason or slower  # a failing sensor is the cause of floor that it does not see
         return self._let_through(actuation, twist, rates, reason)
 
     def _let_through(self, asked: Actuation, twist: Array, rates: Array, reason: Reason | None) -> Verdict:
@@ -204,7 +204,7 @@ class Monitor(Stateful[MonitorState]):
     def _in_seen_world(
         self, twist: Array, world: WorldMap, observation: Observation, dt: float
     ) -> tuple[Array, Reason | None]:
-        """The twist, slowed for floor that was not seen and for what moves."""
+        """The twist, slowed for unseen floor and for dynamic obstacles."""
         met = self._before_movers(twist, world, observation, dt)
         if met is not None:
             return met
@@ -248,7 +248,7 @@ class Monitor(Stateful[MonitorState]):
         return stops[self._state.holds], why
 
     def _has_room_to_hold_speed(self, world: WorldMap, observation: Observation) -> bool:
-        """The base may go on as fast as it does until it turns no more: on seen floor, and nothing seen is there."""
+        """Test that the base may hold its speed until it turns no more: on seen floor, and clear of scan points."""
         scan, base, enough = observation.scan, self.profile.base, self.parameters.minimum_points
         if scan is None or max(observation.ahead, observation.age) > 0.0:
             return False
@@ -264,7 +264,7 @@ class Monitor(Stateful[MonitorState]):
     def _on_seen_floor(
         self, twist: Array, floor: Floor, observation: Observation, dt: float
     ) -> tuple[Array, Reason | None]:
-        """The twist, slowed so that the base stops within the floor that it has seen, lately unless it creeps."""
+        """The twist, slowed so that the base can stop on seen floor; on floor seen lately, unless it creeps."""
         enough, poses = (
             self.parameters.minimum_points,
             stopping_poses(observation.twist, twist, BRAKES_BOTH, self._stop),
@@ -282,9 +282,9 @@ class Monitor(Stateful[MonitorState]):
     def _age(
         self, observation: Observation, stamp: float | None, refused: Reason | None
     ) -> tuple[float, Reason | None]:
-        """Share of its speed that the base keeps: less when the scan or what the robot reports about itself is old.
+        """Share of its speed that the base keeps: less when the scan or the robot's own report is old.
 
-        ``refused``: why the newest scan was not used, which is the reason then.
+        ``refused``: why the newest scan was not used; this is then the reason for an old scan.
         """
         if stamp is None:
             return 0.0, _stopped(refused or Reason(kind=Kind.NO_SCAN, subject="lidar"))
@@ -300,9 +300,9 @@ class Monitor(Stateful[MonitorState]):
         return (0.0, _stopped(why)) if age > 2.0 * p.slow_age else (0.5, _slowed(why, 0.5))
 
     def _arm_share(self, age: float) -> float:
-        """Share of its speed that the arm keeps: it needs no scan, but must know where it is.
+        """Share of its speed that the arm keeps: it needs no scan, but its state.
 
-        It falls steadily while the state grows old, so that the joints slow down together: the hand keeps to its way.
+        The share falls steadily while the state grows old. All joints slow down together, so the hand keeps to its way.
         """
         p = self.parameters
         return min(max(2.0 - age / p.slow_age, 0.0), 1.0)
@@ -326,7 +326,7 @@ class Monitor(Stateful[MonitorState]):
         return limited
 
     def _stopping(self, twist: Array, dt: float, holds: int) -> Array:
-        """The next command of a passively safe stop from a twist (2,) that `holds` one of the two or none."""
+        """The next command of a passively safe stop from a twist (2,), which `holds` speed, turn or none."""
         v, w = np.where(np.abs(twist) > _NOISE, twist, 0.0).tolist()
         (v_told, w_told), base = self._state.twist.tolist(), self.profile.base
         share = lag_share(base.velocity_lag, dt)
@@ -368,9 +368,9 @@ def _examine(
 ) -> tuple[bool, int, int]:
     """Fill in a share of the asked twist (2,) and rates (7,) within the limits; returns health and two counts.
 
-    True for sensors that are finite; then the `points_in_stop` of a scan, stopping by braking the turn, or holding it.
-    The second is looked for only where there are enough points in the first: a base that turns away from something may
-    have to keep turning while it brakes.
+    Health: True for sensors that are finite. Counts: `points_in_stop` of a scan, for a stop that brakes the turn, and
+    for one that holds it. The second is computed only if the first has enough points: a base that turns away from an
+    obstacle may have to keep turning while it brakes.
     """
     if not (
         _finite(robot.pose) and _finite(robot.odometry) and _finite(robot.twist) and _finite(robot.q)
@@ -398,7 +398,7 @@ def _examine(
 
 @njit(cache=True)
 def _points_now(beams: _Beams, pose: Array, twist: Array, reach: float) -> Array:
-    """Scan points within `reach` [m] of the base, from where it is now; shape (m, 2).
+    """Scan points within `reach` [m] of the base, in the frame of its present pose; shape (m, 2).
 
     Within a period of 50 ms a scan grows 40 ms old, in which a corner of a base that turns moves by centimetres.
     """
@@ -413,7 +413,7 @@ def _points_now(beams: _Beams, pose: Array, twist: Array, reach: float) -> Array
 
 @njit(cache=True)
 def _carry(points: Array, pose: Array, now: Array) -> None:
-    """Points (m, 2) given in the frame of one base pose, rewritten in that of another."""
+    """Transform points (m, 2), in place, from the frame of one base pose to that of another."""
     c, s, back_c, back_s = math.cos(pose[2]), math.sin(pose[2]), math.cos(now[2]), math.sin(now[2])
     for i in range(points.shape[0]):
         x, y = points[i, 0], points[i, 1]
@@ -463,9 +463,9 @@ def near_points(ranges: Array, angle_min: float, angle_step: float, origin: Arra
 def stopping_poses(twist: Array, told: Array, holds: int, stop: Stop) -> Array:
     """Poses of a base that begins to brake, every 50 ms, in its own frame; shape (k, 3).
 
-    ``twist`` (2,): as measured; ``told`` (2,): commanded last. The command falls as fast as it may, and the base
-    follows with its lag, from where it is faster than commanded, or else from the command. ``holds``: see
-    `model.passive_safety.met_in_stop`.
+    ``twist`` (2,): as measured; ``told`` (2,): commanded last. The command falls as fast as the limits allow. The base
+    follows with its lag, from its measured speed if that is higher than commanded, else from the command. ``holds``:
+    see `model.passive_safety.met_in_stop`.
     """
     v_told, w_told = told[0], told[1]
     v, w = _faster(twist[0], v_told), _faster(twist[1], w_told)
@@ -487,16 +487,16 @@ def stopping_poses(twist: Array, told: Array, holds: int, stop: Stop) -> Array:
 
 @njit(cache=True)
 def _faster(measured: float, told: float) -> float:
-    """The speed of the two, measured and commanded, that is the higher in the direction of the command."""
+    """The measured or the commanded speed, whichever is higher in the direction of the command."""
     return measured if measured * told > 0.0 and abs(measured) > abs(told) + _NOISE else told
 
 
 @njit(cache=True)
 def points_in_stop(points: Array, poses: Array, stop: Stop, margin: float) -> int:
-    """Most of the points (m, 2) that the footprint comes too near to at one of the `stopping_poses` (k, 3).
+    """Largest number of points (m, 2) that the footprint comes too near to at one of the `stopping_poses` (k, 3).
 
-    A point outside the margin [m] may not come inside it, one inside the margin no nearer. What is in the footprint
-    already may not get deeper into it: then all points count.
+    A point outside the margin [m] may not come inside it, one inside the margin no nearer. A body in the footprint may
+    not get deeper into it; if it does, all points count.
     """
     allowed = np.empty(points.shape[0])
     for i in range(points.shape[0]):
@@ -519,9 +519,9 @@ def points_in_stop(points: Array, poses: Array, stop: Stop, margin: float) -> in
 
 
 def unseen_in_stop(pose: Array, poses: Array, stop: Stop, floor: Floor) -> tuple[int, int]:
-    """Most points of the footprint's outline over unseen, and over stale floor at one of the `stopping_poses` (k, 3).
+    """Largest numbers of outline points of the footprint over unseen and stale floor at one of the poses (k, 3).
 
-    ``pose``: of the base now, shape (3,). Beyond the floor that is kept nothing is asked.
+    ``poses``: `stopping_poses`; ``pose``: of the base now, shape (3,). Floor outside the kept grid is not tested.
     """
     return count_unseen(pose, poses, stop, floor.seen, np.array([*floor.corner, floor.resolution]))
 
@@ -563,7 +563,7 @@ def _room(x: float, y: float, stop: Stop) -> float:
 
 @njit(cache=True)
 def _bodies(points: Array, stop: Stop) -> NDArray[np.int64]:
-    """Which body in the footprint each of the points (m, 2), in the order of the beams, belongs to; -1: none."""
+    """Index of the body in the footprint that each point (m, 2), in the order of the beams, belongs to; -1: none."""
     body = np.full(points.shape[0], -1)
     count = 0
     for i in range(points.shape[0]):

@@ -1,4 +1,4 @@
-"""Wheels, joints and fingers against what they were told."""
+"""Checks of wheels, joints and fingers against their commands."""
 
 import math
 from dataclasses import dataclass, field
@@ -20,7 +20,7 @@ JOINTS = 7
 
 
 class MotionSettings(msgspec.Struct, frozen=True, kw_only=True):
-    """Limits of the checks of motion. Shares leave room for a base that is 40 % faster or slower than told."""
+    """Limits of the checks of motion. Shares leave room for a base that is 40 % faster or slower than commanded."""
 
     asked: Annotated[float, Number("", OWN, "share of the largest speed that is told from noise")] = 0.1
     stands: Annotated[float, Number("", OWN, "share of what was asked: a joint that does less stands")] = 0.15
@@ -55,29 +55,29 @@ class MotionState:
     """Memory of the checks of motion."""
 
     expected: Array = field(default_factory=lambda: np.zeros(2))  # twist that the base should have now
-    told: Array = field(default_factory=lambda: np.zeros(2))  # twist
-    rates: Array = field(default_factory=lambda: np.zeros(JOINTS))  # joint rates told last [rad/s]
-    recent: list[tuple[float, Array]] = field(default_factory=list)  # joint rates told lately, with their times [s]
-    astray: Array = field(default_factory=lambda: np.zeros(JOINTS))  # [rad/s] of the joints outside of those
+    told: Array = field(default_factory=lambda: np.zeros(2))  # twist commanded last
+    rates: Array = field(default_factory=lambda: np.zeros(JOINTS))  # joint rates commanded last [rad/s]
+    recent: list[tuple[float, Array]] = field(default_factory=list)  # times [s] and joint rates of recent commands
+    astray: Array = field(default_factory=lambda: np.zeros(JOINTS))  # [rad/s] by which joints are outside of those
     time: float | None = None
     standing: float = 0.0  # [s] that the base has stood although it should move
-    moving: float = 0.0  # [s] that it has moved as it should
-    resting: float = 0.0  # [s] that nothing was asked of it
-    smooth: Array = field(default_factory=lambda: np.zeros((2, 2)))  # expected and measured twist
-    free: Array = field(default_factory=lambda: np.zeros(2))  # [s] since either axis was at a limit
+    moving: float = 0.0  # [s] that the base has moved as it should
+    resting: float = 0.0  # [s] that the base was not told to move
+    smooth: Array = field(default_factory=lambda: np.zeros((2, 2)))  # expected and measured twist, smoothed
+    free: Array = field(default_factory=lambda: np.zeros(2))  # [s] since each axis was at a limit
     sums: Array = field(default_factory=lambda: np.zeros((5, 2)))  # of `_lag`, for both axes
-    newest: Array = field(default_factory=lambda: np.zeros((3, 2)))  # the last three of them, lately
+    newest: Array = field(default_factory=lambda: np.zeros((3, 2)))  # three of them, over the shorter time `lately`
     late: float = 0.0  # [s] that one axis has been late
-    lag: Array = field(default_factory=lambda: np.zeros(2))  # [s] more than the profile says, as far as it can be told
+    lag: Array = field(default_factory=lambda: np.zeros(2))  # [s] more than the profile says, where it is known
     base: str = ""  # "" | base_stuck | base_late
-    still: Array = field(default_factory=lambda: np.zeros(JOINTS))  # [s] that each joint has stood although told
-    doubted: int = field(default=-1, metadata=LATER)  # a joint that went astray, counted from 0: not counted on ...
+    still: Array = field(default_factory=lambda: np.zeros(JOINTS))  # [s] that each joint has stood despite a command
+    doubted: int = field(default=-1, metadata=LATER)  # a joint that went astray, counted from 0: not relied on ...
     doubt: float = field(default=0.0, metadata=LATER)  # ... until it has moved for so long [s]
-    idle: float = 0.0  # [s] that nothing was asked of the stuck joint
-    joint: int = -1  # the stuck one, counted from 0
+    idle: float = 0.0  # [s] that the stuck joint was not told to move
+    joint: int = -1  # the stuck joint, counted from 0
     gripper: str = "open"
     since: float = 0.0  # [s] when the gripper's command changed
-    width: float = 0.0  # [m] then
+    width: float = 0.0  # [m] of the gripper at that time
     fingers: str = ""  # "" | waited | stuck
 
 
@@ -93,7 +93,7 @@ def skip(state: MotionState) -> None:
 
 
 def note_command(state: MotionState, actuation: Actuation, now: Observation) -> None:
-    """Remember what the robot is told from now on."""
+    """Remember the command that the robot gets now."""
     state.told, state.rates = actuation.twist.copy(), actuation.joint_velocity.copy()
     state.recent.append((now.time, state.rates))
     if actuation.gripper != state.gripper:
@@ -102,7 +102,7 @@ def note_command(state: MotionState, actuation: Actuation, now: Observation) -> 
 
 
 def check_base(state: MotionState, now: Observation, dt: float, base: BaseLimits, settings: MotionSettings) -> None:
-    """Compare the measured twist with what a base of this profile would do."""
+    """Compare the measured twist with that of a base of this profile."""
     share = lag_share(base.velocity_lag, dt)
     most = np.array([base.linear_acceleration, base.yaw_acceleration])
     change = np.clip(share * (state.told - state.expected), -most * dt, most * dt)
@@ -166,7 +166,7 @@ def _lag(
 
 
 def check_joints(state: MotionState, now: Observation, dt: float, settings: MotionSettings) -> None:
-    """Find the joint that stands although it is told to move."""
+    """Find the joint that stands although it is commanded to move."""
     rates = state.rates
     state.astray = _astray(state, now)
     at_end = np.where(rates > 0.0, Q_MAX - now.q, now.q - Q_MIN) < settings.joint_room
@@ -176,7 +176,7 @@ def check_joints(state: MotionState, now: Observation, dt: float, settings: Moti
     elif state.doubted >= 0 and state.still[state.doubted] == 0.0:
         state.doubt = max(state.doubt - dt, 0.0)
         state.doubted = state.doubted if state.doubt > 0.0 else -1
-    tried = np.arange(JOINTS) == state.doubted  # at a small rate only
+    tried = np.arange(JOINTS) == state.doubted  # commanded at a small rate only
     asked = ((np.abs(rates) > settings.joint_asked) | tried) & ~at_end
     stands = np.abs(now.dq) < np.where(tried, 0.5, settings.stands) * np.abs(rates)
     state.still = np.where(asked & stands, state.still + dt, np.where(stands & ~at_end, state.still, 0.0))
@@ -193,13 +193,13 @@ def check_joints(state: MotionState, now: Observation, dt: float, settings: Moti
 
 
 def failing_joint(state: MotionState) -> int | None:
-    """The stuck joint; before one is named, that which left its commands last; counted from 0."""
+    """The stuck joint, or, before one is found, the joint that last left its commands; counted from 0."""
     joint = state.joint if state.joint >= 0 else state.doubted
     return None if joint < 0 else joint
 
 
 def _astray(state: MotionState, now: Observation) -> Array:
-    """Joint rates beyond all that they were told lately [rad/s], shape (7,): no lag explains these."""
+    """Joint rates beyond all recent commands [rad/s], shape (7,): no lag explains these."""
     lately = LONGEST_PERIOD + now.ahead + now.age
     state.recent = [one for one in state.recent if now.time - one[0] <= lately]
     if not state.recent:
@@ -209,7 +209,7 @@ def _astray(state: MotionState, now: Observation) -> Array:
 
 
 def check_fingers(state: MotionState, now: Observation, profile: RobotProfile, settings: MotionSettings) -> None:
-    """Fingers that have not moved a while after their command are stuck until they do."""
+    """Find fingers that do not move for a while after their command: they are stuck until they move."""
     if not state.fingers:
         return
     moved = now.gripper_moving or abs(now.gripper_width - state.width) > settings.fingers_moved
@@ -222,7 +222,7 @@ def check_fingers(state: MotionState, now: Observation, profile: RobotProfile, s
 
 
 def findings(state: MotionState, now: Observation, base: BaseLimits, settings: MotionSettings) -> list[Finding]:
-    """Of wheels, joints and fingers."""
+    """Findings about wheels, joints and fingers."""
     found = []
     if state.base:
         axis = int(np.argmax(np.abs(state.expected - now.twist) / [base.forward_speed, base.yaw_rate]))
@@ -240,9 +240,9 @@ def findings(state: MotionState, now: Observation, base: BaseLimits, settings: M
 
 
 def joint_shares(state: MotionState, *, stands: bool) -> Array | None:
-    """Shares of their rates that the joints keep, shape (7,), while one of them is stuck; None: all of it.
+    """Shares of their rates that the joints keep, shape (7,), while one of them is stuck; None: full rates.
 
-    The others go on until the base ``stands``; the stuck one is tried, to find out when it is free.
+    The others go on until the base ``stands``; the stuck one is still commanded, to find out when it is free.
     """
     if state.joint < 0:
         return None

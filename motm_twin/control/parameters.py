@@ -16,7 +16,7 @@ from motm_twin.planning.parameters import PlanningParameters
 
 
 class Parameters(msgspec.Struct, frozen=True, kw_only=True):
-    """The tree, in the order of a period: what is seen, where the base goes, how the arm reaches, what is checked."""
+    """The tree, in the order of a period: perception, planning of the base, the arm, checks."""
 
     map: MapSettings = MapSettings()
     tracks: TrackParameters = TrackParameters()

@@ -1,8 +1,8 @@
-"""The robot when the next command acts: its newest state, moved on by the commands already sent.
+"""The robot's state when the next command acts: its newest state, predicted with the commands already sent.
 
-Plans of the base are made from `command_pose`, where the commands given so far will take it, and it follows them by its
-lag. A command that has expired brings base and arm to rest; robot and twin reckon with the same.
-The model is the one that the robot's profile gives: first-order lag, limits of speed and acceleration, exact arcs.
+Plans of the base start at `command_pose`, to which the commands given so far will take it; the base follows a plan
+later, by its lag. A command that has expired brings base and arm to rest; robot and twin agree on that.
+The model is that of the robot's profile: first-order lag, limits of speed and acceleration, exact arcs.
 """
 
 from collections import deque
@@ -20,8 +20,8 @@ from motm_twin.planning.types import BasePlan
 
 ROUNDING = 1e-6  # [s]
 KEPT = 1000  # commands
-DOUBT = 0.1  # [s] after a change of the gripper's command in which a state may not know of it yet
-FARTHEST = 0.6  # [s] that is predicted at most
+DOUBT = 0.1  # [s] after a change of the gripper's command, in which a reported state may not show it yet
+FARTHEST = 0.6  # [s] longest prediction
 
 
 class Motion(msgspec.Struct, frozen=True, kw_only=True, eq=False):
@@ -42,7 +42,7 @@ class Predictor:
     def __init__(
         self, profile: RobotProfile, lifetime: float, commands: Iterable[tuple[float, Actuation]] = ()
     ) -> None:
-        """``lifetime`` [s] after which a command no longer acts; ``commands`` given before, with when they act [s]."""
+        """``lifetime`` [s] after which a command expires; ``commands`` given before, each with the time it acts [s]."""
         self._profile, self._lifetime = profile, lifetime
         self._commands: deque[tuple[float, Actuation]] = deque(commands, maxlen=KEPT)
 
@@ -51,7 +51,7 @@ class Predictor:
         self._commands.clear()
 
     def sent(self, act_at: float, actuation: Actuation) -> None:
-        """A command was sent that acts from ``act_at`` [s] on; these times never fall."""
+        """Remember a command that acts from ``act_at`` [s] on; these times never decrease."""
         self._commands.append((act_at, actuation))
 
     def predict(self, motion: Motion, until: float) -> Motion:
@@ -104,7 +104,7 @@ def _arm(
     q: Array, dq: Array, command: Array, share: float, dt: float,
     q_min: Array, q_max: Array, dq_max: Array, ddq_max: Array,
 ) -> tuple[Array, Array]:  # fmt: skip
-    """Joint positions and rates after dt [s]; a joint stands at its limit."""
+    """Joint positions and rates after dt [s]; a joint stops at its limit."""
     new_q, new_dq = np.empty_like(q), np.empty_like(dq)
     for i in range(q.shape[0]):
         change = share * (min(dq_max[i], max(-dq_max[i], command[i])) - dq[i])
@@ -116,7 +116,7 @@ def _arm(
 
 
 def expired(acting: Actuation, since: float) -> Actuation:
-    """Command ``since`` [s] after this one has expired.
+    """The command in effect ``since`` [s] after ``acting`` has expired.
 
     The base ramps to a stop within its limits, the joints come to rest together, the gripper stays as it is.
     """
@@ -126,15 +126,15 @@ def expired(acting: Actuation, since: float) -> Actuation:
 
 
 def dwell_to_plan(dwell: float | None, engaged: bool, lag: float) -> float | None:
-    """Time [s] for which a plan keeps the target in reach; None: as long as the whole job takes.
+    """Time [s] for which a plan must keep the target in reach; None: as long as the whole job takes.
 
-    While the arm is engaged, the lag of the base keeps it there that much longer, so the plan needs to cover less.
+    While the arm is engaged, the lag of the base keeps the target in reach for longer, so the plan needs to cover less.
     """
     return max(0.0, dwell - lag) if engaged and dwell is not None else dwell
 
 
 def followed(plan: BasePlan, lag: float, passed: float = 0.0) -> tuple[float, Array]:
-    """When [s] the target comes into range, and when the base is at each pose of a plan made ``passed`` [s] ago."""
+    """Time [s] until the target comes into range, and until the base is at each pose of a plan ``passed`` [s] old."""
     later = lag - passed
     to_range = max(0.0, plan.time_to_range + later) if plan.time_to_range > 0.0 else 0.0
     return to_range, np.maximum(0.0, plan.local_times + later)

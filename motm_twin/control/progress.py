@@ -1,8 +1,8 @@
-"""The progress clock of a task: how long the way left has not become shorter, and what is tried then.
+"""The progress clock of a task: the time since the remaining way last became shorter, and what is tried then.
 
-Nothing waits or circles for ever. Without progress the robot first waits, then backs off, turns to look where its lidar
-does not see, plans with less room down to the true footprint, goes for another place (and backs off once more where it
-stands although there is a way), and in the end the sequence does something else first, or gives the task up.
+The robot never waits or circles for ever. Without progress it first waits, then backs off, turns to look where its
+lidar does not see, plans with less room down to the true footprint, goes for another place (and backs off once more if
+it stands although there is a path). In the end the sequence does another task first, or gives the task up.
 """
 
 import math
@@ -18,12 +18,12 @@ from motm_twin.model.number import OWN, Number
 from motm_twin.planning.types import BasePlan, Placement, Recovery
 
 STANDS = 0.02  # [m] within which a base stands
-STOOD = 2.0  # [s] after which it does
-TRIES = 0.5  # [s] of each way to back off, until the base moves
+STOOD = 2.0  # [s] within that distance, after which a base counts as standing
+TRIES = 0.5  # [s] for which each way to back off is tried, unless the base moves
 
 
 class ProgressParameters(msgspec.Struct, frozen=True, kw_only=True):
-    """When a robot without progress tries what."""
+    """Limits of a robot without progress, for each remedy."""
 
     back_off: Annotated[float, Number("s", OWN, "without progress, when it begins to back off")] = 3.0
     look: Annotated[float, Number("s", OWN, "the same of turning to where its lidar does not see")] = 5.0
@@ -48,19 +48,19 @@ class ProgressState:
 
     task: int = -1
     goal: Array | None = None
-    best: float = math.inf  # [s] shortest way left so far
+    best: float = math.inf  # [s] shortest remaining way so far
     relocations: int = 0
     since: float = 0.0  # [s] of the last progress
-    hardest: float = 0.0  # [s] without progress of the last hold-up that less room, or another place, ended
-    eased: float = -math.inf  # [s] when that was
-    avoid: tuple[Array, ...] = ()  # places that could not be got to
-    rest: Array | None = None  # where the base has stood ...
-    rests: float = 0.0  # ... since then [s]
-    attempt: int = 0  # number of the way to back off that is tried; 0: it did not stand when it was to begin
-    tried: float = 0.0  # [s] since when
+    hardest: float = 0.0  # [s] length of the last hold-up that ended by planning with less room, or for another place
+    eased: float = -math.inf  # [s] time at which that hold-up ended
+    avoid: tuple[Array, ...] = ()  # places that the base failed to get to
+    rest: Array | None = None  # pose at which the base has stood ...
+    rests: float = 0.0  # ... since this time [s]
+    attempt: int = 0  # number of the way to back off that is tried; 0: the base did not stand when it was to back off
+    tried: float = 0.0  # [s] time since when that way is tried
 
     def restart(self, task: int, time: float) -> None:
-        """Another task begins."""
+        """Start the clock of another task."""
         self.__init__(task=task, since=time)
 
 
@@ -73,7 +73,7 @@ class Progress:
         self._parameters = parameters or ProgressParameters()
 
     def recovery(self, time: float) -> Recovery:
-        """Recovery of this period."""
+        """Recovery measures of this period."""
         state, p = self.state, self._parameters
         stalled = time - state.since
         if time - state.eased < p.tightest:
@@ -90,7 +90,7 @@ class Progress:
     def watch(
         self, time: float, task: int, pose: Array, placement: Placement, plan: BasePlan, *, counts: bool
     ) -> float:
-        """Take a period into account; time [s] without progress. ``counts``: the base has to get somewhere."""
+        """Take a period into account; returns the time [s] without progress. ``counts``: the base has to move."""
         state, p = self.state, self._parameters
         if state.rest is None or math.dist(state.rest[:2], pose[:2]) > STANDS:
             state.rest, state.rests = pose, time
@@ -130,7 +130,7 @@ class Progress:
 
 
 def way_left(placement: Placement, plan: BasePlan) -> float:
-    """Time [s] that the base still needs to its place; inf when there is no way."""
+    """Time [s] until the target is in range, or else until the base is at its place; inf without a path."""
     if plan.time_to_range < math.inf:
         return plan.time_to_range
     if placement.chosen >= 0 and placement.cost_current[placement.chosen] < math.inf:
@@ -139,5 +139,5 @@ def way_left(placement: Placement, plan: BasePlan) -> float:
 
 
 def base_has_to_move(sequence: TaskSequence, plan: BasePlan, *, busy: bool, by_hand: bool) -> bool:
-    """The progress of the task is the base's: not the arm's, and not a person's who drives."""
+    """Test that progress of the task depends on the base: not on the arm, nor on a person who drives."""
     return sequence.active is not None and not busy and not by_hand and plan.time_to_range > 0.0

@@ -1,4 +1,4 @@
-"""Why the robot stands."""
+"""Reasons why the robot stands."""
 
 from motm_twin.control.arm.types import ArmStep, Phase, ProgramStatus
 from motm_twin.control.sequence import TaskSequence
@@ -10,7 +10,7 @@ from motm_twin.planning.types import BasePlan, PlanStatus
 
 STANDSTILL = (0.03, 0.05)  # [m/s], [rad/s] below which the base stands
 WAITING = (0.10, 0.30)  # [m/s], [rad/s] below which it waits for the arm
-STARTING = 0.05  # [m/s^2], [rad/s^2] of a base that is about to move
+STARTING = 0.05  # [m/s^2], [rad/s^2] above which the base is about to move
 _DOING = {
     Phase.TRANSIT: "the hand is on its way",
     Phase.FINAL: "the fingers go down",
@@ -22,7 +22,7 @@ _DOING = {
 
 
 def why_standing(sequence: TaskSequence, plan: BasePlan, step: ArmStep, observation: Observation) -> Reason | None:
-    """Why the base stands or brakes; None when it drives or is about to."""
+    """Reason why the base stands or brakes; None when it drives or is about to."""
     if step.program in (ProgramStatus.STANDING, ProgramStatus.WITHDRAWING):
         return step.why
     task = sequence.active
@@ -53,13 +53,13 @@ def _ended(sequence: TaskSequence) -> Reason:
 
 
 def _homeless(sequence: TaskSequence) -> Reason:
-    """Held, and without a place task."""
+    """Reason of a held object without a place task."""
     tried = f"it did not get into {' and '.join(sequence.refused)}; " if sequence.refused else ""
     return Reason(kind=Kind.NO_PLACE_TASK, subject=sequence.held, other=tried)
 
 
 def _waiting(sequence: TaskSequence, name: str, step: ArmStep) -> Reason:
-    """The target is in reach: what the arm is at."""
+    """Reason to wait for the arm: the target is in reach."""
     tries, most = float(sequence.attempts), float(sequence.most_attempts)
     cause = step.why
     if step.program == ProgramStatus.SOLVED and step.limiter and any("lidar" in row for row in step.active):

@@ -1,9 +1,9 @@
 """Estimation and compensation of the command delay, and of the base's lag.
 
-Two numbers are estimated: the delay until any part acts on a command, from the joints, which follow theirs at once; and
-the lag of the base beyond its profile, from its twist. Each is the candidate whose model has fitted best for a while,
-by least squares. With a delay, observations are predicted to the time at which a command given now acts, as for a robot
-on a slow link; `Twin` adds the estimated lag to the profile.
+Two numbers are estimated: the delay until any part acts on a command, from the joints, which follow their commands at
+once; and the lag of the base beyond its profile, from its twist. Each is the candidate whose model has fitted best for
+a while, by least squares. With a delay, observations are predicted to the time at which a command given now acts, as
+for a robot on a slow link; `Twin` adds the estimated lag to the profile.
 """
 
 import math
@@ -26,7 +26,7 @@ LAGS = (0.0, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4)  # [s] more than the profile says
 
 
 class ResponseSettings(msgspec.Struct, frozen=True, kw_only=True):
-    """When another delay or lag is believed; choices of this project."""
+    """Limits for believing another delay or lag; choices of this project."""
 
     longest: Annotated[float, Number("s", OWN, "longest delay that is tried; so long another one must fit better")] = (
         0.3
@@ -66,30 +66,30 @@ class ResponseState:
     delay: float = 0.0  # [s]
     lag: float = 0.0  # [s] of the base, more than the profile says
     time: float | None = None
-    commands: list[tuple[float, Actuation]] = field(default_factory=list)  # with when they were given [s], newest last
-    rates: Array = field(default_factory=lambda: np.zeros((1, JOINTS)))  # of joints without a delay, newest first
-    of_delay: Array = field(default_factory=lambda: np.zeros((2, 1)))  # misfit of each, and its square
-    twists: Array = field(default_factory=lambda: np.zeros((len(LAGS), 2)))  # of a base with each lag
-    of_lag: Array = field(default_factory=lambda: np.zeros((2, len(LAGS))))  # misfit of each, and its square
-    acting: Array = field(default_factory=lambda: np.zeros(2))  # twist that the base is told ...
-    settled: Array = field(default_factory=lambda: np.zeros(2))  # ... and for how long it has not changed [s]
-    scale: Array = field(default_factory=lambda: np.ones(2))  # what the base makes of a steady speed and yaw rate
-    late: float = 0.0  # [s] that another delay has fitted better
-    lagging: float = 0.0  # [s] that another lag has
+    commands: list[tuple[float, Actuation]] = field(default_factory=list)  # with the time [s] of each, newest last
+    rates: Array = field(default_factory=lambda: np.zeros((1, JOINTS)))  # model without delay, newest first
+    of_delay: Array = field(default_factory=lambda: np.zeros((2, 1)))  # misfit of each, and square of its model
+    twists: Array = field(default_factory=lambda: np.zeros((len(LAGS), 2)))  # model of a base with each lag
+    of_lag: Array = field(default_factory=lambda: np.zeros((2, len(LAGS))))  # misfit of each, and square of its model
+    acting: Array = field(default_factory=lambda: np.zeros(2))  # commanded twist that acts on the base ...
+    settled: Array = field(default_factory=lambda: np.zeros(2))  # ... and the time [s] since it last changed
+    scale: Array = field(default_factory=lambda: np.ones(2))  # measured share of a steady commanded twist
+    late: float = 0.0  # [s] for which another delay has fitted better
+    lagging: float = 0.0  # [s] for which another lag has fitted better
 
 
 class Response(Stateful[ResponseState]):
-    """Watches what becomes of commands."""
+    """Estimates delay and lag of the robot."""
 
     def __init__(self, profile: RobotProfile, settings: ResponseSettings | None = None) -> None:
-        """``profile``: what the robot was told of itself."""
+        """``profile``: of the robot, without the estimated lag."""
         self._profile, self._settings = profile, settings or ResponseSettings()
         self._count = round(self._settings.longest / ARM_STEP) + 1
         self._state = ResponseState(rates=np.zeros((self._count, JOINTS)), of_delay=np.zeros((2, self._count)))
 
     @property
     def delay(self) -> float:
-        """After which the robot acts on a command [s]."""
+        """Time after which the robot acts on a command [s]."""
         return self._state.delay
 
     @property
@@ -98,9 +98,9 @@ class Response(Stateful[ResponseState]):
         return self._state.lag
 
     def observed(self, now: Observation) -> Observation:
-        """The observation at the time at which a command that is given now acts; the same one without delay or age.
+        """The observation predicted to the time at which a command given now acts; unchanged without delay or age.
 
-        A report that is late is moved on by the commands given since, or an arm would repeat them all.
+        A late report is predicted with the commands given since; otherwise the arm would repeat them all.
         """
         self._watch(now)
         delay = self._state.delay if now.ahead == 0.0 else 0.0
@@ -118,7 +118,7 @@ class Response(Stateful[ResponseState]):
         )  # fmt: skip
 
     def note_command(self, actuation: Actuation, reported: Observation) -> None:
-        """Remember a command, given when this was reported."""
+        """Remember a command given in answer to a report."""
         state, keep = self._state, self._settings.longest + FARTHEST
         now = reported.time
         state.commands = [*(one for one in state.commands if now - one[0] <= keep), (now, actuation)]
@@ -129,7 +129,7 @@ class Response(Stateful[ResponseState]):
         return msgspec.structs.replace(self._profile, base=lagging)
 
     def _watch(self, now: Observation) -> None:
-        """One more comparison of the robot with its models."""
+        """Compare the robot with its models once more."""
         state = self._state
         dt, state.time = 0.0 if state.time is None else now.time - state.time, now.time
         if not _finite(now):
@@ -182,9 +182,9 @@ class Response(Stateful[ResponseState]):
             state.lag, state.lagging, state.of_lag = LAGS[best], 0.0, np.zeros_like(state.of_lag)
 
     def _better(self, misfits: Array, believed: int, least: float) -> int | None:
-        """Index of a model that explains what is measured, and much better than the one believed; None: there is none.
+        """Index of a model that explains the measurements, much better than the one believed does; None: no model.
 
-        ``misfits``: of every model, and the squares of what it expects, (2, n).
+        ``misfits``: of every model, and the squares of its predictions, (2, n).
         """
         (off, square), settings = misfits, self._settings
         best = int(np.argmin(off))

@@ -1,8 +1,8 @@
 """Self-check: plausibility of the sensor data, and motion of the robot's parts against their commands.
 
 Each check is a small function of its own (`perception.sweeps`, `perception.localisation_check`,
-`perception.detection_check`, `control.motion_check`). Here they are run in order, and what they find becomes what the
-loop goes on with: an observation without what cannot be, and the share of its speed that the robot keeps.
+`perception.detection_check`, `control.motion_check`). Here they are run in order, and their findings become the inputs
+of the loop: an observation without implausible data, and the share of its speed that the robot keeps.
 """
 
 import math
@@ -36,7 +36,7 @@ class Trust(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
     base: float = 1.0
     joints: Array | None = None  # shares of the joints' rates, shape (7,); None: all of them
-    reason: Reason | None = None  # of what slows or stops the robot, or else of what it does without
+    reason: Reason | None = None  # why the robot is slowed or stopped, or else why it does without some data
     scan: Reason | None = None  # why the newest sweep was not used
 
 
@@ -65,20 +65,20 @@ class SelfCheckState:
     detection: DetectionState = field(default_factory=DetectionState)
     motion: MotionState = field(default_factory=MotionState)
     time: float | None = None
-    of_scan: Finding | None = None  # of the newest sweep
+    of_scan: Finding | None = None  # about the newest sweep
     good: Scan | None = None  # newest sweep that is used
-    waiting: Scan | None = None  # one that waits until it is known where it was made
+    waiting: Scan | None = None  # a sweep not used until the pose at which it was made is known
     findings: tuple[Finding, ...] = ()
-    told: tuple[tuple[str, str], ...] = ()  # kind and subject of what was found in the last period
+    told: tuple[tuple[str, str], ...] = ()  # kind and subject of the findings of the last period
 
 
 class SelfCheck(Stateful[SelfCheckState]):
-    """Turns what the robot reports into what it may rely on."""
+    """Turns reports of the robot into observations that control can rely on."""
 
     def __init__(
         self, known: KnownWorld, tracker: ObjectTracker, settings: SelfCheckSettings, *, slow_age: float
     ) -> None:
-        """Beliefs are the tracker's; ``slow_age`` [s] of a sweep or a state from which the monitor slows the robot."""
+        """``tracker`` has the beliefs; ``slow_age`` [s] of a sweep or state from which the monitor slows the robot."""
         self._known, self._tracker = known, tracker
         self._settings, self._slow_age = settings, slow_age
         self._segments, self._screens = map_segments(known), Screens.of(known)
@@ -92,7 +92,7 @@ class SelfCheck(Stateful[SelfCheckState]):
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """All that is wrong now, the worst first."""
+        """Present findings, the worst first."""
         return self._state.findings
 
     def observed(self, now: Observation, held: str | None) -> Observation:
@@ -112,7 +112,7 @@ class SelfCheck(Stateful[SelfCheckState]):
             motion_check.check_fingers(state.motion, now, robot, settings.motion)
         scan = self._usable_scan(now, believed)
         believed, scan = self._matched(believed, scan)
-        seen = _shifted(now, believed)  # what the camera says, in the odometry that is believed
+        seen = _shifted(now, believed)  # with detections in the odometry that is believed
         if state.detection.association.stamp > -math.inf:  # a camera that gives no names
             self._tracker.reconsider(seen, held)
         beliefs = Beliefs(self._tracker, seen, robot, settings.detections, self._known.bins, self._screens)
@@ -134,7 +134,7 @@ class SelfCheck(Stateful[SelfCheckState]):
         return msgspec.structs.replace(believed, pose=pose, pose_sd=scan_match.sd(state)), scan
 
     def missed(self, name: str, place: Array, now: Observation) -> None:
-        """The fingers closed on an object at a place (3,) [m], odometry frame, and held nothing."""
+        """Take note that the fingers closed on an object at a place (3,) [m], odometry frame, and held nothing."""
         found, settings = self._state.detection.association, self._settings.detections.association
         other = association.missed(found, name, place, self._tracker.places(now), settings)
         if other:
@@ -167,11 +167,11 @@ class SelfCheck(Stateful[SelfCheckState]):
 
     @property
     def astray(self) -> Array:
-        """Joint rates that no recent command explains: how far they are from those told [rad/s], shape (7,)."""
+        """Joint rates that no recent command explains: their distance to those commanded [rad/s], shape (7,)."""
         return self._state.motion.astray
 
     def note_command(self, actuation: Actuation, now: Observation) -> None:
-        """Remember what the robot is told, to compare what it does with it."""
+        """Remember a command, to compare the motion of the robot with it."""
         motion_check.note_command(self._state.motion, actuation, now)
 
     def events(self, time: float) -> list[Event]:
@@ -189,7 +189,7 @@ class SelfCheck(Stateful[SelfCheckState]):
         return events
 
     def begin_from(self, twist: Array) -> None:
-        """Nobody commanded the base for a while: it moves like this."""
+        """Expect this twist (2,) of a base that was not commanded for a while."""
         self._state.motion.expected = twist.copy()
         self._state.motion.told = twist.copy()
 
@@ -207,7 +207,7 @@ class SelfCheck(Stateful[SelfCheckState]):
                 pose = localisation_check.carried(local, scan, now).pose
                 odometry = believed.odometry
                 state.of_scan = check_sweep(state.sweep, scan, pose, odometry, self._segments, settings.sweeps)
-                sure = state.of_scan is None and local.mode == ""  # else it may not be the map that is missed
+                sure = state.of_scan is None and local.mode == ""  # else the pose may be why the sweep misses the map
                 at = pose if sure else None
                 scan, half_blind = check_sector(state.sector, scan, at, self.outline, settings.sector)
                 state.of_scan = state.of_scan or half_blind
@@ -217,7 +217,7 @@ class SelfCheck(Stateful[SelfCheckState]):
         return None if state.good is None else localisation_check.carried(local, state.good, now)
 
     def _old(self, now: Observation) -> list[Finding]:
-        """A sweep or a state that is old: the monitor slows and stops for it, and says so."""
+        """Findings of an old sweep or state, for which the monitor slows and stops the robot."""
         state, found, limit = self._state, [], self._slow_age
         heard = 0.0 if state.good is None else now.time - now.ahead - state.good.stamp
         bad = state.of_scan is not None or state.localisation.mode == "doubt"
@@ -230,7 +230,7 @@ class SelfCheck(Stateful[SelfCheckState]):
     def _gather(
         self, now: Observation, seen: Observation, beliefs: Beliefs, held: str | None, kept: tuple[Detection, ...]
     ) -> None:
-        """All that is wrong now, the worst first; ``now`` as reported, ``seen`` in the odometry that is believed."""
+        """Collect the findings, the worst first; ``now`` as reported, ``seen`` in the odometry that is believed."""
         state, settings, base = self._state, self._settings, self._known.robot.base
         limit = localisation_check.limit_of(base, settings.localisation)
         local = localisation_check.finding(state.localisation, settings.localisation, limit)
@@ -251,7 +251,7 @@ def _shifted(now: Observation, believed: Observation) -> Observation:
 
 
 def _without_negative(scan: Scan) -> Scan:
-    """The sweep in which beams that are out of order say nothing."""
+    """The sweep with nan for beams that are out of order (negative ranges)."""
     bad = scan.ranges < 0.0
     return msgspec.structs.replace(scan, ranges=np.where(bad, np.nan, scan.ranges)) if bad.any() else scan
 

@@ -1,8 +1,8 @@
-"""The task sequence: which task is active, which target feeds the placement next, and what a failure leads to.
+"""The task sequence: the active task, the next target for the placement, and the consequences of failures.
 
-What is held goes into a bin before anything else is picked. The paper has no rule for a bin that does not take it; here
-the place is tried again, then the nearest other bin takes what is held, and the task stays failed. When every bin has
-refused, or a person has taken the place task off the list, the robot keeps what it holds and waits for a place task.
+A held object goes into a bin before another one is picked. The paper has no rule for a bin that does not take it; here
+the place is tried again, then the nearest other bin takes the object, and the task stays failed. When every bin has
+refused, or a user has removed the place task from the list, the robot keeps the object and waits for a place task.
 """
 
 import math
@@ -23,7 +23,7 @@ from motm_twin.model.state import Stateful
 
 
 class SequenceParameters(msgspec.Struct, frozen=True, kw_only=True):
-    """When a task is tried again, put off or given up."""
+    """Limits after which a task is tried again, put off or given up."""
 
     most_attempts: Annotated[int, Number("", OWN, "grasps of one object before its task is given up")] = 8
     place_attempts: Annotated[
@@ -53,7 +53,7 @@ class SequenceParameters(msgspec.Struct, frozen=True, kw_only=True):
     )
 
 
-HEADING_TOLERANCE = 0.35  # [rad] (20 deg) of a drive_to pose: what such a task means
+HEADING_TOLERANCE = 0.35  # [rad] (20 deg) of a drive_to pose: part of the task's definition
 
 
 @dataclass
@@ -66,16 +66,16 @@ class SequenceState:
     attempts: list[int] = field(default_factory=list)
     held: str = ""  # object that the gripper believes it holds
     in_reach_since: float | None = None
-    waits: dict[tuple[str, ...], tuple[int, Reason]] = field(default_factory=dict)  # since then: how often for what
+    waits: dict[tuple[str, ...], tuple[int, Reason]] = field(default_factory=dict)  # since then: counts by reason
     out_of_reach_since: float | None = None
     outside_since: float | None = None
     failures: list[str] = field(default_factory=list)
     postponed: tuple[str, ...] = ()  # tasks that were put off once: next time they are given up
-    refused: tuple[str, ...] = ()  # bins whose place task was given up with what is held now
+    refused: tuple[str, ...] = ()  # bins whose place task was given up for the object held now
 
 
 class TaskSequence(Stateful[SequenceState]):
-    """Works through the task list in order; a failed pick takes its place task with it, also past drives."""
+    """Works through the task list in order; a failed pick ends its place task, too, also past drives."""
 
     def __init__(self, known: KnownWorld, limits: SequenceParameters | None = None) -> None:
         self.known, self.limits = known, limits or SequenceParameters()
@@ -95,12 +95,12 @@ class TaskSequence(Stateful[SequenceState]):
 
     @property
     def done(self) -> bool:
-        """Every task has ended, well or badly."""
+        """True when every task has ended, well or badly."""
         return self._state.index >= len(self._state.tasks)
 
     @property
     def tasks(self) -> tuple[Task, ...]:
-        """The whole list, also what has ended."""
+        """The whole list, with the tasks that have ended."""
         return tuple(self._state.tasks)
 
     @property
@@ -115,7 +115,7 @@ class TaskSequence(Stateful[SequenceState]):
 
     @property
     def refused(self) -> tuple[str, ...]:
-        """Bins that were given up for what is held."""
+        """Bins that were given up for the held object."""
         return self._state.refused
 
     @property
@@ -125,7 +125,7 @@ class TaskSequence(Stateful[SequenceState]):
 
     @property
     def active(self) -> Task | None:
-        """The task being worked on; None also while what is held has to be placed before the next pick."""
+        """The task being worked on; None also while a held object has to be placed before the next pick."""
         task = self._task(self._state.index)
         return None if self._state.held and isinstance(task, Pick) else task
 
@@ -148,7 +148,7 @@ class TaskSequence(Stateful[SequenceState]):
         return TaskList(self.tasks, tuple(state.status), tuple(state.attempts), state.index, state.held)
 
     def edit(self, edit: TaskEdit, known: KnownWorld, *, engaged: bool) -> bool:
-        """Change the list; whether the active task is another one now. Raises ValueError when it cannot be."""
+        """Change the list; True if another task is active now. Raises ValueError when the edit is not possible."""
         state, before = self._state, self._task(self._state.index)
         after = edited(self.listed(), edit, known, engaged=engaged)
         state.tasks, state.status, state.attempts = list(after.tasks), list(after.status), list(after.attempts)
@@ -189,9 +189,9 @@ class TaskSequence(Stateful[SequenceState]):
     ) -> tuple[Event, ...]:  # fmt: skip
         """Once per period: end drive_to tasks on arrival; give up what cannot be done or makes no progress in reach.
 
-        ``blocked``: why the base stands at the free place closest to a point, and not there; ``outside``: it gets no
-        nearer to a target outside the map; ``busy``: the fingers close, lift or let go now, and will have done in a
-        moment, so nothing is given up; ``why``: the arm waits. The most frequent reason is told.
+        ``blocked``: why the base stands at the free place closest to a point, and not at the point; ``outside``: the
+        base gets no nearer to a target outside the map; ``busy``: the fingers close, lift or let go, which soon ends,
+        so nothing is given up; ``why``: reason for which the arm waits. The most frequent reason is reported.
         """
         task, state = self.active, self._state
         if task is None or busy:
@@ -234,7 +234,7 @@ class TaskSequence(Stateful[SequenceState]):
         state.out_of_reach_since = None
         if state.in_reach_since is None:
             state.in_reach_since, state.waits = time, {}
-        if why is not None and why.kind != Kind.STARTS_OVER:  # that is no cause
+        if why is not None and why.kind != Kind.STARTS_OVER:  # starting over is no cause
             state.waits[why.key] = state.waits.get(why.key, (0, why))[0] + 1, why
         if time - state.in_reach_since > self.limits.stall_limit:
             text = f"{kind_of(task)} {name_of(task)}: in reach for {self.limits.stall_limit:.0f} s, not done"
@@ -247,7 +247,7 @@ class TaskSequence(Stateful[SequenceState]):
         return ()
 
     def hold_up(self, time: float, stalled: float, why: Reason | None, pose: Array) -> tuple[Event, ...]:
-        """The base has made no progress for ``stalled`` [s]: do something else first, or give the task up."""
+        """React to a base without progress for ``stalled`` [s]: put the task off, or give it up."""
         state, task = self._state, self.active
         if task is None or stalled < self.limits.other_order:
             return ()
@@ -323,7 +323,7 @@ class TaskSequence(Stateful[SequenceState]):
         return self._failed(time, text)
 
     def _fail_place(self) -> None:
-        """Nothing will be placed: the next place task ends now; drives before it stay, and come after it."""
+        """End the next place task, for which nothing is held; drives before it stay, and come after it."""
         state = self._state
         if not isinstance(self._next_job(state.index), Place):
             return
@@ -378,7 +378,7 @@ def _count(wait: tuple[int, Reason]) -> int:
 
 
 def arrived(task: DriveTo, pose: Array) -> bool:
-    """Is the base within the task's tolerance?"""
+    """Test that the base is within the task's tolerance."""
     dx, dy = pose[0] - task.point[0], pose[1] - task.point[1]
     close = dx * dx + dy * dy <= task.tolerance**2
     return close and (task.heading is None or abs(wrap_angle(task.heading - pose[2])) <= HEADING_TOLERANCE)

@@ -1,4 +1,4 @@
-"""From tasks and beliefs to what the base and the hand have to do, each in its own frame."""
+"""Targets of the base and goals of the hand, from tasks and beliefs, each in its own frame."""
 
 import math
 from collections.abc import Collection, Sequence
@@ -27,11 +27,11 @@ from motm_twin.planning.types import Target
 BESIDE = 0.25  # [m] objects this near may be in the way of a hand that grasps
 OVER_TARGET = 0.13  # [m] furniture higher than this above a target is a wall: the hand may not get over it
 TALL_TARGET = 0.35  # [m] tall walls, which the arm never reaches over, are higher than this above a target
-TALL_MOUNT = 0.55  # [m] above its mount: the shoulder is at 0.33, and reaches down over what is lower
-STRETCHED = 0.02  # [m] further than it hovers, for the grasp itself
-LET_GO_NEARER = 0.06  # [m] than over a bin's centre, where the bin is wide enough
-NEAR = 1.5  # [m] further from a target no arm has its mount
-TABLE = 0.3  # [m] lower things do not carry objects
+TALL_MOUNT = 0.55  # [m] and than this above the arm's mount: the shoulder, at 0.33, reaches down over lower walls
+STRETCHED = 0.02  # [m] that the hand reaches further in the grasp itself than where it hovers
+LET_GO_NEARER = 0.06  # [m] nearer than over a bin's centre, where the hand lets go if the bin is wide enough
+NEAR = 1.5  # [m] the mount of an arm is never further from its target
+TABLE = 0.3  # [m] lower furniture carries no objects
 _NO_EDGES = np.zeros((0, 4))
 
 
@@ -56,12 +56,12 @@ class Furniture:
 class Walls(NamedTuple):
     """Obstacles to a hand on its way to a target: edges x, y, x, y [m], shape (k, 4).
 
-    Low ones, which it reaches over where there is no other way, are as much wider as a hand is.
+    Low walls, which the hand reaches over where there is no other way, are wider by `ASIDE`, for the hand.
     """
 
     edges: Array
-    tall: Array  # those of them that the arm never reaches over
-    reach_over: float  # [m] of a hand that comes over the low ones beside the target: it is high until it is past them
+    tall: Array  # edges of walls that the arm never reaches over
+    reach_over: float  # [m] of a hand that comes over low walls beside the target: it stays high until past them
 
 
 def _edges(polygon: shapely.Polygon) -> Array:
@@ -75,7 +75,7 @@ def world_in_odometry(observation: Observation) -> Array:
 
 
 class Targets:
-    """Looks up where the targets of tasks are."""
+    """Looks up the targets of tasks."""
 
     def __init__(self, known: KnownWorld, tracker: ObjectTracker, reach: ReachParameters, arm: ArmParameters) -> None:
         self.known, self._arm = known, arm
@@ -86,7 +86,7 @@ class Targets:
         self._furniture = Furniture(known_solids(known))
 
     def base_target(self, task: Task | None, observation: Observation, dwell: float | None) -> Target | None:
-        """A task as the base sees it, in the world frame; dwell [s] as the arm reports it, or the usual one."""
+        """A task as a target of the base, in the world frame; dwell [s] as the arm reports it, or the usual one."""
         if task is None:
             return None
         if isinstance(task, DriveTo):
@@ -121,14 +121,14 @@ class Targets:
         return reach_radius(middle - self.known.robot.arm.mount_z, p.pick_tilt, p.stretch) + STRETCHED
 
     def _reach_of_place(self, place: Bin) -> float:
-        """Reach [m] of the hand, tilted outwards, to the middle of a bin; the widest object may be what it holds."""
+        """Reach [m] of a hand, tilted outwards, to the middle of a bin, even while it holds the widest object."""
         p, widest = self._arm, max((item.side for item in self.known.objects), default=0.0)
         half = 0.5 * place.side - place.wall - 0.5 * widest - p.release_margin
         over = reach_radius(place.rim_z + p.release_height - self.known.robot.arm.mount_z, p.place_tilt, p.stretch)
         return min(over, p.place_reach) + min(LET_GO_NEARER, max(0.0, half))
 
     def _walls(self, position: Array, height: float) -> Walls:
-        """Walls near a target: what is between it and the arm's mount and higher than it."""
+        """Walls near a target: furniture that is higher and may be between it and the arm's mount."""
         furniture, never = self._furniture, max(height + TALL_TARGET, self._tall)
         high = (furniture.tops > height + OVER_TARGET) & (furniture.bottoms < never)  # the arm passes below the others
         tall, low, over = [_NO_EDGES], [_NO_EDGES], math.inf
@@ -198,13 +198,13 @@ class Targets:
         return np.array(found).reshape(-1, 6)
 
     def _over_middle(self, side: float) -> Array:
-        """From the middle of an object to where it is grasped, (3,) [m]."""
+        """Offset from the middle of an object to the point where it is grasped, (3,) [m]."""
         return np.array([0.0, 0.0, over_middle(side, self._arm.pick_tilt)])
 
     def _inside(
         self, place: Bin, held: str, observation: Observation, T_odom_world: Array
     ) -> tuple[tuple[str, ...], list[tuple[float, ...]]]:
-        """Objects believed in a bin: names, and as neighbours of an `ArmGoal`; seen: since they were let go."""
+        """Objects believed in a bin: names, and rows as in `ArmGoal.neighbours`; seen: since they were let go."""
         frame, known = compose(T_odom_world, np.array([*place.centre, place.yaw])), self.tracker.places(observation)
         inside = [
             (name, position)

@@ -1,7 +1,7 @@
-"""Changing the task list while it is worked through: what may be inserted, removed and moved, and where it ends up.
+"""Edits of the task list while it is worked through: tasks that may be inserted, removed and moved, and their place.
 
-Tasks that have ended stay. A pick and its place belong together, with whatever drive stands between them. What the arm
-is at work on (final approach to lift, release) is finished first: a task put before it comes after it instead.
+Tasks that have ended stay. A pick and its place belong together, with any drive between them. The task that the arm is
+at work on (final approach to lift, release) is finished first: a task put before it comes after it instead.
 """
 
 import math
@@ -20,7 +20,7 @@ TOLERANCE = (0.05, 2.0)  # [m] of a drive_to
 
 @dataclass(frozen=True)
 class TaskList:
-    """The list, how far it is worked through, and what the gripper holds."""
+    """The list, the index of the active task, and the object in the gripper."""
 
     tasks: tuple[Task, ...]
     status: tuple[str, ...]
@@ -32,7 +32,7 @@ class TaskList:
 def edited(now: TaskList, edit: TaskEdit, known: KnownWorld, *, engaged: bool) -> TaskList:
     """The list after an edit; ``engaged``: the arm is at work on the active task.
 
-    Raises ValueError, with what would do instead, when the robot could not work through the new list.
+    Raises ValueError, which says what to do instead, when the robot could not work through the new list.
     """
     if isinstance(edit, InsertTask):
         return _inserted(now, edit, known, engaged=engaged)
@@ -61,7 +61,7 @@ def titled(task: Task) -> str:
 
 
 def homeless(tasks: tuple[Task, ...], index: int, held: str) -> bool:
-    """The gripper holds something, and what comes next is another pick or nothing that places it."""
+    """Test that the gripper holds an object, and the next task but drives does not place it."""
     if not held:
         return False
     following = next((task for task in tasks[index:] if not isinstance(task, DriveTo)), None)
@@ -126,7 +126,7 @@ def _picked(now: TaskList, order: list[int]) -> TaskList:
 
 
 def _job(now: TaskList, index: int) -> range:
-    """The tasks that belong to one, from a pick that is still to be done to its place; a drive is alone."""
+    """Indices of the tasks that belong to one: from a pick that is still to be done to its place; a drive is alone."""
     task = now.tasks[index]
     if isinstance(task, Pick):
         places = [i for i in range(index, len(now.tasks)) if isinstance(now.tasks[i], Place)]
@@ -138,7 +138,7 @@ def _job(now: TaskList, index: int) -> range:
 
 
 def _open_place(now: TaskList, at: int) -> int:
-    """An index before which a task can be put."""
+    """Check that a task can be put before an index; returns the index."""
     if not 0 <= at <= len(now.tasks):
         raise ValueError(f"there are {len(now.tasks)} tasks: an index is 0 to {len(now.tasks)}, not {at}")
     if at < now.index:
@@ -158,7 +158,7 @@ def _check_waiting(now: TaskList, index: int, what: str, *, engaged: bool) -> No
 
 
 def _check_order(now: TaskList) -> None:
-    """Raise ValueError unless what is still to be done alternates between picks and places."""
+    """Raise ValueError unless the tasks still to be done alternate between picks and places."""
     carried, open_pick = now.held, ""
     picked: set[str] = set()
     for task in now.tasks[now.index :]:

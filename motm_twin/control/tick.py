@@ -65,13 +65,13 @@ class Tick(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     truth: Truth | None  # simulated plants only
     done: bool
     success: bool
-    samples: tuple[Observation, ...] = ()  # what each arm step of this period saw, oldest first
-    reported: tuple[Observation, ...] = ()  # the same as the robot reported it, before anything was made of it
-    restarted: bool = False  # control had been away: the base moves as it is seen to, whatever it was told before
+    samples: tuple[Observation, ...] = ()  # observation of each arm step of this period, oldest first
+    reported: tuple[Observation, ...] = ()  # the same as reported by the robot, before any correction
+    restarted: bool = False  # control had paused: the base is taken to move as measured, not as commanded last
 
     @property
     def stop_reason(self) -> str:
-        """Why the robot stands, is slowed, or does without something, in one sentence; "" for none of it."""
+        """Reason why the robot stands, is slowed, or does without something, in one sentence; "" for none."""
         return "" if self.why is None else str(self.why)
 
 
@@ -131,5 +131,5 @@ class Completion:
 
 
 def all_placed(tick: Tick) -> bool:
-    """The referee counts as many cubes in their bins as there are to be placed."""
+    """Test that the referee counts as many cubes in their bins as there are place tasks."""
     return tick.truth is not None and tick.truth.places >= sum(task.kind == "place" for task in tick.tasks)

@@ -29,7 +29,7 @@ class ToldState:
     parameters: dict[str, ParameterValue] = field(default_factory=dict)  # that differ from the shipped ones
     furniture: dict[str, PlanarPose] = field(default_factory=dict)  # announced pieces
     gone: tuple[str, ...] = ()  # announced pieces that were taken away
-    lag: float = field(default=0.0, metadata=LATER)  # [s] of the base beyond its profile: found out, not told
+    lag: float = field(default=0.0, metadata=LATER)  # [s] of the base beyond its profile: estimated, not announced
 
 
 class Told(Stateful[ToldState]):
@@ -50,7 +50,7 @@ class Told(Stateful[ToldState]):
         return dict(self._state.furniture), self._state.gone
 
     def known(self) -> KnownWorld:
-        """The robot's prior knowledge with what it was told, and found out about itself."""
+        """The robot's prior knowledge, with the announcements and the estimated lag of its base."""
         known, lag = known_world(moved_scene(self.scene, self._state.furniture, self._state.gone)), self._state.lag
         if not lag:
             return known
@@ -59,7 +59,7 @@ class Told(Stateful[ToldState]):
 
     @property
     def lag(self) -> float:
-        """Of the base beyond its profile [s]."""
+        """Lag of the base beyond its profile [s]."""
         return self._state.lag
 
     @lag.setter
@@ -67,7 +67,7 @@ class Told(Stateful[ToldState]):
         self._state.lag = lag
 
     def set_parameter(self, name: str, value: ParameterValue, default: ParameterValue) -> bool:
-        """Keep a parameter; whether that changes anything."""
+        """Keep a parameter; True if that changes anything."""
         state = self._state
         if state.parameters.get(name, default) == value:
             return False
@@ -77,7 +77,7 @@ class Told(Stateful[ToldState]):
         return True
 
     def place_piece(self, name: str, truth: Truth) -> Array | None:
-        """Take in where a piece is; how it has moved, (x, y, turn) in the world, or None when nothing is new."""
+        """Take in the pose of a piece; returns its motion (x, y, turn) in the world, or None when nothing is new."""
         state, piece = self._state, pieces(self.scene)[name]
         if name in truth.removed:
             if name in state.gone:
@@ -97,7 +97,7 @@ class Told(Stateful[ToldState]):
         return relative(rigid(piece, before), rigid(piece, pose))
 
     def on_piece(self, name: str) -> Callable[[Array], bool]:
-        """Test whether a point (3,) [m], world, is on a piece as the robot knows it, or in a bin on it."""
+        """Test that a point (3,) [m], world, is on a piece as the robot knows it, or in a bin on it."""
         piece = pieces(self.scene)[name]
         now = moved_scene(self.scene, self._state.furniture, ())
         solids = [solid for solid in now.solids if solid.name in piece.solids]

@@ -1,8 +1,8 @@
-"""Every parameter that a person can change while the twin runs: what it means, its bounds, and the paper's value.
+"""Every parameter that a person can change while the twin runs: its meaning, its bounds, and the paper's value.
 
-The ranges are narrower than what the parameter classes accept: within them, and in every combination, the robot keeps
-clear of what it knows and sees, and the period keeps its time. The monitor's limits cannot be changed here; one that
-the paper does not have, passive safety, can be added.
+The ranges are narrower than those of the parameter classes: within them, and in every combination, the robot keeps
+clear of all that it knows and sees, and the period keeps its time. The monitor's limits cannot be changed here, but
+passive safety, which the paper does not have, can be added.
 
 The table is made from the fields of the parameter classes that have a `Slider`.
 """
@@ -22,7 +22,7 @@ GROUPS = ("Base placement", "Base control", "Modifications", "Arm", "Obstacle av
 
 
 class Parameter(msgspec.Struct, frozen=True, kw_only=True):
-    """One parameter: how it is shown, what it may be, and where it comes from."""
+    """One parameter: its name and unit, the values that it may have, and its source."""
 
     name: str
     title: str
@@ -98,14 +98,14 @@ PRESETS: dict[str, dict[str, ParameterValue]] = {
 
 
 def parameter(name: str) -> Parameter:
-    """The entry of a name; ValueError with the names there are when there is none."""
+    """The entry of a name; raises ValueError with a hint at similar names when there is none."""
     if name in _BY_NAME:
         return _BY_NAME[name]
     raise ValueError(f"there is no parameter {name!r} (docs/zenoh.md, Parameters, lists all); {hint(name, _BY_NAME)}")
 
 
 def check(name: str, value: ParameterValue) -> ParameterValue:
-    """The value as the table keeps it; ValueError when the parameter cannot have it."""
+    """The value as the table keeps it; raises ValueError when the parameter cannot have it."""
     entry = parameter(name)
     if entry.kind == "switch":
         if not isinstance(value, bool):

@@ -1,7 +1,7 @@
 """The base among agents: near misses, evasive manoeuvres, cut-ins; discomfort, freezing, and who made way.
 
-Measures of the field of social navigation: the comfort distance is that of CrowdNav (Chen et al., 2019); who made way
-is told by counterfactuals: each of the two alone keeps to the motion that it had when the conflict began.
+Measures from social navigation: the comfort distance is that of CrowdNav (Chen et al., 2019); who made way is decided
+by counterfactuals, in which one of the two keeps the motion that it had when the conflict began.
 """
 
 import math
@@ -22,11 +22,11 @@ NEAR, NEAR_END = 0.10, 0.20  # [m] gap that is a near miss, and gap at which it 
 HORIZON, STEP = 2.0, 0.1  # [s] of prediction
 CONFLICT = 0.30  # [m] predicted gap below which a reaction is needed
 SLOWED = 0.15  # [m/s] by which the base slows when it gives way
-TURNED = math.radians(15.0)  # [rad] off its former course by which the base gives way
+TURNED = math.radians(15.0)  # [rad] turn off its former course by which the base gives way
 TURNS = math.radians(10.0)  # [rad/s] from which it is still turning away
 FAR = 3.5  # [m] between base and agent beyond which nothing is predicted
 
-Body = tuple[float, float, float]  # of the base: offset of its centre, length, width [m]
+Body = tuple[float, float, float]  # base body: offset of its centre, length, width [m]
 
 
 @njit(cache=True)
@@ -40,7 +40,7 @@ def base_gap(body: Body, pose: Array | tuple[float, float, float], x: float, y: 
 
 
 def body_of(foot: Footprint) -> Body:
-    """The base body as the kernels take it."""
+    """The base body for the kernels."""
     return foot.offset_x, foot.length, foot.width
 
 
@@ -57,7 +57,7 @@ def predicted_gap(body: Body, pose: Array, twist: tuple[float, float], agent: Ar
 
 
 def compile_gaps() -> None:
-    """Compile now, not at the first encounter."""
+    """Compile the kernels now instead of at the first encounter."""
     base_gap((0.0, 1.0, 1.0), np.zeros(3), 1.0, 1.0, 0.1)
     predicted_gap((0.0, 1.0, 1.0), np.zeros(3), (0.1, 0.1), np.ones(4), 0.1)
     in_front(np.ones((1, 2)), np.zeros(3), np.zeros(3), 0.1)
@@ -71,8 +71,8 @@ class _Conflict:
     time: float
     heading: float
     twist: tuple[float, float]
-    last: float  # when it was last so
-    gave_way: float | None = None  # when the base did
+    last: float  # last time at which that held
+    gave_way: float | None = None  # time at which the base gave way
 
     def evasion(self, name: str, end: float) -> list[dict[str, Any]]:
         """The evasive manoeuvre, if the base gave way."""
@@ -92,8 +92,8 @@ class Encounters:
 
     Evasive manoeuvre: at constant velocities the gap would have fallen below 0.30 m within 2 s; and within
     these 2 s the base slowed by 0.15 m/s (not for an arm that is engaged with an object), or turned 15 deg away
-    from its course. It lasts as long as this is predicted for the present motion, or for the former
-    speed, while it is still that much slower or turns at 10 deg/s; and 0.5 s more.
+    from its course. It lasts while such a gap is predicted for the present motion, or for the former
+    speed while the base is still that much slower or turns at 10 deg/s; and 0.5 s more.
     """
 
     footprint: Footprint
@@ -108,7 +108,7 @@ class Encounters:
 
     @property
     def evading(self) -> bool:
-        """An evasive manoeuvre is under way."""
+        """True during an evasive manoeuvre."""
         return any(conflict.gave_way is not None for conflict in self._conflicts.values())
 
     def add(self, interval: Interval) -> None:
@@ -171,7 +171,7 @@ class Encounters:
 
 CUT_TIME, CUT_DISTANCE = 1.5, 1.0  # [s], [m] in front of an agent within which passing counts as cutting in
 SIDEWAYS = 0.05  # [m/s] across the agent's way from which the base is crossing it
-OWN_SHARE = 0.5  # of the way into the strip: more than this by its own motion, less by the agent's turning
+OWN_SHARE = 0.5  # own share of the way into the strip; the rest is due to the agent's turning
 PARTED = 1.2  # [m] gap beyond which another cut-in counts
 EDGE = 0.05  # [m] between points on the outline
 
@@ -189,9 +189,9 @@ def outline(footprint: Footprint) -> Array:
 def in_front(body: Array, pose: Array, line: Array, radius: float) -> tuple[float, float]:
     """Position of the base relative to the strip that an agent sweeps going straight on.
 
-    The gap [m] between base and strip, negative inside, inf when no part of the base is ahead; and how far [m] the
-    agent can go before it touches the base as it stands, inf when it passes. ``body`` [m]: its outline in the base
-    frame, shape (n, 2); ``line``: x, y and course of the agent, shape (3,).
+    The gap [m] between base and strip, negative inside, inf when no part of the base is ahead; and the distance [m]
+    that the agent can go before it touches the base at its present pose, inf when it passes. ``body`` [m]: outline in
+    the base frame, shape (n, 2); ``line``: x, y and course of the agent, shape (3,).
     """
     c, s = math.cos(pose[2]), math.sin(pose[2])
     along_x, along_y = math.cos(line[2]), math.sin(line[2])
@@ -213,20 +213,20 @@ class _Before:
 
     line: Array  # x, y and course
     gap: float  # [m] between base and strip
-    crossed: Array | None  # the line that the base got into by its own motion and is still crossing
+    crossed: Array | None  # line that the base entered by its own motion and is still crossing
 
 
 @dataclass
 class CutIns:
     """Counts how often the base passes closely in front of an agent that moves (0.1 m/s or more).
 
-    The agent sweeps a strip when it goes straight on. A cut-in, all at once:
+    The agent sweeps a strip when it goes straight on. A cut-in needs all of these:
 
-    - the base got into the strip by its own motion: in the period in which it got in, more than half of the way was
-      its own, less than half came from the agent's turning; and the agent's course of then still leads to it;
+    - the base entered the strip by its own motion: in the period of its entry more than half of the way was
+      its own, less than half came from the agent's turning; and the agent's course of that time still leads to it;
     - it has been crossing the strip ever since, with more than 0.05 m/s across;
-    - at constant velocity, the agent would touch the standing base within 1 m and 1.5 s; and they close in: along the
-      agent's course the base is slower than it. One that leaves as fast as the agent follows cuts nobody off.
+    - at constant velocity, the agent would touch the standing base within 1 m and 1.5 s; and they approach: along the
+      agent's course the base is slower than the agent. A base that leaves as fast as the agent follows cuts nobody off.
 
     Each agent counts once, until the gap between them is 1.2 m.
     """
@@ -234,7 +234,7 @@ class CutIns:
     footprint: Footprint
     found: list[dict[str, Any]] = field(default_factory=list)
     _before: dict[str, _Before] = field(default_factory=dict)
-    _counted: dict[str, dict[str, Any]] = field(default_factory=dict)  # agent: its cut-in, until they part
+    _counted: dict[str, dict[str, Any]] = field(default_factory=dict)  # agent: its cut-in, until they have parted
 
     def __post_init__(self) -> None:
         self._outline = outline(self.footprint)
@@ -256,7 +256,7 @@ class CutIns:
             self._count(interval.start.time, name, way, speed)
 
     def forget(self, name: str) -> None:
-        """Drop what is remembered of an agent that is far away."""
+        """Forget an agent that is far away."""
         self._before.pop(name, None)
         self._counted.pop(name, None)
 
@@ -269,7 +269,7 @@ class CutIns:
             own = before.gap - in_front(self._outline, pose, before.line, radius)[0]
             return line if own > OWN_SHARE * (before.gap - aside) else None
         if before.crossed is None or in_front(self._outline, pose, before.crossed, radius)[0] > 0.0:
-            return None  # the agent has turned after it since
+            return None  # the agent has since turned towards the base
         return before.crossed
 
     def _count(self, time: float, name: str, way: float, speed: float) -> None:
@@ -290,9 +290,9 @@ def _speeds(interval: Interval, direction: Array) -> tuple[float, float]:
 
 
 DISCOMFORT = 0.2  # [m] gap below which somebody feels uneasy (CrowdNav)
-COLLISION_WITHIN, COLLISION_STEP = 5.0, 0.05  # [s] ahead that a collision is looked for at constant velocities
-CLEAR_SHARE = 2.0 / 3.0  # of the gap gained, from which on one of the two made way
-GAINED = 0.05  # [m] by both together, below which nobody did
+COLLISION_WITHIN, COLLISION_STEP = 5.0, 0.05  # [s] search for a collision at constant velocities
+CLEAR_SHARE = 2.0 / 3.0  # share of the gained gap from which one of the two made way
+GAINED = 0.05  # [m] gained by both together, below which nobody made way
 
 
 @njit(cache=True)
@@ -319,12 +319,12 @@ class _Counterfactual:
     twist: tuple[float, float]
     agent: Array  # x, y, and its velocity, shape (4,)
     predicted: float  # [m] gap
-    actual: float = math.inf  # [m] gap since then
+    actual: float = math.inf  # [m] least gap since then
     robot_alone: float = math.inf  # [m] the same, had the agent kept its motion
     agent_alone: float = math.inf  # [m] the same, had the base kept its motion
 
     def add(self, body: Body, time: float, pose: Array, agent: tuple[float, float, float]) -> None:
-        """Take the place of both into account."""
+        """Take the places of both into account."""
         (x, y, radius), since = agent, time - self.time
         kept_x, kept_y = (self.agent[:2] + since * self.agent[2:]).tolist()
         kept = np.array(arc(*self.pose.tolist(), *self.twist, since))
@@ -358,7 +358,7 @@ class AmongPeople:
     """Measures of a base among agents; add every interval of a run in order.
 
     A conflict begins when at constant velocities the gap would fall below 0.30 m within 2 s, and lasts these 2 s. Base
-    freezing: it stands while a place to drive to is not reached, or for another reason than its arm.
+    freezing: it stands although it has not reached a place to drive to, or for a reason other than its arm.
     """
 
     scene: Scene

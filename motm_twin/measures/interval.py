@@ -1,7 +1,7 @@
 """The interval between two Ticks: the decision at its start, and all motion until its end.
 
-A Tick holds what was decided at its time, and the truth at the end of its period. So the truth at the time of a Tick is
-that of the Tick before, and the start of the scene for the first one.
+A Tick holds the decisions at its time, and the truth at the end of its period. So the truth at the time of a Tick is
+in the Tick before, and for the first one in the start of the scene.
 """
 
 import math
@@ -15,7 +15,7 @@ from motm_twin.model.geometry import Array, wrap_angle
 from motm_twin.model.kinematics import Frankie
 from motm_twin.model.scene import Scene
 
-STANDS = 0.02  # [m/s] up to which a base or agent stands
+STANDS = 0.02  # [m/s] up to which a base or agent counts as standing
 STANDS_TURNING = math.radians(2.0)  # [rad/s] the same for its yaw rate
 
 
@@ -27,7 +27,7 @@ class Sample:
     pose: Array  # base, world frame, shape (3,)
     mount: Array  # [m] foot of the arm, world frame, shape (2,)
     gripper: Array  # [m] gripper centre, world frame, shape (2,)
-    ee_obstacle: float  # [m] of the gripper centre to what is not in the map, inf when there is nothing
+    ee_obstacle: float  # [m] from the gripper centre to the nearest unmapped body; inf without one
     agents: dict[str, tuple[float, float, float]]  # x, y, radius [m]
     tick: Tick
 
@@ -82,12 +82,12 @@ class Interval:
 
 
 def finite(value: float, digits: int) -> float | None:
-    """The number with so many digits; None for infinity, which JSON lacks."""
+    """The number rounded to these digits; None for infinity, which JSON lacks."""
     return round(value, digits) if math.isfinite(value) else None
 
 
 class Sampler:
-    """Makes samples, and from each two of them an interval."""
+    """Makes samples, and intervals from consecutive samples."""
 
     def __init__(self, scene: Scene) -> None:
         self._scene = scene

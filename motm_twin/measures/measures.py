@@ -18,9 +18,9 @@ from motm_twin.model.scene_shapes import outline
 from motm_twin.perception.mapper import MapSettings
 from motm_twin.perception.tracks import TrackParameters
 
-STATIC_AFTER = MapSettings().static_after  # [s] in the same place: then what never moved is static (Paper, Sec. V)
-RESTS = TrackParameters().rests  # [s] the same of what has moved
-CREEPS = 0.05  # [m] from its place: it no longer is there
+STATIC_AFTER = MapSettings().static_after  # [s] in one place: a body that never moved is then static (Sec. V)
+RESTS = TrackParameters().rests  # [s] the same for a body that has moved
+CREEPS = 0.05  # [m] from its place, beyond which it has left it
 
 
 @dataclass(frozen=True)
@@ -29,8 +29,8 @@ class Neighbour:
 
     name: str
     distance: float  # [m] in the plane, mean over the interval
-    own: float  # [m/s] of the gripper towards it
-    other: float  # [m/s] of it towards the gripper
+    own: float  # [m/s] of the gripper towards the obstacle
+    other: float  # [m/s] of the obstacle towards the gripper
     static: bool  # it cannot move, or has been in the same place for long enough, see `Rest`
 
 
@@ -38,9 +38,9 @@ class Neighbour:
 class Rest:
     """Time that an agent has been in the same place; the loop's rule of static obstacles, applied to the truth.
 
-    What has never moved is static after 3 s, what has moved after `TrackParameters.rests`. It moves when it is
-    `CREEPS` away from where it rested. The loop knows only what it saw: what moved out of its sight
-    counts as moved here, and is judged as moving for longer than the loop takes it for.
+    An agent that has never moved is static after 3 s, one that has moved after `TrackParameters.rests`. It moves when
+    it is `CREEPS` away from its place of rest. The loop knows only what it has seen: an agent that moved out of sight
+    counts as moved here, and thus as moving for longer than in the loop.
     """
 
     place: Array  # [m], shape (2,)
@@ -56,16 +56,16 @@ class Rest:
 
 @dataclass
 class _Stretch:
-    """Time during which the gripper is nearer than d_s to something."""
+    """Time during which the gripper is nearer than d_s to an obstacle."""
 
     time: float
     last: float
     least: float  # [m]
     other: str = ""
     static: bool = False
-    own_moved: float = 0.0  # [m] towards it, until the least distance
+    own_moved: float = 0.0  # [m] of the gripper towards the other, until the least distance
     other_moved: float = 0.0
-    _own: float = 0.0  # the same until now
+    _own: float = 0.0  # [m] the same until now
     _other: float = 0.0
 
     def add(self, interval: Interval, distance: float, nearest: Neighbour | None) -> None:
@@ -92,12 +92,12 @@ class _Stretch:
 class GripperObstacles:
     """Distance of the gripper centre to unmapped obstacles, all taken as tall (Paper, Sec. V).
 
-    A stretch is the time in which the referee's distance is below d_s. Its cause is whoever came nearer by more, from
+    A stretch is the time in which the referee's distance is below d_s. Its cause is the one that approached more, from
     the interval in which d_s was crossed until the least distance: the gripper (arm and base together) or the other.
-    "static": the other cannot move, or rests (`Rest`), so that a grasp beside it is allowed (its d_s shrinks then).
+    "static": the other cannot move, or rests (`Rest`), so that a grasp beside it is allowed (d_s is then smaller).
 
     The gripper's own approach speed is its true velocity along the line to the other, over 50 ms; the damper line is
-    xi (d - d_s) / (d_i - d_s) at the mean distance d of that time. Only others that are not static count.
+    xi (d - d_s) / (d_i - d_s) at the mean distance d of that time. Static obstacles do not count.
     """
 
     scene: Scene
@@ -105,9 +105,9 @@ class GripperObstacles:
     stretches: list[dict[str, Any]] = field(default_factory=list)
     least: float = math.inf
     excess: float = -math.inf  # [m/s] over the damper line
-    advance_excess: float = -math.inf  # [m/s] over the line, or over 0 where it asks to retreat
+    advance_excess: float = -math.inf  # [m/s] over the line, or over 0 where the line demands a retreat
     _open: _Stretch | None = None
-    _rests: dict[str, Rest] = field(default_factory=dict)  # of each agent
+    _rests: dict[str, Rest] = field(default_factory=dict)  # by agent
 
     def __post_init__(self) -> None:
         solids = [solid for solid in self.scene.solids if not solid.mapped]
@@ -146,7 +146,7 @@ class GripperObstacles:
         }
 
     def _agents(self, interval: Interval, *, any_distance: bool) -> list[Neighbour]:
-        """Agents nearer than d_i; ``any_distance``: those farther away, too."""
+        """Agents nearer than d_i; ``any_distance``: also those farther away."""
         found = []
         for name, (x, y, radius) in interval.start.agents.items():
             velocity = interval.velocity(name)
@@ -177,23 +177,23 @@ class GripperObstacles:
         return found
 
 
-AT_LIMIT = 0.95  # share of the speed limit from which the base drives at it
-TURNING = math.radians(10.0)  # [rad/s] from which a base that is slower than that is turning
+AT_LIMIT = 0.95  # share of the speed limit from which the base counts as driving at it
+TURNING = math.radians(10.0)  # [rad/s] from which a slower base counts as turning
 AT_REST = (Phase.STOW, Phase.CARRY)  # phases in which the arm has nothing to do
 PHASES = ("driving", "waiting_for_arm", "stationary", "closing")
 PARTS = ("at_limit", "below_limit", "turning", "reversing", "waiting_for_arm", "evading", "standing")
 
 
 def waits_for_arm(interval: Interval) -> bool:
-    """The base stands, and the arm is at work or the target is in its reach."""
+    """True when the base stands, and the arm is at work or its target is in reach."""
     step = interval.tick.arm[-1]
     return not interval.moving and (step.phase not in AT_REST or interval.tick.plan.time_to_range == 0.0)
 
 
 def part_of(interval: Interval, v_f: float, *, evading: bool) -> str:
-    """The one of `PARTS` that an interval belongs to; ``v_f`` [m/s] is the speed limit.
+    """The one of `PARTS` to which an interval belongs; ``v_f`` [m/s] is the speed limit.
 
-    In this order: evading (an evasive manoeuvre is under way, see `Encounters`), waiting for the arm, standing,
+    In this order: evading (during an evasive manoeuvre, see `Encounters`), waiting for the arm, standing,
     reversing, at the limit (forward with at least 95 % of it; a curve at full speed costs its length only), turning
     (slower, with at least 10 deg/s), below the limit.
     """
@@ -217,12 +217,12 @@ class TimeSplit:
         self._phases: dict[str, float] = dict.fromkeys(PHASES, 0.0)
         self._parts: dict[str, float] = dict.fromkeys(PARTS, 0.0)
         self._moving = self._whole = 0.0
-        self._closing: list[tuple[float, float]] = []  # speed [m/s], for how long [s]
+        self._closing: list[tuple[float, float]] = []  # speed [m/s], duration [s]
 
     def add(self, interval: Interval, *, evading: bool) -> str:
-        """Take an interval into account; the one of `PARTS` that it belongs to."""
+        """Take an interval into account; returns the one of `PARTS` to which it belongs."""
         dt, steps = interval.dt, interval.tick.arm
-        share = sum(step.phase == Phase.CLOSING for step in steps) / len(steps)  # in which the fingers were closing
+        share = sum(step.phase == Phase.CLOSING for step in steps) / len(steps)  # of the interval with closing fingers
         self._whole += dt
         self._moving += dt * interval.moving
         self._phases["closing"] += share * dt
@@ -251,14 +251,14 @@ class TimeSplit:
         return {"mean": round(mean, 4), "min": round(min(speeds), 4), "max": round(max(speeds), 4)}
 
 
-STEADY = math.radians(1.0)  # [rad/s] of yaw rate that has no sign
+STEADY = math.radians(1.0)  # [rad/s] up to which a yaw rate has no sign
 
 
 class Smoothness:
     """Acceleration at the foot of the arm, and sign changes of the yaw rate per metre of path.
 
     The acceleration is that of the true position of the arm's foot in the plane, over two periods (100 ms).
-    Yaw rates below 1 deg/s have no sign: a change is from more than that on one side to more than that on the other.
+    Yaw rates below 1 deg/s have no sign: a change goes from more than that on one side to more on the other.
     """
 
     def __init__(self) -> None:
@@ -284,7 +284,7 @@ class Smoothness:
             self._sign = sign
 
     def report(self) -> dict[str, Any]:
-        """Largest and p99 acceleration [m/s^2], sign changes per metre [1/m]; None where nothing was driven."""
+        """Largest and p99 acceleration [m/s^2], sign changes per metre [1/m]; None if the base did not drive."""
         felt = self._accelerations
         return {
             "arm_base_acceleration_mps2": {
@@ -308,7 +308,7 @@ class Measures:
         self._gripper = GripperObstacles(scene, avoidance)
         self._smoothness = Smoothness()
         self._legs: dict[int, dict[str, float]] = {}  # task: seconds of each part
-        self._paths: dict[int, float] = {}  # task: [m]
+        self._paths: dict[int, float] = {}  # task: path length [m]
         self._last: Tick | None = None
 
     def add(self, tick: Tick) -> None:
@@ -326,7 +326,7 @@ class Measures:
             self._paths[index] = self._paths.get(index, 0.0) + interval.path
 
     def report(self) -> dict[str, Any]:
-        """Everything measured; times [s] of both splits and of the legs add up to the time of the last Tick."""
+        """All measures; times [s] of both splits and of the legs add up to the time of the last Tick."""
         tasks = self._last.tasks if self._last is not None else ()
         names = [(task.kind, task.target) for task in tasks] + [("done", "")]
         legs = [

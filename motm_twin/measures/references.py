@@ -1,15 +1,15 @@
-"""References that a trial is compared with: published times, each with its source, and the reference tour.
+"""References for the comparison of trials: published times, each with its source, and the reference tour.
 
 Paper: "Reactive Base Control for On-The-Move Mobile Manipulation in Dynamic Environments". Reister: Reister et al.,
 "Combining Navigation and Manipulation Costs for Time-Efficient Robot Placement in Mobile Manipulation Tasks".
-Experiment 1a is published as a box plot without numbers, and of the simulated Experiment 2 no time is given.
+Experiment 1a is published as a box plot without numbers, and for the simulated Experiment 2 no time is given.
 
 The reference tour is the time of the shortest tour of the base centre past all pick and drop places: start pose, then
 in task order one point in the disc round every object and bin, outside all furniture grown by a margin; length divided
 by the forward speed limit. No turning, no acceleration, no grasping: a reference, not a bound. Solved by dynamic
 programming over points on the circles (a path enters a disc through its circle, unless it is inside already), with
-exact shortest paths round the grown furniture between them. The published figures of this reference were made with 36
-points per circle, and so is this one, for comparison; ``exact=True`` refines the points until the tour is the
+exact shortest paths round the grown furniture between them. Published figures of this reference were made with 36
+points per circle, which are used here too, for comparison; ``exact=True`` refines the points until the tour is the
 shortest: 0.05 to 0.6 s less in Experiments 1 and 1a.
 """
 
@@ -40,7 +40,7 @@ class Published(NamedTuple):
     seconds: float
     success: str  # objects delivered of objects wanted, "" when not given
     source: str
-    real: bool  # on the real robot; else simulated
+    real: bool  # True: on the real robot, False: simulated
 
 
 _OURS_TRIAL = Published("paper, this trial, simulated", 85.6, "", _TABLE, real=False)
@@ -54,7 +54,7 @@ _EXP2_ALONE_REAL = Published("paper, without the Temi, real robot", 91.0, "", _E
 
 _RECOVERY = "Burgess-Limerick et al., Failure Recovery, arXiv 2305.08351, read off the chart; layout not published"
 _RECOVERY_METHODS = ("Failure Recovery, on the move", "Failure Recovery, reactive rival of the TEB type")
-FAILURE_RECOVERY: dict[str, dict[float, tuple[float, float]]] = {  # task: delay of the grasp [s]: times [s] of both
+FAILURE_RECOVERY: dict[str, dict[float, tuple[float, float]]] = {  # task: delay of the grasp [s]: both times [s]
     "line": {0.0: (9.4, 11.6), 10.0: (18.8, 21.9)},
     "turn": {0.0: (10.9, 10.7), 10.0: (20.3, 22.0)},
     "obstructed_turn": {0.0: (13.3, 17.4), 10.0: (20.1, 29.0)},
@@ -69,7 +69,7 @@ REFERENCE_TOUR_NOTE = (
 
 
 def published(scene: str, variant: str) -> tuple[Published, ...]:
-    """The published times that a run of this scene and variant can be compared with; none for other scenes."""
+    """The published times for comparison with a run of this scene and variant; none for other scenes."""
     if scene == "exp1" and variant == SINGLE_TRIAL:
         return _OURS_TRIAL, _OURS_TRIAL_REAL, _OURS_TEN, _SEQUENTIAL
     if scene == "exp1":
@@ -86,7 +86,7 @@ def published(scene: str, variant: str) -> tuple[Published, ...]:
 
 
 class TableRow(NamedTuple):
-    """A row of the paper's table, with the method of ours that it is comparable with."""
+    """A row of the paper's table, with our comparable method."""
 
     experiment: str
     method: str
@@ -115,7 +115,7 @@ TABLE_I: tuple[TableRow, ...] = (
     *_row("Paper, single trial", "motm", 85.6, 91.0, "6/6", "", single=True),
     *_row("Paper, ten trials", "motm", 95.9, 100.4, "58/60", ""),
 )
-REDUCTIONS = {  # of the task time against the sequential method of Reister et al., as published
+REDUCTIONS = {  # published reductions of the task time against the sequential method of Reister et al.
     "exp1": (0.43, "Paper, Sec. VII-A, simulated, 50 trials"),
     "exp1a": (0.46, "Paper, Sec. VII-B, simulated, 50 trials"),
     "trial1": (0.48, "Paper, Sec. VII-A, real robot, one trial"),
@@ -123,11 +123,11 @@ REDUCTIONS = {  # of the task time against the sequential method of Reister et a
 
 
 REACH = 0.80  # [m] R, radius of the disc round every pick and drop
-MARGIN = 0.25  # [m] g, by which furniture is grown
-ARC_SEGMENTS = 8  # per quarter circle of a grown corner: 1.2 mm off the true arc
-CIRCLE_POINTS = 36  # on every disc, as in the published figures
-EXACT_POINTS = 96  # on every disc before refinement
-FINE_POINTS = 9  # round the best point in every refinement
+MARGIN = 0.25  # [m] g, margin by which furniture is grown
+ARC_SEGMENTS = 8  # segments per quarter circle of a grown corner: 1.2 mm off the true arc
+CIRCLE_POINTS = 36  # points on every circle, as in the published figures
+EXACT_POINTS = 96  # points on every circle before refinement
+FINE_POINTS = 9  # points round the best one in every refinement
 ROUNDS = 2
 INSET = 5e-4  # [m] a sight line may graze grown furniture by this, so that it can run along its border
 
@@ -142,7 +142,7 @@ class Stop(msgspec.Struct, frozen=True, kw_only=True):
 def reference_tour_s(
     world: Scene | KnownWorld, reach: float = REACH, margin: float = MARGIN, *, exact: bool = False
 ) -> float:
-    """Time [s] of the reference tour at the forward speed limit; inf when a place cannot be reached at all."""
+    """Time [s] of the reference tour at the forward speed limit; inf when a place is unreachable."""
     legs, _ = reference_tour(world, reach, margin, exact=exact)
     return float(legs.sum()) / world.robot.base.forward_speed
 
@@ -152,7 +152,7 @@ def reference_tour(
 ) -> tuple[Array, Array]:
     """Length [m] of each leg of the reference tour, shape (n,), and the points that it touches, shape (n + 1, 2).
 
-    The first point is the start; a place that cannot be reached at all makes the legs from there on infinitely long.
+    The first point is the start; an unreachable place makes the legs from there on infinitely long.
     """
     solids = tuple(solid for solid in world.solids if solid.z_min < world.robot.top)
     grown, inner = _grown(solids, margin), _grown(solids, margin - INSET)
@@ -187,7 +187,7 @@ def stops_of(world: Scene | KnownWorld, reach: float) -> list[Stop]:
 
 
 def _grown(solids: tuple[Solid, ...], margin: float) -> BaseGeometry:
-    """Union of all furniture that stands in the way, grown by the margin [m]."""
+    """Union of all solids, grown by the margin [m]."""
     bodies = []
     for solid in solids:
         if isinstance(solid.shape, Cylinder):
@@ -212,7 +212,7 @@ def _freed(point: Array, grown: BaseGeometry) -> Array:
 
 
 def _entries(stop: Stop, before: Array, grown: BaseGeometry, exact: bool) -> Array:
-    """Points at which the tour may touch a disc: its free circle, or points before that are inside already."""
+    """Points at which the tour may touch a disc: on its free circle, and earlier points that are inside it."""
     centre = np.array(stop.centre)
     angles = np.arange(CIRCLE_POINTS) * 2.0 * math.pi / CIRCLE_POINTS
     circle = centre + stop.radius * np.column_stack([np.cos(angles), np.sin(angles)])
@@ -238,7 +238,7 @@ def _nearby(stop: Stop, point: Array, spread: float, grown: BaseGeometry) -> Arr
     """Points of the disc's circle close to one of them, itself included; ``spread`` [rad] each way."""
     dx, dy = point - np.array(stop.centre)
     if abs(math.hypot(dx, dy) - stop.radius) > 0.01 * stop.radius:
-        return point[None]  # inside the disc: it came from the stop before
+        return point[None]  # inside the disc: a point of the stop before
     angles = math.atan2(dy, dx) + spread * np.linspace(-1.0, 1.0, FINE_POINTS)
     circle = np.array(stop.centre) + stop.radius * np.column_stack([np.cos(angles), np.sin(angles)])
     free = ~shapely.contains(grown, shapely.points(circle))
@@ -270,7 +270,7 @@ def _best(layers: list[Array], corners: Array, between: Array, walls: Array) -> 
 
 @njit(cache=True)
 def _step(cost, to_corners, between, from_corners, direct):
-    """One layer of the dynamic programme: least length to every point of the next layer, and the point it came from."""
+    """One layer of the dynamic programme: least length to every point of the next layer, and its predecessor."""
     points, corners = to_corners.shape
     at_corner, corner_source = np.full(corners, np.inf), np.zeros(corners, np.int64)
     for i in range(points):
@@ -321,7 +321,7 @@ def _lengths(one, two, walls):
 
 @njit(cache=True)
 def _shortest(lengths):
-    """All shortest paths (Floyd, Warshall); shape (n, n)."""
+    """Lengths of all shortest paths (Floyd, Warshall), shape (n, n)."""
     best = lengths.copy()
     n = best.shape[0]
     for i in range(n):

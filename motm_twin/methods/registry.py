@@ -91,13 +91,13 @@ class IgnoreFarMovers:
     """The map without distant dynamic obstacles, which will have moved when the robot arrives."""
 
     def __init__(self, parts: PlannerParts, quick: float = math.inf) -> None:
-        """``quick`` [m/s]: who is faster goes on and is met where he will be; who is slower, and in the map, yields."""
+        """``quick`` [m/s]: faster tracks go on and are predicted; slower ones that are in the map yield."""
         self._tracks, self._quick = parts.tracks, quick
         self.standing = StandingMap(parts.known)
-        self.still = StillMap(parts.known, self._tracks)  # without the near ones, too
+        self.still = StillMap(parts.known, self._tracks)  # without the near dynamic obstacles, too
 
     def of(self, problem: BaseProblem) -> BaseProblem:
-        """The problem in that map; unchanged without such obstacles."""
+        """The problem in that map; unchanged without such obstacles if ``quick`` is inf."""
         world = problem.world
         gone = world.movers[world.movers[:, 5] == 0.0][:, :5]
         if self._quick == math.inf:
@@ -115,18 +115,18 @@ class IgnoreFarMovers:
 
 
 def expect_tracks(parts: PlannerParts) -> IgnoreFarMovers:
-    """The map without dynamic obstacles that are far away, or that will go on."""
+    """The map without dynamic obstacles that are far away, or that do not yield."""
     return IgnoreFarMovers(parts, parts.parameters.foresight.quick)
 
 
 def all_rings(materials: Materials) -> EveryRing:
-    """Candidates on all rings; where none is viable, and with the view of `fast`, a wait beside who moves."""
+    """Candidates on all rings; where none is viable, and with the view of `fast`, places to wait."""
     view = materials.view
     return EveryRing(view.still if isinstance(view, IgnoreFarMovers) else None)
 
 
 def all_rings_in_time(materials: Materials) -> InTime:
-    """The same, each judged by who will be there when the base arrives."""
+    """Candidates on all rings, each judged by the dynamic obstacles expected on arrival."""
     return InTime(all_rings(materials), materials.parts.known.robot.base.velocity_lag)
 
 

@@ -70,7 +70,7 @@ def fk_arm(q: Array) -> Array:
 
 @njit(cache=True)
 def placed_frames(T: Array, frames: Array) -> Array:
-    """``T @ frames`` of a rigid transform and of others behind it, shapes (4, 4), (n, 4, 4) -> (n, 4, 4)."""
+    """``T @ frames``: rigid transforms premultiplied by a transform, shapes (4, 4), (n, 4, 4) -> (n, 4, 4)."""
     there = np.zeros(frames.shape)
     for n in range(frames.shape[0]):
         for r in range(3):
@@ -141,7 +141,7 @@ def manipulability_gradient(q: Array) -> Array:
 
 @njit(cache=True)
 def factored_gradient(J: Array, L: Array, m: float) -> Array:
-    """The same with what `factor` gives: L and the measure m.
+    """The same from the results of `factor`: L and the measure m.
 
     dm/dq_i = m trace((dJ/dq_i) P) with P = J^T (J J^T)^-1 the pseudo-inverse, and the columns of dJ/dq_i by cross
     products of the columns of J: w_i x (v_j, w_j) for i <= j, (w_j x v_i, 0) for i > j.
@@ -176,7 +176,7 @@ def factored_gradient(J: Array, L: Array, m: float) -> Array:
 
 
 # The arm's body as control sees it: capsules round its links. Fitted by ``tools/fit_capsules.py``: every row contains
-# its half of the link's collision hull, so control keeps its distance from more than the referee judges. The base is no
+# its half of the link's collision hull, so control keeps clear of a larger body than the referee judges. The base is no
 # capsule: its footprint is in the profile, and ``link0`` stands within it. Fingers are regions of the hand that contain
 # them at every gripper width.
 _CAPSULES = (  # link, end points x, y, z, x, y, z and radius [m] in the link's frame
@@ -206,7 +206,7 @@ def _frame(link: str) -> int:
     return ARM_FRAMES.index("panda_hand" if link.endswith("finger") else link)
 
 
-CAPSULE_LINKS = tuple(row[0] for row in _CAPSULES)  # name of the body each capsule stands for
+CAPSULE_LINKS = tuple(row[0] for row in _CAPSULES)  # name of the link of each capsule
 CAPSULE_FRAMES = np.array([_frame(row[0]) for row in _CAPSULES])  # index into ARM_FRAMES, shape (n,)
 CAPSULE_FRAMES.setflags(write=False)
 CAPSULE_P0 = frozen([row[1:4] for row in _CAPSULES])  # [m] in the frame, shape (n, 3)

@@ -1,4 +1,4 @@
-"""Folders of shipped assets and scenes, and the meshes by name: what to draw, what to draw as a ghost, what is solid.
+"""Folders of shipped assets and scenes, and meshes by name: for drawing, for ghosts, and for collisions.
 
 The folders are beside the package in a checkout, and inside it when it is installed from a wheel.
 """
@@ -34,7 +34,7 @@ def scenes_dir() -> Path:
 
 
 def robot_urdf(profile: RobotProfile) -> ET.Element:
-    """``frankie.urdf`` with the arm where the profile mounts it, and the profile's footprint as base body."""
+    """``frankie.urdf`` with the profile's mount of the arm, and its footprint as base body."""
     robot = ET.parse(web_assets_dir() / "frankie.urdf").getroot()  # noqa: S314 - our own file, not from outside
     mount = robot.find("joint[@name='arm_mount']/origin")
     body = robot.find("link[@name='base_link']/collision/origin")
@@ -54,7 +54,7 @@ LINKS = (
     "panda_hand",
     "panda_leftfinger",
     "panda_rightfinger",
-)  # everything with a shape, in the order of `Frankie.link_transforms`
+)  # all links with a shape, in the order of `Frankie.link_transforms`
 
 Faces = NDArray[np.uint32]
 
@@ -72,7 +72,7 @@ _FINGER_BOXES = (  # in the left finger's frame: centre x, y, z and size x, y, z
 
 
 def asset_path(table: dict[str, str], name: str) -> Path:
-    """File of an asset from `VISUAL`, `GHOST` or `COLLISION`; raises KeyError that names what there is."""
+    """File of an asset from `VISUAL`, `GHOST` or `COLLISION`; raises KeyError that names the known ones."""
     if name not in table:
         raise KeyError(f"no asset {name!r}: choose one of {', '.join(table)}")
     return web_assets_dir() / table[name]
@@ -80,7 +80,7 @@ def asset_path(table: dict[str, str], name: str) -> Path:
 
 @functools.cache
 def glb_bytes(name: str) -> bytes:
-    """The GLB file of a link or prop, as a viewer takes it; cached."""
+    """The GLB file of a link or prop for viewers; cached."""
     return asset_path(VISUAL, name).read_bytes()
 
 
@@ -94,7 +94,7 @@ def ghost_mesh(link: str) -> tuple[Array, Faces]:
 def collision_hull(link: str) -> tuple[Array, Faces]:
     """Vertices [m] (n, 3) and faces (m, 3) of a link's convex hull in its own frame; read-only.
 
-    Links of the arm and the hand only: the base follows from the profile's footprint, fingers are `finger_boxes`.
+    Only links of the arm and the hand: the base is the profile's footprint, fingers are `finger_boxes`.
     """
     return _shape(asset_path(COLLISION, link))
 

@@ -1,10 +1,10 @@
-"""Bounds of numbers, texts and lists, as annotations on the fields of the struct that has them.
+"""Bounds of numbers, texts and lists, as annotations on the fields of a struct.
 
     seconds: Annotated[float, Between(0.05, 60.0, unit="s")]
 
 `problem` checks a struct against its annotations; schemas, documents and tests read them with `bounds_of`. They are
-no `msgspec.Meta`, which acts while bytes are decoded and speaks of types: a command is decoded first and then refused
-with the sentence of the bound. A scene file, which is refused as it is read, takes the same bound by `Between.meta`.
+not `msgspec.Meta`, which refuses while it decodes and in terms of types: a command is first decoded and then refused
+with the sentence of the bound. A scene file, which is refused while it is read, takes the bound as `Between.meta`.
 """
 
 import abc
@@ -25,7 +25,7 @@ _QUOTED = 40  # characters of a wrong text that are quoted
 
 @dataclass(frozen=True)
 class Bound(abc.ABC):
-    """Base of all bounds. ``called``: its field in a sentence, where the name of the field is not clear."""
+    """Base of all bounds. ``called``: name of its field in sentences, where the field's own name is unclear."""
 
     _: KW_ONLY
     called: str = ""
@@ -36,7 +36,7 @@ class Bound(abc.ABC):
 
     @abc.abstractmethod
     def refusal(self, name: str, value: Any) -> str:
-        """Why the value of the field ``name`` is out of bounds, in one sentence; "" when it is not."""
+        """Reason why the value of the field ``name`` is out of bounds, in one sentence; "" when it is within."""
 
 
 @dataclass(frozen=True)
@@ -53,7 +53,7 @@ class Between(Bound):
         return f"{_shown(self.low)} to {_shown(self.high)}{self._unit()}"
 
     def refusal(self, name: str, value: Any) -> str:
-        """Refusal of the first number out of bounds, or of nan."""
+        """Refusal of the first number that is out of bounds or nan."""
         for number in value if isinstance(value, list | tuple) else (value,):
             is_number = isinstance(number, int | float) and not isinstance(number, bool)
             if is_number and not self.low <= number <= self.high:
@@ -66,13 +66,13 @@ class Between(Bound):
 
     @property
     def meta(self) -> msgspec.Meta:
-        """The same bound for a struct that is refused while it is decoded."""
+        """The same bound for structs that are checked while they are decoded."""
         return msgspec.Meta(ge=self.low, le=self.high, description=f"[{self.unit}]" if self.unit else None)
 
 
 @dataclass(frozen=True)
 class Length(Bound):
-    """The length of a vector, of two components: a field of its own, or this field and the ``other`` one."""
+    """The length of a vector with two components: one field with both, or this field and the ``other`` one."""
 
     most: float
     _: KW_ONLY
@@ -84,7 +84,7 @@ class Length(Bound):
         return f"length {f'with {self.other} ' if self.other else ''}at most {self.most:g} {self.unit}"
 
     def refusal(self, name: str, value: Any) -> str:
-        """For a vector that is longer, or not finite."""
+        """Refusal of a vector that is longer, or not finite."""
         length = math.hypot(*value)
         shown = f"{self.called or name} {length:.4g} {self.unit}"
         return "" if length <= self.most else f"{shown}: at most {self.most:g} {self.unit}"
@@ -92,7 +92,7 @@ class Length(Bound):
 
 @dataclass(frozen=True)
 class Text(Bound):
-    """Printable characters, so many, or those of a ``pattern`` that ``words`` explain."""
+    """Number and kind of characters: printable ones, or those of a ``pattern`` that ``words`` describe."""
 
     least: int
     most: int
@@ -101,11 +101,11 @@ class Text(Bound):
     words: str = "characters"
 
     def allowed(self) -> str:
-        """The number of characters, and which."""
+        """The number and kind of characters."""
         return f"{f'{self.least} to' if self.least else 'at most'} {self.most} {self.words}"
 
     def refusal(self, name: str, value: Any) -> str:
-        """For a text of another length or other characters."""
+        """Refusal of a text with another length or other characters."""
         if not isinstance(value, str) or not (value or self.least):
             return ""
         if not value and not self.pattern:
@@ -129,14 +129,14 @@ class Count(Bound):
         return f"{self.least} to {self.most}"
 
     def refusal(self, name: str, value: Any) -> str:
-        """For a longer or shorter list."""
+        """Refusal of a longer or shorter list."""
         fits = self.least <= len(value) <= self.most
         return "" if fits else f"{len(value)} {self.called or name}: allowed is {self.allowed()}"
 
 
 @dataclass(frozen=True)
 class OneOf(Bound):
-    """A text out of a few. ``where``: the place that lists them, when they are many."""
+    """One of several texts. ``where``: the place that lists them, when there are many."""
 
     choices: tuple[str, ...]
     _: KW_ONLY
@@ -147,7 +147,7 @@ class OneOf(Bound):
         return self.where or ", ".join(self.choices)
 
     def refusal(self, name: str, value: Any) -> str:
-        """For another text; names the near ones."""
+        """Refusal of another text; it names similar ones."""
         if value in self.choices:
             return ""
         return f"{self.called or name} {value[:_QUOTED]!r} is unknown; {hint(value, self.choices)}"
@@ -160,11 +160,11 @@ class Listed(Bound):
     words: str
 
     def allowed(self) -> str:
-        """The words."""
+        """The words given to the constructor."""
         return self.words
 
     def refusal(self, name: str, value: Any) -> str:
-        """Nothing: the twin checks."""
+        """No refusal: the twin checks."""
         return ""
 
 
@@ -182,7 +182,7 @@ def bounds_of(kind: type[msgspec.Struct]) -> dict[str, tuple[Bound, ...]]:
 def problem(struct: Any) -> str:
     """The first field of a struct, or of the structs in it, that is out of bounds, in one sentence; "" when none is.
 
-    A method ``conflict`` of the struct is asked last: it says in one sentence which of its fields do not fit together.
+    A method ``conflict`` of the struct comes last: it names fields that do not fit together, in one sentence.
     """
     for name, bounds in bounds_of(type(struct)).items():
         value = getattr(struct, name)

@@ -13,7 +13,7 @@ from motm_twin.model.faults import FaultFields
 from motm_twin.model.scene import BEHAVIOURS, Task
 
 SHAPES = ("box", "cylinder", "temi", "person")
-INDEX = Between(0, 10**7)  # of a period (almost six days of them) or of a task
+INDEX = Between(0, 10**7)  # of a period (almost six days) or of a task
 ParameterValue = float | bool | str
 Name = Annotated[str, Text(1, 64)]
 Coordinate = Annotated[float, FARTHEST]
@@ -33,7 +33,7 @@ class AddObstacle(msgspec.Struct, frozen=True, kw_only=True, tag="add_obstacle",
     size: Size = (0.5, 0.5, 0.6)  # box: x, y, z; cylinder: diameter, diameter, height
 
     def conflict(self) -> str:
-        """A cylinder is round."""
+        """Refusal of a cylinder that is not round; "" for any other body."""
         if self.shape != "cylinder" or self.size[0] == self.size[1]:
             return ""
         return f"size {list(self.size)} of a cylinder: it is diameter, diameter, height, and the first two differ"

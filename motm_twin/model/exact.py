@@ -1,10 +1,9 @@
 """Arithmetic that is bit-identical in kernels, Python and NumPy, on every processor.
 
-Numba's ``math.hypot`` is the C library's: now and then it differs from Python's in the last bit. ``math.remainder`` it
-does not have. ``@``, ``np.dot`` and ``np.linalg`` call BLAS, in Numba too, and BLAS sums in an order that it chooses by
-processor and threads. NumPy's ``arctan2``, ``exp``, ``log`` and others have kernels of their own for AVX-512. All of
-them round differently from one machine to the next, so no state may come from them; here are the products and angles
-that take their place.
+Numba's ``math.hypot`` is the C library's: sometimes it differs from Python's in the last bit. Numba has no
+``math.remainder``. ``@``, ``np.dot`` and ``np.linalg`` call BLAS, in Numba too, and BLAS sums in an order that depends
+on processor and threads. NumPy's ``arctan2``, ``exp``, ``log`` and others have special kernels for AVX-512. All of
+these round differently from one machine to the next, so no state may depend on them; this module has replacements.
 """
 
 import math
@@ -31,7 +30,7 @@ def hypot(x: float, y: float) -> float:
 
 @overload(hypot)
 def _hypot(x: float, y: float) -> Callable[[float, float], float]:
-    """As CPython 3.11 has it (``vector_norm``): squares without rounding, compensated sum, one corrected root."""
+    """As CPython 3.11 (``vector_norm``): squares without rounding, compensated sum, one corrected root."""
 
     def length(x: float, y: float) -> float:
         largest = max(abs(x), abs(y))
@@ -57,7 +56,7 @@ def _hypot(x: float, y: float) -> Callable[[float, float], float]:
 
 @overload(math.remainder)
 def _remainder(x: float, y: float) -> Callable[[float, float], float]:
-    """x less the nearest multiple of y > 0: exact, as both steps are; half way, the even multiple."""
+    """x minus the nearest multiple of y > 0, the even one when x is half way; exact, because both steps are."""
 
     def nearest(x: float, y: float) -> float:
         rest, half = np.fmod(x, y), 0.5 * y
@@ -146,14 +145,14 @@ def angle_of(y: Array, x: Array) -> Array:
 
 
 def turn_between(a: Array, b: Array | float) -> Array:
-    """Size [rad] of the turn between angles, in [0, pi], shape of ``a - b``."""
+    """Absolute difference [rad] of angles, in [0, pi], shape of ``a - b``."""
     turns = np.asarray(a - b) / (2.0 * math.pi)
     return 2.0 * math.pi * np.abs(turns - np.rint(turns))
 
 
 @register_jitable
 def _halves(value: float) -> tuple[float, float]:
-    """Two numbers of half the bits, whose sum the value is."""
+    """Two numbers with half the bits each, whose sum is exactly the value."""
     shifted = value * _SPLIT
     high = shifted - (shifted - value)
     return high, value - high
@@ -161,6 +160,6 @@ def _halves(value: float) -> tuple[float, float]:
 
 @register_jitable
 def _added(total: float, lost: float, value: float) -> tuple[float, float]:
-    """A sum that is 1 or more, and what its rounding has lost so far."""
+    """The next partial sum (at least 1), and its accumulated rounding error."""
     after = total + value
     return after, lost + ((total - after) + value)

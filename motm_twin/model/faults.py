@@ -1,6 +1,6 @@
 """Faults of sensors and of the robot that can be injected: one table of kinds, with parameters, bounds, units, phrases.
 
-Everything that lists faults is generated from or checked against it: the edit, the scene file, commands, the page,
+All other lists of faults are generated from it or checked against it: the edit, the scene file, commands, the page,
 and the documents.
 """
 
@@ -10,8 +10,8 @@ import msgspec
 
 from motm_twin.model.bounds import Between, OneOf
 
-SECONDS = Between(0.05, 60.0, unit="s", called="a fault of")  # that it lasts
-DELAY = Between(0, 5.0, unit="s", called="a delay of")  # of whatever comes or acts late
+SECONDS = Between(0.05, 60.0, unit="s", called="a fault of")  # duration of a fault
+DELAY = Between(0, 5.0, unit="s", called="a delay of")  # of data or commands
 JOINT = Between(1, 7)
 USUAL_JOINT = 4
 Field = Literal["", "delay", "amount", "joint"]
@@ -22,13 +22,13 @@ class FaultKind(msgspec.Struct, frozen=True):
 
     name: str
     group: str  # lidar | camera | localisation | wheels | arm | state
-    button: str  # on the page
-    phrase: str  # while it lasts; "{}" stands for its number
+    button: str  # label of its button on the page
+    phrase: str  # shown while it lasts; "{}" stands for its number
     what: str  # one line for documents
     number: Field = ""
     low: float = 0.0
     high: float = 0.0
-    usual: float = 0.0  # its number when none is given
+    usual: float = 0.0  # default of its number
     unit: str = ""
 
     def value(self, *, delay: float, amount: float | None, joint: int) -> float:

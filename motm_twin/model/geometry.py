@@ -36,7 +36,7 @@ def to_frame(pose_a_b: Array, points_a: Array) -> Array:
     """Points given in frame a, expressed in frame b; z is kept when there is one. Shapes (..., 2) or (..., 3)."""
     c, s = math.cos(pose_a_b[2]), math.sin(pose_a_b[2])
     points_b = np.array(points_a, dtype=float)
-    if points_b.ndim == 1:  # one point: plain numbers take a third of the time
+    if points_b.ndim == 1:  # one point: with plain numbers in a third of the time
         (dx, dy), (x, y) = points_b[:2].tolist(), pose_a_b[:2].tolist()
         dx, dy = dx - x, dy - y
         points_b[0], points_b[1] = c * dx + s * dy, -s * dx + c * dy

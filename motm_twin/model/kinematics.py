@@ -17,12 +17,12 @@ from motm_twin.model.exact import times
 from motm_twin.model.geometry import Array
 from motm_twin.model.profile import RobotProfile
 
-_FINGER_Z = 0.0584  # [m] finger frames beyond the hand
+_FINGER_Z = 0.0584  # [m] of the finger frames beyond the hand frame
 _COLUMNS = (0, *range(2, 10))  # of the planar model's velocity: forward, yaw, seven joints; sideways dropped
 
 
 class Frankie:
-    """The robot's geometry at given base pose, joints and gripper width; holds nothing but a workspace."""
+    """The robot's geometry for a given base pose, joints and gripper width; its only state is a workspace."""
 
     def __init__(self, profile: RobotProfile) -> None:
         """Kinematics for one profile; only its arm mount matters here."""
@@ -79,7 +79,7 @@ class Frankie:
 
 @functools.cache
 def _model(profile: RobotProfile) -> pin.Model:
-    """The planar model with locked fingers, its arm mounted where the profile says."""
+    """The planar model with locked fingers, and the arm mounted as in the profile."""
     full = pin.buildModelFromXML(ET.tostring(robot_urdf(profile), encoding="unicode"), pin.JointModelPlanar())
     fingers = [full.getJointId(f"panda_finger_joint{i}") for i in (1, 2)]
     return pin.buildReducedModel(full, fingers, pin.neutral(full))

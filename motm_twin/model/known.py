@@ -12,7 +12,7 @@ from motm_twin.model.profile import RobotProfile
 from motm_twin.model.scene import Bin, PlanarPose, Scene, SceneObject, Solid, Task
 from motm_twin.model.scene_shapes import bin_solid, covers, moved_bin, moved_object, moved_solid
 
-STANDS_WITHIN = 0.005  # [m] of what carries it
+STANDS_WITHIN = 0.005  # [m] an object stands on a solid when its lower face is this near to the top
 _RNG_MAP = 0x3A90FF
 
 
@@ -72,7 +72,7 @@ def _tables_lower(known: KnownWorld, scene: Scene) -> KnownWorld:
 
 
 def carries(solid: Solid, item: SceneObject) -> bool:
-    """An object stands on this solid."""
+    """True when an object stands on this solid."""
     on_top = abs(item.position[2] - 0.5 * item.side - solid.z_max) < STANDS_WITHIN
     return on_top and covers(solid.shape, item.position[:2])
 

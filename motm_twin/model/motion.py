@@ -1,4 +1,4 @@
-"""Motion of a base with two driven wheels: the one integrator of poses, for kernels and for Python.
+"""Motion of a base with two driven wheels: the only integrator of poses, for kernels and for Python.
 
 A base at constant speed v [m/s] and yaw rate w [rad/s] moves on an arc. While both change linearly, its arc
 is that of their means, to second order in time; plans are made of such steps.
@@ -41,7 +41,7 @@ def step(
 ) -> tuple[float, float, float]:
     """Pose after dt [s] in which v and w change linearly to v_end and w_end: straight in the mean direction.
 
-    For steps of at most 0.3 s, as in plans. The heading is not wrapped.
+    For steps of up to 0.3 s, as in plans. The heading is not wrapped.
     """
     ahead = heading + 0.25 * (w + w_end) * dt
     way = 0.5 * (v + v_end) * dt

@@ -3,8 +3,8 @@
 import difflib
 from collections.abc import Iterable
 
-SHOWN = 30  # names of a list
-LOOKED_AT = 64  # characters of a wrong name that is compared; longer ones are slow to compare, and no typos
+SHOWN = 30  # names of a list that are shown
+LOOKED_AT = 64  # characters: longer wrong names are not compared, which is slow; they are no typos
 
 
 def hint(wrong: str, names: Iterable[str]) -> str:

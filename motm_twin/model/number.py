@@ -1,4 +1,4 @@
-"""Meaning of a tunable number, as an annotation on the field that has it; the field itself has the value.
+"""Meaning of a tunable number, as an annotation of its field; the field itself has the value.
 
     hysteresis: Annotated[float, Number("s", OWN, "cuts changes of mind")] = 0.3
 
@@ -16,12 +16,12 @@ import msgspec
 
 from motm_twin.model.edits import ParameterValue
 
-OWN, STAA, MOTM = "own", "STAA*", "MotM"  # sources; another one is a section of the paper, as `paper` writes it
-ROBOT = "robot"  # a property of this arm or gripper, not a choice: another robot has another value
+OWN, STAA, MOTM = "own", "STAA*", "MotM"  # sources; any other is a section of the paper, made by `paper`
+ROBOT = "robot"  # a property of this arm or gripper, not a choice: other robots differ
 
 
 def paper(section: str) -> str:
-    """The source of a number that a section of the paper gives."""
+    """The source of a number from a section of the paper."""
     return f"Paper, Sec. {section}"
 
 
@@ -38,7 +38,7 @@ class Number:
 
 @dataclass(frozen=True)
 class Slider:
-    """A way for a person to change a number while the twin runs; beside its `Number`."""
+    """The control on the page that changes a number while the twin runs; stands beside its `Number`."""
 
     title: str
     group: str  # one of `control.tuning.GROUPS`
@@ -47,9 +47,9 @@ class Slider:
     _: KW_ONLY
     choices: tuple[str, ...] = ()  # of a text
     paper: ParameterValue | None = None  # None: the paper gives no value
-    name: str = ""  # in commands, where it is not that of the field
-    degrees: bool = False  # the field is in radians
-    odd: bool = False  # an odd number, so that there is one in the middle
+    name: str = ""  # name in commands, if other than the field's
+    degrees: bool = False  # shown in degrees; the field is in radians
+    odd: bool = False  # only odd numbers, so that there is a middle
 
 
 class Found(NamedTuple):
@@ -62,7 +62,7 @@ class Found(NamedTuple):
 
     @property
     def ours(self) -> bool:
-        """Its value is a choice of this project: nobody published another one for the same thing."""
+        """True when its value is a choice of this project, or differs from the paper's."""
         return self.number.source == OWN or (self.slider is not None and self.slider.paper not in (None, self.default))
 
 
@@ -84,7 +84,7 @@ def numbers_of(tree: Any, path: tuple[str, ...] = ()) -> Iterator[Found]:
 
 
 def replaced(tree: Any, path: tuple[str, ...], value: Any) -> Any:
-    """A copy of nested frozen objects in which one value is another."""
+    """A copy of nested frozen objects with one value replaced."""
     name, *rest = path
     inner = replaced(getattr(tree, name), tuple(rest), value) if rest else value
     if isinstance(tree, msgspec.Struct):

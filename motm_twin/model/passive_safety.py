@@ -1,10 +1,10 @@
-"""Passive safety: the base stands before anything that moves on as it does can reach it, or else moves away from it.
+"""Passive safety: the base is at rest before a dynamic obstacle can reach it, or else is moving away from it.
 
 The rule is that of Bouraine, Fraichard and Salhi (Autonomous Robots 32, 2012): a state is safe when braking from it
 leads to rest before a collision. Every dynamic obstacle goes on straight at the velocity that the lidar has measured,
-for as long as the base needs to stop: no prediction is needed beyond that. The margin grows with time, for who turns.
-The arm counts where it reaches over the footprint, as it is held now. A stop is reckoned with the whole lag of the
-base, and driven with a last command that points slightly backwards (`braked`): the base stands sooner than reckoned.
+for as long as the base needs to stop: no prediction is needed beyond that. The margin grows with time, to allow for
+turns. The arm counts where it reaches over the footprint in its present posture. A stop is predicted with the full lag
+of the base, but driven with a slightly reversed last command (`braked`), so the base stops sooner than predicted.
 """
 
 import math
@@ -20,7 +20,7 @@ from motm_twin.model.plant import PERIOD
 from motm_twin.model.profile import RobotProfile
 
 ROUNDING = 1e-6  # [m]
-VEERS = 0.2  # [m/s^2] with which others may speed up or turn while the base stops
+VEERS = 0.2  # [m/s^2] acceleration with which obstacles may speed up or turn while the base stops
 NO_ARM = np.empty((0, 3))
 STANDS = 1e-3  # [m/s], [rad/s] below which a base stands
 
@@ -32,11 +32,11 @@ State = tuple[float, float, float, float, float]  # x, y [m], heading [rad], v [
 
 
 class Stop(NamedTuple):
-    """Deceleration and size of a base that stops, and the room that it keeps."""
+    """Deceleration and size of a base that stops, and its margin."""
 
     linear: float  # deceleration [m/s^2]
     turning: float  # [rad/s^2]
-    share: float  # of the gap to its command that the base closes in a period: a first-order lag
+    share: float  # of the gap to its command, closed by the base in a period: a first-order lag
     half_length: float  # of the footprint [m]
     half_width: float
     offset: float  # of its centre [m]
@@ -44,7 +44,7 @@ class Stop(NamedTuple):
 
 
 def stop_of(robot: RobotProfile, margin: float) -> Stop:
-    """The stop of a robot, ``margin`` [m] away from what moves."""
+    """The stop of a robot, with a ``margin`` [m] to dynamic obstacles."""
     base, body = robot.base, robot.footprint
     share = lag_share(base.velocity_lag, PERIOD)
     return Stop(
@@ -56,12 +56,12 @@ def stop_of(robot: RobotProfile, margin: float) -> Stop:
 def braked(told: float, speed: float, most: float, back: float, share: float) -> float:
     """Next command of a stop, after ``told``; command and speed change by at most ``most`` at a time.
 
-    A base that closes a ``share`` of the gap to its command at a time creeps on for long after a command of zero. So
-    the command goes beyond zero, by at most ``back``: as far as it can still come back when the base stands.
+    A base that closes a ``share`` of the gap to its command in each period creeps on for long after a command of zero.
+    So the command goes beyond zero, by at most ``back``: as far as it can return from by the time the base stands.
     """
     if most <= 0.0:
         return told
-    beyond, above, below = 0.0, 0.0, 0.0  # a speed below which so many steps beyond zero are enough
+    beyond, above, below = 0.0, 0.0, 0.0  # steps beyond zero; largest speeds that beyond + 1 and beyond steps can stop
     while True:
         above = below + min(most, share * (below + (beyond + 1.0) * most) / (1.0 - share)) if share < 1.0 else math.inf
         if above >= abs(speed) or beyond * most >= back:
@@ -74,9 +74,9 @@ def braked(told: float, speed: float, most: float, back: float, share: float) ->
 
 @njit(cache=True)
 def overhang(q: Array, mount: tuple[float, float], stop: Stop) -> Array:
-    """Discs x, y, radius [m] in the base frame of what of the arm is beyond the footprint, seen from above; (k, 3).
+    """Discs x, y, radius [m] in the base frame: parts of the arm beyond the footprint, from above; shape (k, 3).
 
-    ``q`` [rad], shape (7,); ``mount``: x, y [m] of the arm. Three discs stand for each capsule.
+    ``q`` [rad], shape (7,); ``mount``: x, y [m] of the arm. Each capsule is represented by three discs.
     """
     segments, found, count = capsule_segments(fk_arm(q)), np.empty((3 * CAPSULE_RADII.shape[0], 3)), 0
     for i in range(segments.shape[0]):
@@ -94,13 +94,13 @@ def overhang(q: Array, mount: tuple[float, float], stop: Stop) -> Array:
 def met_in_stop(
     state: State, told: tuple[float, float], holds: int, time: float, movers: Array, arm: Array, stop: Stop
 ) -> int:
-    """Index of the first mover that the stopping base comes nearer to by its own motion, within the margin; -1: none.
+    """Index of the first obstacle that the stopping base approaches by its own motion, within the margin; -1: none.
 
     ``told``: twist [m/s, rad/s] commanded for one more period; then the command falls as fast as it may, and the base
     follows it with its lag. ``movers``: x, y [m], velocity [m/s], radius [m], shape (k, 5 or more), ``time`` [s] before
-    this state; ``arm``: its `overhang`. ``holds``: `HOLDS_TURN`, the turn brakes only once the base goes no further, or
-    `HOLDS_SPEED`, the speed brakes only once the turn has ended: a base that backs away in a turn keeps backing away.
-    What comes nearer to a base that stands, or that moves away from it, is not met.
+    this state; ``arm``: its `overhang`. ``holds``: with `HOLDS_TURN` the turn brakes only after the speed is zero, with
+    `HOLDS_SPEED` the speed brakes only after the turn has ended: a base that backs away in a turn keeps backing away.
+    An obstacle that approaches a base at rest, or a base that moves away from it, does not count.
     """
     x, y, heading, v, w = state
     v_told, w_told = told
@@ -113,7 +113,7 @@ def met_in_stop(
         v, w = v_now, w_now
         passed += PERIOD
         for k in range(movers.shape[0]):
-            for ahead in (time + passed - PERIOD, time + passed):  # a side that turns may near only one of the two
+            for ahead in (time + passed - PERIOD, time + passed):  # a turning side may near only one of these
                 px, py = movers[k, 0] + ahead * movers[k, 2], movers[k, 1] + ahead * movers[k, 3]
                 room = movers[k, 4] + stop.margin + 0.5 * VEERS * ahead * ahead
                 if math.hypot(px - x, py - y) > farthest + room:
@@ -131,7 +131,7 @@ def met_in_stop(
 
 @kernel
 def followed(speed: float, told: float, most: float, share: float) -> float:
-    """Speed that closes a share of the gap to what is told, and changes by at most ``most``."""
+    """Speed after closing a share of the gap to the command ``told``; it changes by at most ``most``."""
     return speed + min(most, max(-most, share * (told - speed)))
 
 
@@ -146,7 +146,7 @@ def _farthest(arm: Array, stop: Stop) -> float:
 
 @kernel
 def _gap(px: float, py: float, x: float, y: float, heading: float, arm: Array, stop: Stop) -> float:
-    """Distance [m] from a point to footprint and arm at a pose; negative inside the footprint, by the nearest side."""
+    """Distance [m] from a point to footprint and arm at a pose; inside the footprint minus that to the nearest side."""
     c, s = math.cos(heading), math.sin(heading)
     dx, dy = px - x, py - y
     ahead, left = c * dx + s * dy, c * dy - s * dx

@@ -1,6 +1,6 @@
 """The robot as the control loop sees it: a Plant with three verbs, its observations and commands, and the period.
 
-`TwinPlant` is the robot of a twin, which beyond the three verbs takes edits, where the robot has them.
+`TwinPlant` is the robot of a twin, which in addition takes edits, if the robot supports them.
 """
 
 import math
@@ -20,7 +20,7 @@ LONGEST_PERIOD = 1.2 * PERIOD  # [s] longest time between two consecutive period
 PERIODS_PER_SECOND = round(1.0 / PERIOD)
 ARM_STEPS = 5  # arm steps in a period: 100 Hz
 ARM_STEP = PERIOD / ARM_STEPS  # [s]
-SLOW_AGE = 0.15  # [s] of a scan or state, beyond which robots slow down unless they are told otherwise
+SLOW_AGE = 0.15  # [s] age of a scan or state from which robots slow down, by default
 
 
 class Scan(msgspec.Struct, frozen=True, kw_only=True, eq=False):
@@ -34,7 +34,7 @@ class Scan(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     range_min: float
     range_max: float
     pose: Array  # localised base pose at the stamp, world frame, shape (3,)
-    blind: NDArray[np.bool_] | None = None  # beams found blind, shape (n,): nan, and no fault of the sweep
+    blind: NDArray[np.bool_] | None = None  # beams known to be blind, shape (n,): nan, but no fault of the sweep
 
 
 class Detection(msgspec.Struct, frozen=True, kw_only=True, eq=False):
@@ -44,7 +44,7 @@ class Detection(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     name: str  # "" when the camera does not know which object it is
     p_base: Array  # centre of the object in the base frame at the stamp [m], shape (3,)
     yaw_base: float  # [rad] in the base frame, modulo 90 deg for a cube
-    position_sd: float  # [m] per axis, what the sensor promises at this distance
+    position_sd: float  # [m] per axis, specified for the sensor at this distance
     odometry: Array  # odometry pose at the stamp, shape (3,)
 
 
@@ -61,10 +61,10 @@ class Observation(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     gripper_moving: bool
     scan: Scan | None
     detections: tuple[Detection, ...]
-    ahead: float = 0.0  # [s] how far ``time`` is in the future: when a command that is given now acts
-    age: float = 0.0  # [s] of what the robot reported last, now
-    pose_sd: float = 0.0  # [m] per axis, 1 sd of the pose on the map, as `perception/scan_match.py` tells; 0 in reports
-    camera_stamp: float | None = None  # [s] of the newest picture, also of one that shows nothing; None: not told
+    ahead: float = 0.0  # [s] ``time`` is this far in the future: it is when a command given now acts
+    age: float = 0.0  # [s] present age of the robot's last report
+    pose_sd: float = 0.0  # [m] per axis, sd of the pose on the map, from `perception/scan_match.py`; 0 in reports
+    camera_stamp: float | None = None  # [s] stamp of the newest picture, even an empty one; None: not reported
     behind: float = 0.0  # [s] by which pose, odometry, twist and joints are older than ``time``
 
 
@@ -140,7 +140,7 @@ class CutIn(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
 
 class ContactForce(msgspec.Struct, frozen=True, kw_only=True, eq=False):
-    """One contact of the robot, or of what it holds, as contact dynamics have it."""
+    """One contact of the robot, or of a held object, under contact dynamics."""
 
     time: float  # [s] when it began
     body: str  # that touched first
@@ -159,21 +159,21 @@ class GraspTruth(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     shift: float  # [m] that the fingers shifted the object by while they closed
     speed: float  # [m/s] largest of the tool centre point while they closed
     slip: float  # [m] largest in the hand since then
-    turn: float  # [rad] the same
+    turn: float  # [rad] largest in the hand since then
     lost: bool = False  # it slipped out of closed fingers
 
 
 class PhysicsTruth(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """Ground truth of a plant with contact dynamics."""
 
-    forces: tuple[ContactForce, ...]  # so far; not those of pads on the object between them
-    disagreements: tuple[str, ...]  # contacts that the referee's geometry has and the forces have not, and the reverse
+    forces: tuple[ContactForce, ...]  # so far, without those of the pads on the held object
+    disagreements: tuple[str, ...]  # contacts found by the referee's geometry only, or by the forces only
     grasps: tuple[GraspTruth, ...]  # so far
-    finger_forces: tuple[float, float]  # [N] on the object between the pads now
-    external_torque: tuple[float, ...]  # [Nm] of the joints now, as an arm estimates it that thinks its base at rest
+    finger_forces: tuple[float, float]  # [N] now, of the pads on the object between them
+    external_torque: tuple[float, ...]  # [Nm] of the joints now, estimated as if the base were at rest
     torque_peaks: tuple[float, ...]  # [Nm] largest magnitudes so far
-    reflexes: tuple[str, ...]  # thresholds of the Panda's reflex that they passed, with the first time
-    phantoms: tuple[int, int] = (0, 0)  # times that each threshold was passed while the robot touched nothing
+    reflexes: tuple[str, ...]  # passed thresholds of the Panda's reflex, with the first time
+    phantoms: tuple[int, int] = (0, 0)  # number of times that each was passed without a contact
     wrist: tuple[float, float] = (0.0, 0.0)  # [N], [Nm] at the hand's mount now, weight included
     wrist_peaks: tuple[float, float] = (0.0, 0.0)  # largest so far
 
@@ -192,34 +192,34 @@ class Truth(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     min_base_clearance: float  # [m] so far
     min_arm_clearance: float
     min_ee_obstacle: float  # gripper centre to anything that is not in the map, so far
-    ee_obstacle: float  # the same now [m]
-    plant_faults: tuple[str, ...]  # limits the plant itself broke: must stay empty
+    ee_obstacle: float  # [m] the same now
+    plant_faults: tuple[str, ...]  # limits that the plant itself broke: must stay empty
     furniture: tuple[BodyTruth, ...] = ()  # pieces that were moved: reference point, yaw = turn from the scene's pose
     removed: tuple[str, ...] = ()  # pieces, loose solids and agents of the scene that a person took away
     faults: tuple[str, ...] = ()  # injected faults that last, one phrase each: "lidar off for 0.6 s"
     path_length: float = 0.0  # [m] driven by the base so far (pushes by a person not counted)
     cut_ins: tuple[CutIn, ...] = ()  # so far
     dropped: tuple[str, ...] = ()  # objects that fell by the robot's doing and were not picked up and placed since
-    physics: PhysicsTruth | None = None  # of a plant with contact dynamics
+    physics: PhysicsTruth | None = None  # None without contact dynamics
 
 
 class WorldRehearsal(Protocol):
-    """Edits that wait, tried one after another."""
+    """Tries waiting edits, one after another."""
 
     def accept(self, edit: WorldEdit) -> None:
-        """Take an edit after those before; raises ValueError when the world will not take it."""
+        """Accept an edit after the earlier ones. Raises ValueError when the world refuses it."""
         ...
 
 
 class TwinPlant(Plant, Protocol):
-    """A twin's robot. Unsupported requests raise ValueError, and truth is None."""
+    """A twin's robot. Unsupported requests raise ValueError; truth is None where there is none."""
 
     def truth(self) -> Truth | None:
         """Ground truth, if the robot has one."""
         ...
 
     def rehearsal(self) -> WorldRehearsal:
-        """Try edits before they are applied."""
+        """A rehearsal of edits before they are applied."""
         ...
 
     def apply(self, edit: WorldEdit) -> None:
@@ -238,7 +238,7 @@ class TwinPlant(Plant, Protocol):
 class ExternalPlant(TwinPlant, Protocol):
     """A robot in another program."""
 
-    mirror: bool  # it is shown, and not commanded
+    mirror: bool  # the robot is shown, but not commanded
 
     @property
     def shared(self) -> bool:
@@ -246,7 +246,7 @@ class ExternalPlant(TwinPlant, Protocol):
         ...
 
     def begin(self, scene: Scene) -> None:
-        """Another run begins."""
+        """Begin another run."""
         ...
 
     def ready(self) -> bool:

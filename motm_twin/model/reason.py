@@ -11,7 +11,7 @@ import msgspec
 class Kind(StrEnum):
     """Kinds of reasons. The first ones are also the kinds of findings of the robot's self-check."""
 
-    sentence: str  # of a reason of this kind; "" where `sentence` makes it
+    sentence: str  # format of the sentence; "" where `sentence` makes it
 
     def __new__(cls, value: str, sentence: str = "") -> "Kind":
         """A kind and its sentence."""
@@ -209,7 +209,7 @@ class Reason(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
         return sentence(self)
 
     def about(self, *kinds: Kind) -> "Reason | None":
-        """This reason or the cause behind it that is of one of these kinds."""
+        """The first of this reason and the causes behind it that is of one of these kinds; None without one."""
         if self.kind in kinds:
             return self
         return None if self.cause is None else self.cause.about(*kinds)

@@ -1,7 +1,7 @@
-"""Optimal reciprocal collision avoidance (ORCA) by `pyrvo`, extra "people", as agents and a method use it.
+"""Optimal reciprocal collision avoidance (ORCA) by `pyrvo`, extra "people", for agents and for a method.
 
-van den Berg, Guy, Lin and Manocha, Reciprocal n-Body Collision Avoidance (2011): each body takes half of the way out of
-every velocity that leads to a contact within the time horizon, and trusts the others to take the other half.
+van den Berg, Guy, Lin and Manocha, Reciprocal n-Body Collision Avoidance (2011): each body makes half of the change
+that avoids a contact within the time horizon, and trusts the others to make the other half.
 """
 
 import math
@@ -14,15 +14,15 @@ import numpy as np
 
 from motm_twin.model.geometry import Array
 
-NEIGHBOURS_WITHIN, NEIGHBOURS = 10.0, 10  # [m], and at most so many: those of CrowdNav (Chen et al., 2019)
-HORIZON = 5.0  # [s] the same
-SPACE = 0.01  # [m] of radius besides: the same
-WALL_HORIZON = 1.0  # [s] for what stands: more makes narrow ways impassable (a choice of this project)
-CORNERS = 12  # of the polygon round a disc that stands
+NEIGHBOURS_WITHIN, NEIGHBOURS = 10.0, 10  # [m], and at most this number: those of CrowdNav (Chen et al., 2019)
+HORIZON = 5.0  # [s] of CrowdNav
+SPACE = 0.01  # [m] added to each radius, as in CrowdNav
+WALL_HORIZON = 1.0  # [s] for static obstacles: more makes narrow passages impassable (a choice of this project)
+CORNERS = 12  # of the polygon that stands for a static disc
 
 
 def require_pyrvo(error: type[ValueError]) -> None:
-    """Raise this error without pyrvo."""
+    """Raise this error if pyrvo is not installed."""
     if find_spec("pyrvo") is None:
         raise error('ORCA needs pyrvo: pip install "motm_twin[people]"')
 
@@ -31,13 +31,13 @@ class Neighbours:
     """Bodies and walls at one instant; made anew for every choice, so that nothing is remembered."""
 
     def __init__(self, step: float) -> None:
-        """``step`` [s]: after which bodies that overlap are to be apart."""
+        """``step`` [s]: time within which overlapping bodies must separate."""
         self._sim: Any = import_module("pyrvo").RVOSimulator()
         self._sim.set_time_step(step)
         self._count = 0
 
     def add(self, position: Sequence[float], velocity: Sequence[float], radius: float, speed: float) -> int:
-        """Add a body, which may go at most at ``speed`` [m/s]; its number."""
+        """Add a body with a largest ``speed`` [m/s]; returns its number."""
         limits = NEIGHBOURS_WITHIN, NEIGHBOURS, HORIZON, WALL_HORIZON, radius + SPACE, speed
         self._sim.add_agent((position[0], position[1]), *limits, (velocity[0], velocity[1]))
         self._count += 1

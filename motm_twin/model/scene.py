@@ -74,8 +74,8 @@ BEHAVIOURS = ("yield", "blind", "orca", "social_force")
 AGENT_REACTION = 1.0  # [s] before an agent, such as a person, brakes
 AGENT_MOVES = 0.1  # [m/s] slower agents stand
 TEMI_ACCELERATION, PERSON_ACCELERATION = 0.5, 1.5  # [m/s^2]
-"""A person of 1.3 m/s who starts, stops or turns within the 0.5 s of Helbing and Molnar (1995) needs 2.6 m/s^2 at
-first; those who walk at ease stay below 1.5 m/s^2 (a choice of this project)."""
+"""A person at 1.3 m/s who starts, stops or turns within the 0.5 s of Helbing and Molnar (1995) needs 2.6 m/s^2 at
+first; people who walk at ease stay below 1.5 m/s^2 (a choice of this project)."""
 
 
 class Bump(msgspec.Struct, frozen=True, kw_only=True):
@@ -167,26 +167,26 @@ USUAL_NOISE = Noise(
     camera_miss_probability=0.03,
     camera_false_probability=0.01,
 )
-"""What a scene file has that says nothing of an error.
+"""Errors of a scene file that does not give them.
 
 base_speed_scale_sd: Borenstein and Feng (Measurement and Correction of Systematic Odometry Errors in Mobile Robots,
-IEEE Transactions on Robotics and Automation 12(6), 1996) name an uncertain effective wheelbase and wheels of other
-diameters than nominal as the two systematic errors of a differential drive; 1 % is a choice of this project.
+IEEE Transactions on Robotics and Automation 12(6), 1996) name an uncertain effective wheelbase and wheel diameters
+other than nominal as the two systematic errors of a differential drive; 1 % is a choice of this project.
 
 arm_rate_sd: ros2_controllers issue 649 shows a UR3e under a velocity controller whose measured tool speed is mostly
-noise at 1 mm/s; at a lever of 0.6 m that is some 0.1 deg/s of one joint. Of the Panda no figure was found (franka_ros
+noise at 1 mm/s; at a lever of 0.6 m that is some 0.1 deg/s of one joint. No figure was found for the Panda (franka_ros
 issue 112 asks for one, without an answer).
 
-localisation_drift_sd: a map of 5 cm cells, as AMCL's usual ones, cannot tell places within a cell apart, which is
+localisation_drift_sd: a map with 5 cm cells, as is usual for AMCL, cannot resolve places within a cell, which gives
 5 cm / sqrt(12). It comes on top of localisation_position_sd of 1 cm: Costa et al. (Robust and Accurate Localization
 System for Mobile Manipulators in Cluttered Environments, IEEE ICIT 2015) report errors below 1 cm and 1 deg.
 
-camera_latency: the documentation of librealsense (rs-latency-tool) has tens to hundreds of milliseconds for USB
-cameras; one period of ours of 20 Hz is a choice of this project within that.
+camera_latency: the documentation of librealsense (rs-latency-tool) gives tens to hundreds of milliseconds for USB
+cameras; one period at our 20 Hz is a choice of this project within that range.
 
 camera_miss_probability, camera_false_probability: choices of this project. Miller et al. (What's in the Black Box? The
-False Negative Mechanisms Inside Object Detectors, 2022) show that benchmarks say little of what a detector misses on a
-robot. The paper detects cubes of one colour, and gives no rates.
+False Negative Mechanisms Inside Object Detectors, 2022) show that benchmarks say little about what a detector misses on
+a robot. The paper detects cubes of one colour, and gives no rates.
 """
 
 

@@ -28,11 +28,11 @@ from motm_twin.model.scene_yaml import Node
 
 TOUCH = 1e-3  # [m] bodies may overlap by this much: rounding of the numbers in a file
 MAX_EXTENT = 60.0  # [m] side of the map
-FINGER_ROOM = 0.01  # [m] the open gripper must be wider than the cube by this
+FINGER_ROOM = 0.01  # [m] the open gripper must be this much wider than the cube
 
 
 def check_scene(scene: Scene, root: Node) -> None:
-    """Raise SceneError for the first thing that cannot be right."""
+    """Raise SceneError for the first error found."""
     check_bounds(scene, root)
     check_robot(scene, root)
     check_faults(scene, root)
@@ -139,13 +139,13 @@ def _overlapping(scene: Scene, shape: BaseGeometry, low: float, high: float) -> 
 
 
 def _side_node(root: Node, name: str) -> Node:
-    """Node that gives the side of a cube; that of the gripper when it is the usual one."""
+    """Node that gives the side of a cube; the node of the gripper's width when the side is the default."""
     given = object_node(root, name) if _is_object(root, name) else root.at("deliver")
     return given.at("side") if "side" in given.value else root.at("robot", "gripper", "max_width")
 
 
 def _surface(scene: Scene, node: Node) -> str:
-    """The surface that an object or slot names, to be told."""
+    """Words for the surface that an object or slot names."""
     name = node.at("surface").value if node.value and "surface" in node.value else ""
     piece = surface(name, scene.solids)
     if piece is None:
@@ -240,9 +240,9 @@ def check_tasks(scene: Scene, root: Node) -> None:
 
 STRAIGHT = math.hypot(UPPER, ELBOW_OFFSET) + math.hypot(LOWER, ELBOW_OFFSET)  # [m] joint 6 from the shoulder, at most
 PICK_TILT, PLACE_TILT = math.radians(16.0), math.radians(25.0)  # of the tool from straight down, at most
-HOVER = 0.06  # [m] above an object, where the hand waits for it
-LINK_RADIUS = 0.05  # [m] of the arm's thinnest part: what is nearer to its middle line is inside it
-_ARM_LINE = [2, 4, 5, 7, HAND, TCP]  # frames along the arm above its foot, which stands on the base
+HOVER = 0.06  # [m] height above an object at which the hand waits for it
+LINK_RADIUS = 0.05  # [m] of the arm's thinnest part: points nearer to its centre line are inside it
+_ARM_LINE = [2, 4, 5, 7, HAND, TCP]  # frames along the arm, without its foot on the base
 
 
 def blocking(scene: Scene, height: float) -> list[Solid]:
@@ -292,7 +292,7 @@ def _arm_points(scene: Scene) -> list[tuple[float, float, float]]:
 
 
 def check_agents(scene: Scene, root: Node) -> None:
-    """Agents start apart and their ways, a disc wide, are free of furniture."""
+    """Agents start apart, and their discs pass no furniture on their ways."""
     for index, agent in enumerate(scene.agents):
         node = root.at("agents", agent.name)
         for other in scene.agents[:index]:
@@ -346,7 +346,7 @@ def reach(scene: Scene, z: float, tilt: float) -> float:
 
 
 def highest(scene: Scene, tilt: float) -> float:
-    """Height [m] up to which the gripper reaches at all."""
+    """Largest height [m] that the gripper reaches at any distance."""
     return scene.robot.arm.mount_z + SHOULDER + STRAIGHT - TOOL * math.cos(tilt) + WRIST * math.sin(tilt)
 
 
@@ -354,7 +354,7 @@ class FreeSpace(NamedTuple):
     """Places of the base frame where the disc inscribed in the footprint is free."""
 
     everywhere: BaseGeometry
-    reached: BaseGeometry  # from the start
+    reached: BaseGeometry  # part that is connected to the start
     radius: float  # [m] of the disc
 
 
@@ -418,15 +418,15 @@ def _no_way(free: FreeSpace) -> str:
 
 
 def check_cube_cover(scene: Scene, item: SceneObject, node: Node) -> None:
-    """Nothing is over a cube so low that no hand comes between."""
+    """No body is so low over a cube that the hand does not fit between."""
     bottom = item.position[2] - item.side / 2.0
     _check_cover(scene, cube_outline(item), (bottom, bottom + item.side), PICK_TILT, node)
 
 
 def _check_cover(scene: Scene, target: Polygon, heights: tuple[float, float], tilt: float, node: Node) -> None:
-    """No furniture or bin is over all of a target so low that fingers at it, or the tool above them, would be in it.
+    """No furniture or bin covers a whole target so low that the fingers at it, or the tool above them, would collide.
 
-    ``heights`` [m]: of the fingertips at least, and of the target's top.
+    ``heights`` [m]: lowest height of the fingertips, and height of the target's top.
     """
     low, top = heights
     for solid in (*scene.solids, *map(bin_solid, scene.bins)):

@@ -1,4 +1,4 @@
-"""Doubts about a scene that can run, but hardly as its author meant it: printed by `scene check`, never a refusal."""
+"""Doubts about a scene that can run, but probably not as its author meant: printed by `scene check`, no refusals."""
 
 import itertools
 import math
@@ -21,17 +21,17 @@ from motm_twin.model.scene_resolve import Resolver
 from motm_twin.model.scene_shapes import REST, bin_solid, covers, outline, rectangle
 from motm_twin.model.scene_yaml import Node, show
 
-LOW_FLOOR = 0.2  # [m] a bin with its floor so low stands on the room's floor: baskets have feet and thick bottoms
-_TIP = finger_boxes("panda_leftfinger")[1][1]  # [m] across, from the pad outwards, along the finger
-BESIDE = 0.027  # [m] beside a face: the fingertip, and half of the 19 mm by which it opens wider than a cube
-LIKELY_SWAPPED = 2.0  # standard deviations of their distance, below which one cube may be taken for another
-_NAMED = 3  # variants that a doubt names
+LOW_FLOOR = 0.2  # [m] a bin with a lower floor stands on the room's floor: baskets have feet and thick bottoms
+_TIP = finger_boxes("panda_leftfinger")[1][1]  # [m] fingertip: across, from the pad outwards, along it
+BESIDE = 0.027  # [m] needed beside a face: fingertip, and half of the 19 mm by which the gripper opens wider
+LIKELY_SWAPPED = 2.0  # distance in its standard deviations, below which cubes may be confused
+_NAMED = 3  # variants that a doubt names at most
 
 
 def doubts(document: Document) -> tuple[SceneError, ...]:
-    """Doubts about a document that `check_document` accepts, by file and line.
+    """Doubts about a document that `check_document` accepts, sorted by file and line.
 
-    The same doubt of several variants is one; it names them unless all have it, or its place does.
+    The same doubt about several variants is one; it names them unless it is about all, or its place names them.
     """
     variants = document.variants()
     found: dict[str, tuple[SceneError, list[str]]] = {}
@@ -61,7 +61,7 @@ def about_scene(scene: Scene, root: Node) -> Iterator[SceneError]:
 
 
 def about_support(scene: Scene, root: Node) -> Iterator[SceneError]:
-    """Bins whose middle is over nothing that they stand on."""
+    """Bins that float: nothing under their middle supports them."""
     for item in scene.bins:
         under = [s for s in scene.solids if s.z_max <= item.floor_z + TOUCH and covers(s.shape, item.centre)]
         highest = max(under, key=lambda solid: solid.z_max, default=None)
@@ -75,7 +75,7 @@ def about_support(scene: Scene, root: Node) -> Iterator[SceneError]:
 
 
 def about_filling(scene: Scene, root: Node) -> Iterator[SceneError]:
-    """Bins that get cubes of more volume than they have up to their rim."""
+    """Bins whose cubes have more volume than the bin up to its rim."""
     sides = {item.name: item.side for item in scene.objects}
     held, volumes = "", {item.name: 0.0 for item in scene.bins}
     for task in scene.tasks:
@@ -93,7 +93,7 @@ def about_filling(scene: Scene, root: Node) -> Iterator[SceneError]:
 
 
 def about_colours(root: Node) -> Iterator[SceneError]:
-    """Names of colours that nobody knows."""
+    """Unknown names of colours."""
     objects, deliver = root.value.get("objects"), root.value.get("deliver")
     for owner in [*(objects.value.values() if objects else ()), *([deliver] if deliver else ())]:
         node = owner.value.get("colour")
@@ -102,7 +102,7 @@ def about_colours(root: Node) -> Iterator[SceneError]:
 
 
 def about_fingers(scene: Scene, root: Node) -> Iterator[SceneError]:
-    """Cubes that have no room for the fingers beside either pair of faces when their turn comes."""
+    """Cubes without room for the fingers beside either pair of faces when they are picked."""
     there = {item.name: item for item in scene.objects}
     for task in scene.tasks:
         if not isinstance(task, Pick):
@@ -123,7 +123,7 @@ def about_fingers(scene: Scene, root: Node) -> Iterator[SceneError]:
 
 
 def about_look_alikes(scene: Scene, root: Node) -> Iterator[SceneError]:
-    """Cubes for different bins, nearer to each other than their expected places are certain, if none has a marker."""
+    """Cubes without markers for different bins, too near to be told apart at the certainty of their places."""
     apart = LIKELY_SWAPPED * math.sqrt(2.0) * scene.noise.slot_error_until_seen
     if scene.detections == "named":
         return
@@ -148,7 +148,7 @@ def about_look_alikes(scene: Scene, root: Node) -> Iterator[SceneError]:
 
 
 def _beside_faces(scene: Scene, item: SceneObject, others: Iterable[SceneObject], beside: float) -> list[str]:
-    """Names of things within ``beside`` [m] of each pair of faces, and as high as their middles; "": none."""
+    """Per pair of faces: name of a body within ``beside`` [m] at the height of the cube's middle, or ""."""
     x, y, z = item.position
     solids = [*scene.solids, *map(bin_solid, scene.bins)]
     bodies = [(s.name, outline(s.shape), s.z_min, s.z_max) for s in solids]
@@ -183,7 +183,7 @@ def about_slots(document: Document) -> list[SceneError]:
 
 
 def _check_slot(scene: Scene, item: SceneObject, node: Node) -> None:
-    """A cube on a slot would rest on its surface, in the open: in no bin, and under nothing."""
+    """Raise SceneError unless a cube on a slot rests on its surface, in no bin, and under nothing."""
     check_rest(scene, item, node)
     check_out_of_bins(scene, item, node)
     if scene.robot.has_arm:

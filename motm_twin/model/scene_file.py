@@ -22,7 +22,7 @@ from motm_twin.model.scene_format import FORMAT, SceneFile
 from motm_twin.model.scene_resolve import Resolver
 from motm_twin.model.scene_yaml import MAX_BYTES, Node, check_types, parse_yaml, show
 
-MAKERS = {  # prefix of a name: module with `made`, imported when such a scene is asked for
+MAKERS = {  # prefix of a name: module with `made`, imported for such a scene
     "generated:": "motm_twin.generate.scenes",
     **dict.fromkeys(("barn:", "circle:", "square:", "dynabarn:"), "motm_twin.generate.challenges"),
 }
@@ -38,7 +38,7 @@ class Document:
     """A scene file with everything it extends merged in; types are checked."""
 
     name: str
-    file: str  # how messages call it
+    file: str  # its name in messages
     root: Node
 
     def variants(self) -> list[str]:
@@ -53,12 +53,12 @@ def shipped_names() -> list[str]:
 
 
 def strangers_names() -> list[str]:
-    """Names of scenes by people who did not know the controller: of `motm-twin bench strangers`, and on no list."""
+    """Names of scenes by people who did not know the controller, for `motm-twin bench strangers`; not listed."""
     return sorted(f"strangers/{path.stem}" for path in (scenes_dir() / "strangers").glob("*.yaml"))
 
 
 def find_scene(name_or_path: str) -> tuple[Path, str]:
-    """The file of a shipped name or a path, and how messages call it."""
+    """The file of a shipped name or a path, and its name in messages."""
     text = str(name_or_path)
     names = shipped_names()
     if text in names or text in strangers_names():
@@ -84,12 +84,12 @@ def find_scene(name_or_path: str) -> tuple[Path, str]:
 def _answers(question: Callable[[], bool]) -> bool:
     try:
         return question()
-    except (OSError, ValueError):  # a name that is too long, or has a zero in it
+    except (OSError, ValueError):  # a name that is too long, or contains a null character
         return False
 
 
 def load_document(name_or_path: str) -> Document:
-    """Read a scene file and all that it extends, or make a scene from a seed; raises SceneError."""
+    """Read a scene file and everything that it extends, or make a scene from a seed. Raises SceneError."""
     if is_made(name_or_path):
         return _made(name_or_path)
     path, shown = find_scene(name_or_path)
@@ -97,13 +97,13 @@ def load_document(name_or_path: str) -> Document:
 
 
 def text_document(raw: bytes, name: str) -> Document:
-    """The document of a scene that is no file; what it extends is shipped or in the working folder."""
+    """The document of a scene given as text; it may extend scenes that are shipped or in the working folder."""
     path = Path(f"{name}.yaml")
     return Document(name, name, _extended(_parsed(raw, name), path, name, (path.resolve(),)))
 
 
 def is_made(name: str) -> bool:
-    """The scene is made from a seed: there is no file of it."""
+    """True when the scene is made from a seed: it has no file."""
     return name.startswith(tuple(MAKERS))
 
 
@@ -116,7 +116,7 @@ def _made(asked: str) -> Document:
 
 
 def _extended(root: Node, path: Path, shown: str, seen: tuple[Path, ...]) -> Node:
-    """The tree over all that it extends."""
+    """The tree merged over everything that it extends."""
     extends = root.value.get("extends")
     if extends is None or extends.value is None:
         return merge(Node({}, root.file, root.line, ""), root)
@@ -230,7 +230,7 @@ def with_variant(document: Document, variant: str | None) -> tuple[Node, str]:
 
 
 class SceneListing(msgspec.Struct, frozen=True, kw_only=True):
-    """Name, title and variants, to choose a scene by."""
+    """Name, title and variants of a scene, for choosing one."""
 
     name: str
     title: str
@@ -270,12 +270,12 @@ def listing(document: Document) -> SceneListing:
 
 
 def check_all(name_or_path: str) -> tuple[Scene, ...]:
-    """Every variant of a scene, resolved and checked; raises SceneError for the first that is wrong."""
+    """Every variant of a scene, resolved and checked. Raises SceneError for the first invalid one."""
     return check_document(load_document(name_or_path))
 
 
 def check_document(document: Document) -> tuple[Scene, ...]:
-    """Every variant of a document, resolved and checked; raises SceneError for the first that is wrong.
+    """Every variant of a document, resolved and checked. Raises SceneError for the first invalid one.
 
     Slots that another seed would draw are checked, too.
     """
@@ -301,7 +301,7 @@ def _resolve(document: Document, variant: str | None, seed: int | None) -> Scene
 
 @contextmanager
 def _naming(document: Document, variant: str) -> Iterator[None]:
-    """A refusal names the variant, unless its place does, or the scene without variants is refused alike."""
+    """Add the variant to a refusal, unless its place names it or the scene without variants is refused too."""
     try:
         yield
     except SceneError as error:

@@ -16,14 +16,14 @@ from motm_twin.model.scene_shapes import base_outline, counter_clockwise, is_sim
 from motm_twin.model.scene_yaml import Node
 
 MARGIN = 1.5  # [m] of map round everything in the scene
-_SLOT_STREAM = 0x510750  # keeps the draw of slots apart from other uses of the scene's seed
+_SLOT_STREAM = 0x510750  # separates the draw of slots from other uses of the scene's seed
 
 
 class Resolver:
     """Resolves one variant; every refusal names the place in the file that caused it."""
 
     def __init__(self, root: Node, seed: int | None, drawn: list[str] | None = None) -> None:
-        """``drawn``: slots in place of those that the seed draws."""
+        """``drawn``: slots to use instead of those that the seed draws."""
         self.root, self.drawn = root, drawn
         plain = {key: value for key, value in root.plain().items() if key not in ("extends", "default_variant")}
         self.keep = plain.pop("keep_agents", None)
@@ -33,7 +33,7 @@ class Resolver:
         self.solids: dict[str, Solid] = {}
 
     def _entries(self, section: str) -> dict[str, Any]:
-        """A merged tree has no null entries; the types allow them because files and variants may."""
+        """Entries of a section without null ones, which only files and variants may have."""
         return {key: item for key, item in getattr(self.file, section).items() if item is not None}
 
     def scene(self, name: str, variant: str) -> Scene:
@@ -104,7 +104,7 @@ class Resolver:
         return msgspec.structs.replace(default, name=name, has_arm=given.arm != "none", **parts)
 
     def surface(self, name: str, node: Node) -> Solid:
-        """The furniture called so; a group stands for its highest piece."""
+        """The furniture of this name; a group stands for its highest piece."""
         found = surface(name, self.solids.values())
         if found is None:
             groups = {*self.solids, *(solid.group for solid in self.solids.values())}
@@ -141,13 +141,13 @@ class Resolver:
         return tuple(objects), tuple(tasks)
 
     def cube_on(self, slot_name: str) -> SceneObject:
-        """The cube that a slot would hold; without `deliver`, one of the usual size."""
+        """The cube that a slot would hold; of the default size without `deliver`."""
         slot = self.slots[slot_name]
         top = self.surface(slot.surface, self.root.at("slots", slot_name, "surface")).z_max
         return _cube(f"cube_{slot_name}", slot, top, self.file.deliver or fmt.DeliverFile())
 
     def draws(self) -> list[list[str]]:
-        """Slots that may be drawn, together if several are; none when they are named."""
+        """Lists of slots to check: all in one if several are drawn, else one each; none when slots are named."""
         chosen = None if self.file.deliver is None else self.file.deliver.slots
         if not isinstance(chosen, fmt.RandomSlots):
             return []
@@ -247,13 +247,13 @@ def _cube(
 
 
 def _placed(part: msgspec.Struct) -> dict[str, Any]:
-    """Fields of something that stands ``at`` a point."""
+    """Fields of a section with ``at``, which becomes ``centre``."""
     fields = _plain_units(part)
     return {"centre": fields.pop("at"), **fields}
 
 
 def _noise(part: fmt.NoiseFile | str | None) -> resolved.Noise:
-    """Given noise over the usual one; the name `earlier` stands for the earlier errors."""
+    """The given noise over the defaults; the name `earlier` stands for `EARLIER_NOISE`."""
     if isinstance(part, str):
         return resolved.EARLIER_NOISE
     return resolved.USUAL_NOISE if part is None else msgspec.structs.replace(resolved.USUAL_NOISE, **_plain_units(part))
@@ -268,7 +268,7 @@ def _faults(part: fmt.FaultsFile | None) -> resolved.Faults:
 
 
 def _plain_units(part: msgspec.Struct) -> dict[str, Any]:
-    """Fields that are given, with their units taken off: degrees become radians."""
+    """The given fields in plain units (degrees become radians), without the unit in their names."""
     fields: dict[str, Any] = {}
     for key in part.__struct_fields__:
         value = getattr(part, key)

@@ -38,19 +38,19 @@ def outline(shape: Box | Cylinder | Prism) -> Polygon:
 
 
 def covers(shape: Box | Cylinder | Prism, point: Point) -> bool:
-    """A point is over a piece of furniture."""
+    """True when a point is over a piece of furniture."""
     return bool(outline(shape).covers(ShapelyPoint(point)))
 
 
 def surface(name: str, solids: Iterable[Solid]) -> Solid | None:
-    """The piece of furniture that a name stands for: of a group the highest; None for no name of furniture."""
+    """The piece of furniture of this name, for a group its highest; None for an unknown name."""
     named = {solid.name: solid for solid in solids}
     group = [solid for solid in named.values() if solid.group == name]
     return named.get(name) or max(group, key=lambda solid: solid.z_max, default=None)
 
 
 def bin_solid(place: Bin) -> Solid:
-    """A bin as base and arm must see it: full up to its rim."""
+    """A bin as an obstacle for base and arm: a solid up to its rim."""
     return Solid(
         name=place.name,
         shape=Box(centre=place.centre, size=(place.side, place.side), yaw=place.yaw),
@@ -103,7 +103,7 @@ def lane(hull: BaseGeometry, distance: float, *, clockwise: bool, start_at: floa
     return tuple(points)
 
 
-REST = 0.03  # [m] between an object's lower face and the top of what it stands on
+REST = 0.03  # [m] largest gap between an object's lower face and the top that carries it
 
 
 class Piece(msgspec.Struct, frozen=True, kw_only=True):
@@ -188,13 +188,13 @@ def moved_object(transform: Array, item: SceneObject) -> SceneObject:
 
 
 def stands_on(scene: Scene, piece: Piece, point: Point, bottom: float) -> bool:
-    """A body with its lower face at ``bottom`` [m] over a point stands on a piece, as the scene has both."""
+    """True when a body over a point, with its lower face at ``bottom`` [m], stands on a piece of the scene."""
     parts = [solid for solid in scene.solids if solid.name in piece.solids]
     return any(abs(bottom - solid.z_max) <= REST and covers(solid.shape, point) for solid in parts)
 
 
 def moved_scene(scene: Scene, moved: Mapping[str, PlanarPose], removed: tuple[str, ...] = ()) -> Scene:
-    """The scene with pieces standing at other poses (with their bins, and the objects that start on them) or gone.
+    """The scene with pieces moved (with their bins, and the objects that start on them) or removed.
 
     Raises KeyError for a name that is no piece.
     """
@@ -222,6 +222,6 @@ def moved_scene(scene: Scene, moved: Mapping[str, PlanarPose], removed: tuple[st
 
 
 def relative(transform: Array, other: Array) -> Array:
-    """The transform from where one `rigid` transform put a piece to where ``other`` puts it."""
+    """The transform that takes a piece from its place after one `rigid` transform to that after ``other``."""
     moved = from_frame(other, to_frame(transform, np.zeros(2)))
     return frozen([*moved, wrap_angle(float(other[2] - transform[2]))])

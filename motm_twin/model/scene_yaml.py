@@ -2,8 +2,8 @@
 
 Only the harmless part of YAML is read: no tags, anchors, aliases or merge keys; every key is text and may appear once.
 Plain values follow YAML 1.2: ``yes`` is text and ``1e-3`` is a number. The tree is walked along the types of
-``scene_format.py``: msgspec would refuse the same values; this walk says where they stand, what is allowed, and which
-key was meant.
+``scene_format.py``: msgspec would refuse the same values; this walk tells their place, what is allowed, and which
+key was probably meant.
 """
 
 import dataclasses
@@ -34,7 +34,7 @@ _NOT_FINITE = {".nan": "nan", ".inf": "inf", "+.inf": "inf", "-.inf": "-inf"}
 
 @dataclasses.dataclass(frozen=True)
 class Node:
-    """A value of the file: a scalar, a list of nodes or a mapping of nodes, and where it stands."""
+    """A value of the file: a scalar, a list of nodes or a mapping of nodes; with its place in the file."""
 
     value: Any
     file: str
@@ -67,7 +67,7 @@ class Node:
 
 
 def parse_yaml(text: str, file: str) -> Node:
-    """The tree of one YAML document; raises SceneError with the line for whatever is not plain YAML."""
+    """The tree of one YAML document; raises SceneError with the line for anything else than plain YAML."""
     try:
         reader = _Reader(yaml.parse(text, Loader=_LOADER), file)
         return reader.document()
@@ -145,7 +145,7 @@ class _Reader:
 
 
 def scalar(text: str) -> Any:
-    """The value of an unquoted scalar, after the core rules of YAML 1.2."""
+    """The value of an unquoted scalar by the core schema of YAML 1.2."""
     low = text.lower()
     if low in _WORDS:
         return _WORDS[low]
@@ -179,7 +179,7 @@ def check_types(node: Node, struct: type) -> None:
 
 
 def show(value: Any) -> str:
-    """A value as quoted in a message: short, without nested values."""
+    """A value for a message: quoted, short, without nested values."""
     if value is None:
         return "nothing"
     if isinstance(value, dict):

@@ -1,6 +1,6 @@
 """Copying, restoring and hashing of state.
 
-Whatever changes during a run lives in objects that derive from `Stateful`: their mutable part is one plain
+All that changes during a run lives in objects that derive from `Stateful`: their mutable part is one plain
 dataclass, `_state`, made of numbers, strings, arrays, containers, dataclasses and `numpy.random.Generator`.
 """
 
@@ -14,11 +14,11 @@ import msgspec
 import numpy as np
 
 S = TypeVar("S")
-LATER = {"hashed": "unless default"}  # metadata of a field that came later: runs that do not use it keep their hash
+LATER = {"hashed": "unless default"}  # metadata of a field added later: runs that do not use it keep their hash
 
 
 class Stateful(Generic[S]):
-    """Mixin: everything that changes is in ``self._state``, so it can be copied, restored and hashed."""
+    """Mixin: all mutable state is in ``self._state``, so it can be copied, restored and hashed."""
 
     _state: S
 
@@ -97,7 +97,7 @@ def _add(digest: Any, value: Any) -> None:
 
 
 def _feed_struct(digest: Any, value: msgspec.Struct) -> None:
-    """All fields; of those in `later` of its class the ones that are not as usual."""
+    """Hash all fields; those in `later` of the class only if they differ from their defaults."""
     later: tuple[str, ...] = getattr(type(value), "later", ())
     for field in msgspec.structs.fields(value) if later else ():
         item = getattr(value, field.name)

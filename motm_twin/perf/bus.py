@@ -1,4 +1,4 @@
-"""Benchmarks of Zenoh: latency of ticks and commands, cost of readers and recordings, and many twins at one router."""
+"""Benchmarks of Zenoh: latency of ticks and commands, cost of readers and recordings, many twins at one router."""
 
 import random
 import signal
@@ -40,13 +40,13 @@ from motm_twin.perf.report import (
 
 READER = "readers"
 LONGEST = 75.0  # [s] of one measurement: within one run of Experiment 1
-PAUSES = [0.0, 0.02, 0.1, 0.5, 2.0]  # [s] between two looks of the readers whose ages are taken
-READING, STOPPED, FULL = 40, 5, 5  # subscribers: that read, whose process is stopped, that are alive but never read
+PAUSES = [0.0, 0.02, 0.1, 0.5, 2.0]  # [s] between two reads of the readers for which ages are measured
+READING, STOPPED, FULL = 40, 5, 5  # subscribers that read, in a stopped process, and alive that never read
 READERS_EACH = 10  # sessions in one process
-JAM_SPEED, JAM_SECONDS = 8.0, 6.0  # how the queues of those that never read are filled
+JAM_SPEED, JAM_SECONDS = 8.0, 6.0  # speed factor and time [s] to fill the queues of subscribers that never read
 BODY = "measured"
-RECORDED = (False, True, True, False, True, False, False, True)  # a drift of the machine cancels
-COMMAND_EVERY = 0.17  # [s]; no multiple of the period, so that commands come at any moment of it
+RECORDED = (False, True, True, False, True, False, False, True)  # in an order that cancels a drift of the machine
+COMMAND_EVERY = 0.17  # [s]; no multiple of the period, so that commands arrive at every phase of it
 
 
 @dataclass(frozen=True)
@@ -63,7 +63,7 @@ class Measured:
 
     @property
     def where(self) -> dict[str, Any]:
-        """Endpoint and name of the twin, as workers take them."""
+        """Endpoint and name of the twin as arguments for workers."""
         return {"endpoint": self.endpoint, "twin": self.client.keys.twin}
 
     @property
@@ -79,7 +79,7 @@ class Measured:
 
 @contextmanager
 def measured(scene: str, data: Path) -> Iterator[Measured]:
-    """A twin to measure, paused at its start. Raises RuntimeError when it does not come up."""
+    """A twin to measure, paused at its start. Raises RuntimeError when it does not start."""
     with Worker("twin", scene, data) as server:
         endpoint = server.hello["endpoint"]
         with TwinClient(endpoint) as client:
@@ -88,7 +88,7 @@ def measured(scene: str, data: Path) -> Iterator[Measured]:
 
 
 def latency(twin: Measured, report: Report, seconds: float) -> None:
-    """Time [ms] from the stamp of a tick to the callback in another process, and the same for Zenoh alone."""
+    """Measure the time [ms] from the stamp of a tick to the callback in another process, and that of bare Zenoh."""
     restart(twin.client, playing=True)
     with Worker(READER) as reader, Worker("bare") as bare:
         reader.ask("listen", name="first", endpoint=twin.endpoint, key=twin.client.keys.tick)
@@ -107,7 +107,7 @@ def latency(twin: Measured, report: Report, seconds: float) -> None:
 
 
 def publishing(twin: Measured, report: Report, seconds: float) -> None:
-    """Time [ms] that publishing a period takes the loop, without subscribers and with 50 of which 10 never read."""
+    """Measure the time [ms] for publishing in the loop, without subscribers and with 50, of which 10 never read."""
     keys = twin.client.keys
     wanted = [keys.tick, keys.robot, keys.scan, keys.grid, keys.scene, keys.status, keys.metrics, keys.event]
     without, alone = _sink(twin, seconds)
@@ -146,7 +146,7 @@ def _sink(twin: Measured, seconds: float) -> tuple[Values, Values]:
 
 
 def _jam(twin: Measured) -> int:
-    """Run at 8x until unread messages fill the buffers; returns the number of links with waiting bytes."""
+    """Run at 8x until unread messages fill the buffers; returns the number of jammed links."""
     restart(twin.client, playing=True)
     act(twin.client, Speed(factor=JAM_SPEED))
     time.sleep(JAM_SECONDS)
@@ -163,14 +163,14 @@ def jams(port: int) -> int:
 
 
 def effect(twin: Measured, report: Report, seconds: float) -> None:
-    """From a command to its effect [ms], at any moment of the period: three ways to look at it."""
+    """Measure the time [ms] from a command, sent at any phase of the period, to its effect, in three ways."""
     client = twin.client
     restart(client, playing=True)
     x, y = open_place(client)
     _do(client, AddObstacle(name=BODY, x=x, y=y, size=(0.2, 0.2, 0.2)))
     heard: list[tuple[float, bytes]] = []
     leave = client.on_tick(lambda payload: heard.append((time.monotonic(), payload)))
-    sent: dict[float, tuple[float, float]] = {}  # place: when it was sent, when answered
+    sent: dict[float, tuple[float, float]] = {}  # x: times when sent and when answered
     draw, until, before = random.Random(1), time.monotonic() + seconds, -1
     while time.monotonic() < until:
         place = round(x + 0.001 * (len(sent) + 1), 6)
@@ -191,7 +191,7 @@ def effect(twin: Measured, report: Report, seconds: float) -> None:
 
 
 def _do(client: TwinClient, command: Command) -> int:
-    """Send a command; returns the last period before it. Raises RuntimeError."""
+    """Send a command; returns the index of the last period before it. Raises RuntimeError when it is refused."""
     answer = client.command(command)
     if not answer.ok:
         raise RuntimeError(f"{command!r} was refused: {answer.reason}")
@@ -201,7 +201,7 @@ def _do(client: TwinClient, command: Command) -> int:
 def _effects(
     sent: dict[float, tuple[float, float]], heard: list[tuple[float, bytes]], clock: float
 ) -> dict[str, Values]:
-    """The first tick that contains each edit, and when its period began: its stamp less its own duration."""
+    """Delays [ms] of the first tick with each edit and of its period's start: the tick's stamp less its duration."""
     begins, answered, seen = [], [], []
     for at, payload in heard:
         tick = msgspec.json.decode(payload, type=TickMessage)
@@ -216,7 +216,7 @@ def _effects(
 
 
 def ages(twin: Measured, report: Report, seconds: float) -> None:
-    """Age [ms] of the newest tick for readers of any speed."""
+    """Measure the age [ms] of the newest tick for readers of different speeds."""
     restart(twin.client, playing=True)
     with Worker(READER) as reader:
         how = {"pauses": PAUSES, "seconds": seconds, "clock": twin.clock}
@@ -227,7 +227,7 @@ def ages(twin: Measured, report: Report, seconds: float) -> None:
 
 
 def recording(twin: Measured, report: Report, seconds: float) -> None:
-    """The loop with and without a recorder: the same ``seconds`` of the same run, again and again."""
+    """Measure the loop with and without a recorder over the same ``seconds`` of the same run, repeatedly."""
     periods: dict[bool, list[list[float]]] = {False: [], True: []}
     sizes, shares = [], []
     for on in RECORDED:
@@ -252,7 +252,7 @@ def recording(twin: Measured, report: Report, seconds: float) -> None:
 
 
 def _paired(periods: dict[bool, list[list[float]]]) -> float:
-    """Mean time with / without: of each period of the run the least, without the hundredth that takes longest."""
+    """Ratio of loop times with and without: least time of each period over all repeats, without the longest 1 %."""
     count = min(len(part) for parts in periods.values() for part in parts)
     cut = [np.sort(np.min([part[:count] for part in periods[on]], axis=0)) for on in (True, False)]
     kept = max(1, int(0.99 * count))
@@ -268,7 +268,7 @@ def _start_recording(twin: Measured) -> Path:
 
 
 def _recorder_seconds(twin: Measured) -> float:
-    """Processor time [s] of the recorder, 0 when none runs."""
+    """Processor time [s] of the recorder; 0 when none runs."""
     return sum(cpu_seconds(pid) for pid, _ in children(twin.server.pid))
 
 
@@ -298,7 +298,7 @@ LIMITS = {
 def bench_bus(out: Path, seconds: float, console: Console) -> bool:
     """Measure, print, write ``out/bus.json``; True when no number exceeds its limit.
 
-    Takes about 7 x ``seconds`` + 1 min; more than 75 s of each are not used.
+    Takes about 7 x ``seconds`` + 1 min; above 75 s, each measurement takes 75 s.
     """
     console.print(f"\n[bold]{NAME}[/bold]: {TITLE}")
     report, each = Report(), min(seconds, LONGEST)
@@ -319,14 +319,14 @@ SCALE_TITLE = "Scale: simulated twins at 1x through a Zenoh router, and who read
 COUNTS = (10, 50, 100, 200)
 LINKED = 50  # twins at one router, their viewers at another
 EACH = 50  # sessions in one process
-OBSERVED = 20.0  # [s] of the real twin whose load is repeated
+OBSERVED = 20.0  # [s] for which a real twin is observed, whose load is repeated
 SETTLE = 3.0  # [s]
 EACH_ALL, FLEET, NOBODY = "each all", "one status", "nobody"  # a viewer for each twin; one dashboard of all; none
 
 
 @dataclass(frozen=True, kw_only=True)
 class Load:
-    """One measurement: number of twins, their readers, and the routers between."""
+    """One measurement: numbers of twins and routers, and the readers."""
 
     twins: int
     readers: str = EACH_ALL
@@ -336,7 +336,7 @@ class Load:
 def bench_scale(out: Path, seconds: float, console: Console) -> bool:
     """Measure, print, write ``out/scale.json``; True when everything could be measured.
 
-    Takes about 8 x ``seconds`` + 2 min. There is no number to reach: what the figures mean is in docs/scale.md.
+    Takes about 8 x ``seconds`` + 2 min. There is no number to reach; docs/scale.md explains the figures.
     """
     console.print(f"\n[bold]{SCALE}[/bold]: {SCALE_TITLE}")
     report, rows = Report(), []
@@ -347,7 +347,7 @@ def bench_scale(out: Path, seconds: float, console: Console) -> bool:
     for load in (*loads, Load(twins=min(LINKED, most), routers=2)):
         try:
             rows.append(measured_load(load, sizes, seconds))
-        except (RuntimeError, TimeoutError) as error:  # the others are still worth a table
+        except (RuntimeError, TimeoutError) as error:  # the other rows are still worth a table
             report.failures.append(f"{load}: {error}")
         console.print(f"  {load.twins} twins, {load.readers}, {load.routers} routers", markup=False)
     console.print(SHEET.table(rows))
@@ -365,7 +365,7 @@ def bench_scale(out: Path, seconds: float, console: Console) -> bool:
 
 
 def observed(seconds: float) -> Sizes:
-    """Messages of a real twin in Experiment 1 at 1x."""
+    """Observe the messages of a real twin in Experiment 1 at 1x."""
     with tempfile.TemporaryDirectory() as folder, measured("exp1", Path(folder)) as twin:
         restart(twin.client, playing=True)
         with Worker("fleet") as worker:
@@ -373,7 +373,7 @@ def observed(seconds: float) -> Sizes:
 
 
 def measured_load(load: Load, sizes: Sizes, seconds: float) -> dict[str, Any]:
-    """One measurement: twins at the first router, viewers at the last."""
+    """Measure one load: twins at the first router, viewers at the last."""
     names = [f"sim-{number}" for number in range(load.twins)]
     parts = [names[start : start + EACH] for start in range(0, load.twins, EACH)]
     watched = {EACH_ALL: parts, FLEET: [["*"]], NOBODY: []}[load.readers]
@@ -409,17 +409,17 @@ def measured_load(load: Load, sizes: Sizes, seconds: float) -> dict[str, Any]:
         "twins": load.twins,
         "readers": load.readers,
         "routers": load.routers,
-        # per second, put by all twins together; what nobody reads goes no further
+        # per second, sent by all twins together; messages without readers go no further
         "messages_in": sum(part["messages"] for part in sent) / spent,
         "mb_in": sum(part["bytes"] for part in sent) / spent / 1e6,
         "messages_out": sum(part["messages"] for part in received) / spent,
         "mb_out": sum(part["bytes"] for part in received) / spent / 1e6,
         "router_cpu": max(shares),  # % of a core, the busiest router
         "router_mb": memory,  # resident
-        # from a twin's put to a viewer's callback: ticks, or else status; lost of those that are timed
+        # from a twin's put to a viewer's callback: ticks, or else status; "lost" counts the same messages
         **{f"{part}_ms": delays[part] for part in ("p50", "p99", "max")},
         "lost": sum(part["lost"] for part in received),
-        # p99 of how late the twins themselves sent: above some ms, this machine is what limits
+        # p99 of the twins' own lateness in sending: above some ms, this machine is the limit
         "late_ms": max(part["late_ms"]["p99"] for part in sent),
         "load_cpu": load_cpu,  # % of a core, twins and viewers together
     }

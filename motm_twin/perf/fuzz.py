@@ -1,6 +1,6 @@
 """Malformed messages, repeatable by a seed: commands and queries of a twin, and the keys of an external robot.
 
-None can be valid by chance: merely mutated ones have long expired.
+None can be valid by chance: mutated messages have expired long ago.
 """
 
 import json
@@ -22,11 +22,11 @@ from motm_twin.model.scene_file import load_scene
 from motm_twin.perf.processes import external_robot, wait_for
 from motm_twin.twin import Twin
 
-LONG_AGO = 1.0  # [s] so far off that a few changed characters never make it a valid time
-SOON = 30.0  # [s]
+LONG_AGO = 1.0  # [s] so far in the past that a few changed characters never make it a valid time
+SOON = 30.0  # [s] from now until a fresh envelope expires
 BIG = 4_000_000  # bytes
 
-# A right command of every type; a scene, body or task that is not there would be a reason of its own.
+# A valid command of every type; an unknown scene, body or task would be another reason to refuse it.
 EXAMPLES: dict[str, dict[str, Any]] = {
     "play": {},
     "audience": {"pages": 2},
@@ -62,7 +62,7 @@ EXAMPLES: dict[str, dict[str, Any]] = {
     "drive": {"v": 0.3, "w": 0.1},
 }
 
-INTEGER = "@@integer@@"  # stands for one that is longer than Python writes
+INTEGER = "@@integer@@"  # stands for an integer that is too long for Python to print
 WRONG: list[Any] = [
     *(None, True, "x", "", -1.5e308, 1e300, -(10**400), INTEGER, [], [[]], {}, {"a": 1}, [1, "2"], "\u0000")
 ]
@@ -73,7 +73,7 @@ HUGE = ["1e999", "-1e999", "NaN", "Infinity", "1" * 400, "-" + "9" * 5000, "1e",
 class Message:
     """One malformed message."""
 
-    how: str  # it is wrong
+    how: str  # the kind of its fault
     kind: str  # "command", "query" (of another key), "put", "delete" or "raw" (bytes on the TCP port)
     key: str
     payload: bytes = b""
@@ -81,27 +81,27 @@ class Message:
 
 
 class Fuzzer:
-    """Makes malformed messages for one twin; ``now`` is the server's clock [s]."""
+    """Makes malformed messages for one twin; ``now``: the server's clock [s]."""
 
     def __init__(self, twin: str, seed: int, now: Callable[[], float]) -> None:
         self._keys = keys = Keys(twin)
         self._draw, self._now, self._seq = random.Random(seed), now, 2**40
         self._state = [key for key in keys.own if "*" not in key]
         self._others = [*self._state, keys.schemas, f"{keys.tick}/x", f"motm/{twin}/nothing", f"motm/{twin}/*", "**"]
-        self._makers: dict[Callable[[], Message], int] = {  # and how often each, by weight
+        self._makers: dict[Callable[[], Message], int] = {  # with weights of their frequency
             self._random_bytes: 20, self._truncated: 12, self._mutated: 20, self._wrong_field: 20,
             self._wrong_number: 6, self._wrong_envelope: 6, self._deep: 4, self._wrong_key: 6, self._oversized: 3,
             self._other_encoding: 4, self._late: 5, self._query: 10, self._put: 8, self._raw: 2,
         }  # fmt: skip
 
     def messages(self, count: int) -> Iterator[Message]:
-        """So many messages of all kinds, in random order."""
+        """``count`` messages of all kinds, in random order."""
         makers, weights = list(self._makers), list(self._makers.values())
         for _ in range(count):
             yield self._draw.choices(makers, weights)[0]()
 
     def envelope(self, name: str, expires: float | None = None, **fields: Any) -> dict[str, Any]:
-        """A right envelope of a command, fresh unless ``expires`` is given; ``fields`` replace those of the command."""
+        """A valid envelope of a command, fresh unless ``expires`` is given; ``fields`` replace those of the command."""
         self._seq += 1
         return {
             "sender": "fuzz",
@@ -129,7 +129,7 @@ class Fuzzer:
         return self._command("cut off", name, whole[: self._draw.randrange(len(whole))])
 
     def _mutated(self) -> Message:
-        """Some bytes of an envelope that expired long ago are others, missing, doubled or swapped."""
+        """An envelope that expired long ago, with some bytes changed, missing, doubled or swapped."""
         name = self._name()
         data = bytearray(json.dumps(self.envelope(name, LONG_AGO)).encode())
         for _ in range(self._draw.randint(1, 3)):
@@ -146,7 +146,7 @@ class Fuzzer:
         return self._command("mutated", name, bytes(data))
 
     def _wrong_field(self) -> Message:
-        """A fresh envelope whose command has an unknown field, or a field of a wrong type or size."""
+        """A fresh envelope of a command with an unknown field, or with a field of a wrong type or size."""
         name = self._draw.choice([name for name, fields in EXAMPLES.items() if fields])
         field = self._draw.choice(list(EXAMPLES[name]))
         wrong = self._draw.choice(self._draw.choice([_wrong_values(name, field), [...]]))
@@ -158,7 +158,7 @@ class Fuzzer:
         return self._command("wrong field", name, _dump(envelope))
 
     def _wrong_number(self) -> Message:
-        """Numbers that JSON or the server's numbers can not hold, in the envelope or in the command."""
+        """An envelope or command with a number that JSON or the server's types cannot represent."""
         name = self._draw.choice(["speed", "step", "push_robot", "drive", "seed", "branch"])
         envelope = self.envelope(name)
         place = self._draw.choice([envelope, envelope["command"]])
@@ -193,7 +193,7 @@ class Fuzzer:
         return self._command("deep", name, whole[:-2] + b', "deep": ' + inner[: MAX_COMMAND_BYTES - 2000] + b"}}")
 
     def _wrong_key(self) -> Message:
-        """A right command on the key of another, of none, or on a pattern of keys."""
+        """A valid command on the key of another command, on an unknown key, or on a pattern of keys."""
         name = self._name()
         other = self._draw.choice([other for other in COMMAND_NAMES if other != name])
         key = self._draw.choice([other, f"{name}/x", "nothing", "*", "**", f"x/{name}", "x" * 300, "ключ", f"{name}.x"])
@@ -217,19 +217,19 @@ class Fuzzer:
         return self._command("expired", name, self.envelope(name, self._now() - self._draw.choice([0.001, 1.0, 1e6])))
 
     def _query(self) -> Message:
-        """Queries of other keys, with parameters and payloads that nobody expects."""
+        """A query of another key, with unexpected parameters and payload."""
         word = "".join(self._draw.choices(string.printable, k=self._draw.randint(0, 40)))
         parameters = self._draw.choice(["", "from=", "from=-1", f"from={'9' * 60}", "from=1e3", "from=0;from=1", word])
         return Message("query", "query", self._draw.choice(self._others), self._bytes(200), parameters)
 
     def _put(self) -> Message:
-        """Values on keys that only the twin publishes, and on keys that take none."""
+        """A value or deletion on a key that only the twin publishes, or on a key of a command."""
         key = self._draw.choice([*self._state, self._keys.command(self._name())])
         kind = "delete" if self._draw.random() < 0.1 else "put"
         return Message("put", kind, key, self._bytes() if kind == "put" else b"")
 
     def _raw(self) -> Message:
-        """Bytes that are no Zenoh, on the TCP port; some begin as Zenoh's frames do: with a length."""
+        """Random bytes on the TCP port; some begin with a length as Zenoh's frames do."""
         data = self._bytes(500)
         if self._draw.random() < 0.5:
             data = len(data).to_bytes(2, "little") + data
@@ -237,11 +237,11 @@ class Fuzzer:
 
 
 def _wrong_values(name: str, field: str) -> list[Any]:
-    """Values that a field can not have, whatever its type: those of WRONG that are not allowed for it."""
+    """The values of `WRONG` that are not allowed for a field."""
     right = EXAMPLES[name][field]
     allowed: list[Any] = []
     if isinstance(right, str):
-        allowed = ["x", ""]  # a name that is not there: refused by the twin only
+        allowed = ["x", ""]  # an unknown name: only the twin refuses it
     if isinstance(right, bool):
         allowed = [True]
     if (name, field) in {("load", "variant"), ("load", "seed"), ("drive_to", "heading"), ("move_body", "heading")}:
@@ -256,23 +256,23 @@ def _dump(value: Any) -> bytes:
 
 
 EACH = 100  # messages in a period
-UP = 120.0  # [s] for the robot to be there on a busy machine
-# of any field
+UP = 120.0  # [s] until the robot has started on a busy machine
+# wrong values of any field
 WRONG_FIELDS: list[Any] = [None, True, "x", -1.5e308, 1e300, 10**40, [], [[]], {}, [1, "2"], [0.0] * 100]
 
 
 class RobotFuzzer:
-    """Makes messages that must not count: of another life, cut off, mistyped, too large; random bytes.
+    """Makes messages that must be ignored: of another life, cut off, mistyped, too large; random bytes.
 
-    They are made of the robot's own, as it sends them, which `heard` takes. Repeatable by a seed, given those.
+    They are made from the robot's own messages, which `heard` collects. Repeatable by the seed for equal messages.
     """
 
     def __init__(self, seed: int) -> None:
         self._draw, self._heard = random.Random(seed), dict[str, dict[str, Any]]()
-        self._life: str | None = None  # of the robot: of the first message
+        self._life: str | None = None  # the robot's life, from its first message
 
     def heard(self, sample: zenoh.Sample) -> None:
-        """Take one of the robot's own messages; those that were made here come by, too."""
+        """Keep a message of the robot; the malformed ones arrive here, too, and are skipped."""
         try:
             message = json.loads(sample.payload.to_bytes())
         except ValueError:
@@ -284,7 +284,7 @@ class RobotFuzzer:
             self._heard[str(sample.key_expr)] = message
 
     def messages(self, count: int, keys: PlantKeys) -> Iterator[tuple[str, bytes]]:
-        """So many, each with its key."""
+        """``count`` keys and payloads."""
         told = [keys.command, keys.grant, *(getattr(keys, name) for name in NAMES)]
         makers = (self._other_life, self._cut_off, self._mistyped, self._random)
         for _ in range(count):
@@ -293,7 +293,7 @@ class RobotFuzzer:
             yield key, self._draw.choice(makers)(like)
 
     def _other_life(self, like: dict[str, Any]) -> bytes:
-        """Right in itself, and of one of a few other robots."""
+        """A valid message of one of a few other lives."""
         return json.dumps(like | {"life": f"other {self._draw.randrange(8)}"}).encode()
 
     def _cut_off(self, like: dict[str, Any]) -> bytes:
@@ -301,7 +301,7 @@ class RobotFuzzer:
         return whole[: self._draw.randrange(len(whole))]
 
     def _mistyped(self, like: dict[str, Any]) -> bytes:
-        """The version, or the life, is no text; another field besides is wrong as well, missing, or as it was."""
+        """A message with a version or life that is no text; another field may be wrong or missing, too."""
         broken = dict(like)
         broken[self._draw.choice(list(like))] = self._draw.choice(WRONG_FIELDS)
         if self._draw.random() < 0.3:
@@ -314,9 +314,9 @@ class RobotFuzzer:
 
 
 def attack_robot(count: int, seed: int = 3) -> dict[str, float]:
-    """Drive a robot in another process while so many malformed messages come, and the same run in this one without.
+    """Drive a robot in another process while ``count`` malformed messages arrive, and a simulated one here without.
 
-    Counts the periods that differ, in any bit, from those of the run in this process.
+    Returns counts; "differing" are periods that differ in any bit between the two runs.
     """
     scene, keys, fuzzer = load_scene("exp1"), PlantKeys(), RobotFuzzer(seed)
     inside, differing, periods, sent = Twin(scene), 0, 0, 0
@@ -339,7 +339,7 @@ def attack_robot(count: int, seed: int = 3) -> dict[str, float]:
 
 
 def _same(one: Tick, other: Tick) -> bool:
-    """Observation and command of two periods are equal."""
+    """True when observation and command of two periods are equal."""
     seen, done = (one.observation, other.observation), (one.arm[-1].actuation, other.arm[-1].actuation)
     pairs = [[getattr(tick, name) for tick in seen] for name in ("pose", "q")]
     pairs += [[getattr(tick, name) for tick in done] for name in ("twist", "joint_velocity")]

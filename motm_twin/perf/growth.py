@@ -1,7 +1,7 @@
-"""Growth of the period with the world: obstacles, beams, map, agents, candidates, targets, viewers.
+"""Growth of the control period with the size of the world: obstacles, beams, map, agents, candidates, targets, viewers.
 
 The worlds are made from Experiment 1 and grow in one respect at a time. Every point is a whole run with the referee,
-alone on one core, kernels compiled. The period is measured from observation to command in processor time, so that
+alone on one core, with compiled kernels. The period is measured from observation to command in processor time, so that
 other load on the machine does not count.
 """
 
@@ -31,7 +31,7 @@ from motm_twin.planning.parameters import PlacementParameters, PlanningParameter
 from motm_twin.twin import Twin
 
 WORK = (-3.0, -4.5, 8.0, 5.0)  # [m] x_min, y_min, x_max, y_max of the task: nothing is added there
-APART = 0.9  # [m] between pieces of furniture that are added: the base passes
+APART = 0.9  # [m] between added pieces of furniture: the base fits through
 SIZES = (0.5, 1.4)  # [m] of their sides
 TABLE_TOP = 0.78  # [m]
 
@@ -42,7 +42,7 @@ def base_scene() -> Scene:
 
 
 def with_obstacles(scene: Scene, count: int, side: float) -> Scene:
-    """A square map of that side [m] round the task, with so many pieces of furniture on it, all in the robot's map."""
+    """A square map of this side [m] around the task with ``count`` pieces of furniture, all in the robot's map."""
     rng = np.random.default_rng([count, round(side)])
     x0, y0 = 0.5 * (WORK[0] + WORK[2]), 0.5 * (WORK[1] + WORK[3])
     bounds = (x0 - 0.5 * side, y0 - 0.5 * side, x0 + 0.5 * side, y0 + 0.5 * side)
@@ -61,9 +61,9 @@ def with_obstacles(scene: Scene, count: int, side: float) -> Scene:
 def _spots(
     bounds: tuple[float, float, float, float], count: int, rng: np.random.Generator
 ) -> list[tuple[float, float]]:
-    """So many cells of a grid over the map that are clear of the task and of the border; raises when there are fewer.
+    """``count`` random cells of a grid over the map, clear of task and border; raises ValueError when there are fewer.
 
-    They are spread over the map, as on the floor of an office: few of many are near the robot, and none of few.
+    They are spread over the map as on the floor of an office: few of many are near the robot, and none of few.
     """
     step = SIZES[1] * math.sqrt(2.0) + APART
     xs = np.arange(bounds[0] + step, bounds[2] - step, step)
@@ -76,19 +76,19 @@ def _spots(
 
 
 def _clear(xs: Array, ys: Array, aside_x: float, aside_y: float) -> list[tuple[float, float]]:
-    """Points of a grid that are so far [m] from the task."""
+    """Points of a grid outside the area of the task grown by ``aside_x`` and ``aside_y`` [m]."""
     x_min, y_min, x_max, y_max = WORK[0] - aside_x, WORK[1] - aside_y, WORK[2] + aside_x, WORK[3] + aside_y
     return [(float(x), float(y)) for x in xs for y in ys if not (x_min < x < x_max and y_min < y < y_max)]
 
 
 def with_beams(scene: Scene, beams: int) -> Scene:
-    """A lidar of so many beams."""
+    """The scene with a lidar of this many beams."""
     lidar = msgspec.structs.replace(scene.robot.lidar, beams=beams)
     return msgspec.structs.replace(scene, robot=msgspec.structs.replace(scene.robot, lidar=lidar))
 
 
 def with_agents(scene: Scene, count: int) -> Scene:
-    """A hall with so many agents that drive round squares of 2 m beside the task and beyond it."""
+    """A hall with ``count`` agents that drive around squares of 2 m beside and beyond the task."""
     hall = with_obstacles(scene, 0, 50.0)
     free = _clear(np.arange(-20.0, 24.0, 3.5), np.arange(-20.0, 21.0, 3.5), 1.5, 0.5)
     places = sorted(free, key=lambda at: math.hypot(at[0] - 2.5, at[1]))[:count]
@@ -99,7 +99,7 @@ def with_agents(scene: Scene, count: int) -> Scene:
 
 
 def with_targets(scene: Scene, targets: int) -> Scene:
-    """So many targets: half of them cubes along both edges of the table, the others the bins in turn."""
+    """The scene with this many targets: half are cubes along both edges of the table, half the bins in turn."""
     cubes = targets // 2
     along = np.linspace(3.1, 5.3, math.ceil(cubes / 2)) if cubes > 1 else np.array([3.65])
     places = [(float(x), y) for x in along for y in (1.47, 2.07)][:cubes]
@@ -116,13 +116,13 @@ TITLE = "Growth: the period against the size of the world"
 PICTURE = Path("docs/performance_growth.png")
 QUICK_PERIODS = 20
 OFFICE = 200.0  # [m] side of the floor with the obstacles
-MINUTE = 1200  # periods; a point of many targets is the first minute of the task, and says nothing about success
+MINUTE = 1200  # periods; a point with many targets runs only the first minute, and says nothing about success
 LIMIT = 2.0  # times the period of Experiment 1 that 1,000 obstacles on 200 m may take
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Point:
-    """One world: how much of what, the scene, and what of the planning is not as shipped."""
+    """One world: its size in the swept respect, the scene, and planning parameters that differ from the shipped."""
 
     count: float
     make: Callable[[], Scene]
@@ -140,7 +140,7 @@ class Sweep:
 
 
 def _candidates(positions: int) -> PlanningParameters | None:
-    """None for as many as are shipped."""
+    """Planning parameters with this many candidate positions; None for the shipped number."""
     changed = PlanningParameters(placement=PlacementParameters(positions=positions))
     return None if changed == PlanningParameters() else changed
 
@@ -168,7 +168,7 @@ def sweeps() -> tuple[Sweep, ...]:
 
 
 def measured(point: Point, *, most: int | None = None) -> dict[str, Any]:
-    """Run a point: period, its stages and the whole step of the twin [ms], and whether the task was done."""
+    """Run a point: period and its stages [ms], real-time factor, and the outcome of the task."""
     scene = point.make()
     began = time.perf_counter()
     twin = Twin(scene, numbers=point.planning and Parameters(planning=point.planning), clock=time.thread_time)
@@ -198,7 +198,7 @@ def measured(point: Point, *, most: int | None = None) -> dict[str, Any]:
 def bench_growth(out: Path, console: Console, *, quick: bool = False) -> bool:
     """Measure all sweeps, print, write ``out/growth.json`` and the picture; True when the goal for 1,000 is reached.
 
-    Takes about 5 minutes; ``quick``: the first two points of each sweep for a second, nothing is judged.
+    Takes about 5 minutes; ``quick``: only the first two points of each sweep for a second, without a verdict.
     """
     console.print(f"\n[bold]{NAME}[/bold]: {TITLE}")
     found: dict[str, list[dict[str, Any]]] = {}
@@ -228,7 +228,7 @@ def bench_growth(out: Path, console: Console, *, quick: bool = False) -> bool:
 
 
 def _again(point: Point, found: dict[str, list[dict[str, Any]]]) -> dict[str, Any] | None:
-    """Values of Experiment 1 as shipped, when this point is nothing else."""
+    """Values of the shipped Experiment 1 when this point is equal to it; else None."""
     if "shipped" not in found or point.planning is not None or point.make() != base_scene():
         return None
     return {**found["shipped"][0], "count": point.count}
@@ -253,7 +253,7 @@ def growth_table(found: dict[str, list[dict[str, Any]]], units: dict[str, str]) 
 
 
 def plot(found: dict[str, list[dict[str, Any]]], units: dict[str, str], target: Path) -> None:
-    """One panel per sweep: p50 and p99 [ms] of the period against its count, both logarithmic, with linear growth."""
+    """One log-log panel per sweep: p50 and p99 of the period [ms] against the count, with linear growth to compare."""
     from matplotlib.figure import Figure
 
     names = [name for name, rows in found.items() if len(rows) > 1]
@@ -264,7 +264,7 @@ def plot(found: dict[str, list[dict[str, Any]]], units: dict[str, str], target: 
     for axis in axes.flat[len(names) :]:
         axis.set_axis_off()
     for axis, name in zip(axes.flat, names, strict=False):
-        rows = [row for row in found[name] if row["count"] > 0]  # no viewer is not on a logarithmic axis
+        rows = [row for row in found[name] if row["count"] > 0]  # a logarithmic axis has no 0
         counts = [row["count"] for row in rows]
         for part, style in (("p50", "o-"), ("p99", "s-")):
             axis.plot(counts, [row["period_ms"][part] for row in rows], style, label=part)
@@ -288,7 +288,7 @@ VIEWERS_NAME = "viewers"
 
 
 def viewer_rows() -> list[dict[str, Any]]:
-    """Serve Experiment 1 and read its page with so many websocket clients; a row of `growth` for each number."""
+    """Serve Experiment 1 and read its page with `VIEWERS` websocket clients; one row for each number."""
     rows = []
     with served("exp1") as twin:
         page.periods(twin, 3.0, 0)  # warm

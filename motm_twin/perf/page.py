@@ -28,13 +28,13 @@ from motm_twin.ui.panel.panel import ASK
 from motm_twin.ui.viewer import HistoryWriter
 
 READERS = 5
-DRAG_LENGTH, DRAG_POINTS, DRAG_INTERVAL = 0.3, 5, 0.05  # [m], points, [s] between two of them
-ARRIVED = 0.05  # [m] short of the end of a drag still counts as there
+DRAG_LENGTH, DRAG_POINTS, DRAG_INTERVAL = 0.3, 5, 0.05  # [m], number of points, [s] between two of them
+ARRIVED = 0.05  # [m] from the end of a drag at which the body counts as arrived
 BODY = "measured"
-PANEL, JOIN = 20, 10.0  # widgets that a panel has at least, and time [s] for them to come
-SETTLE = 2.5  # [s] until the memory of pages that have left is given back
-PIECES = 8  # of half a series of memory
-SURE = 2.2  # standard errors: 95 % with 12 degrees of freedom, those of two lines through 8 pieces
+PANEL, JOIN = 20, 10.0  # least number of widgets of a whole panel, and time [s] until they have arrived
+SETTLE = 2.5  # [s] until the memory of closed pages is given back
+PIECES = 8  # of each half of a memory series
+SURE = 2.2  # standard errors for 95 % with 12 degrees of freedom (two lines through 8 pieces each)
 
 
 def periods(served: Served, seconds: float, readers: int) -> tuple[list[float], float]:
@@ -52,7 +52,7 @@ def periods(served: Served, seconds: float, readers: int) -> tuple[list[float], 
 
 @contextmanager
 def all_layers(reader: PageReader) -> Iterator[None]:
-    """Every layer of the page switched on for as long as the block runs, as its legend does it."""
+    """Context in which every layer of the page is on, switched as its legend does."""
     if not reader.wait(lambda reader: reader.find(ASK), 20.0):
         raise TimeoutError("no legend within 20 s")
     reader.set(ASK, json.dumps([1, "hide", []]))
@@ -63,7 +63,7 @@ def all_layers(reader: PageReader) -> Iterator[None]:
 
 
 def drawing(served: Served, report: Report, seconds: float) -> None:
-    """Share of a core the viewer takes at 1x with all layers on, and how many scene nodes it moves meanwhile."""
+    """Measure the viewer's share of a core at 1x with all layers on, and the number of scene nodes that it moves."""
     with PageReader(served.port, token=served.token) as reader:
         restart(served.client, playing=True)
         with all_layers(reader):
@@ -78,12 +78,12 @@ def drawing(served: Served, report: Report, seconds: float) -> None:
 
 
 def _whole(reader: PageReader) -> bool:
-    """A new visitor has the whole scene and its own panel."""
+    """True when a new visitor has the whole scene and its own panel."""
     return reader.replayed is not None and len(reader.options("Scene")) > 1
 
 
 def joining(served: Served, report: Report) -> None:
-    """Longest time [s] that a late joiner waits for the whole scene and its own panel."""
+    """Measure the longest time [s] that a late joiner waits for the whole scene and its own panel."""
     restart(served.client, playing=True)
     waits = []
     for _ in range(JOINERS):
@@ -94,12 +94,12 @@ def joining(served: Served, report: Report) -> None:
 
 
 def loading(served: Served, report: Report) -> None:
-    """Bytes of a first load, by the websocket until a new visitor has everything, and by HTTP; and its picture."""
+    """Measure a first load: bytes by websocket until a new visitor has everything, bytes by HTTP, time to picture."""
     restart(served.client, playing=False)
     with PageReader(served.port, token=served.token) as reader:
         if not reader.wait(_whole, 30.0):
             raise TimeoutError("no whole scene within 30 s")
-        time.sleep(1.0)  # the last of the panel
+        time.sleep(1.0)  # until the rest of the panel has arrived
         by_websocket = float(reader.bytes)
     load = page_reader.first_load(served.url)
     report.values.update(load_mb=(load.http_bytes + by_websocket) / 1e6, picture_s=load.complete_at)
@@ -107,7 +107,7 @@ def loading(served: Served, report: Report) -> None:
 
 
 def drags(served: Served, report: Report) -> None:
-    """From sending the end of a drag to the tick [ms] in which the body is there, while time runs."""
+    """Measure the time [ms] from sending the end of a drag to the tick with the body there, while time runs."""
     client = served.client
     restart(client, playing=True)
     x, y = open_place(client)
@@ -138,9 +138,9 @@ def _one_drag(client: TwinClient, reader: PageReader, node: str, sign: float) ->
 
 
 def memory(served: Served, minutes: float, page: Callable[[], float] | None = None) -> dict[str, Array]:
-    """Memory [MB] of the viewer, and of the page that ``page`` asks, against time [min], while runs follow each other.
+    """Memory [MB] of the viewer and of the page (measured by ``page``) against time [min] during successive runs.
 
-    Before, one run at 8x fills what has a limit: the kept history, the snapshots, the caches.
+    One run at 8x before that fills everything of limited size: the kept history, the snapshots, the caches.
     """
     client = served.client
     restart(client, playing=True)
@@ -158,12 +158,12 @@ def memory(served: Served, minutes: float, page: Callable[[], float] | None = No
 
 
 def visits(served: Served, report: Report, most: int) -> None:
-    """Memory [MB] of the viewer after so many pages in all, one after the other, that break off with a whole panel.
+    """Measure the viewer's memory [MB] after up to ``most`` pages in succession that break off with a whole panel.
 
-    Time stands. The first page has a row of its own: once it has left, what the start of the viewer needed is given
+    The twin is paused. The first page has a row of its own: after it has gone, memory from the viewer's start is given
     back.
     """
-    logging.getLogger("websockets.client").setLevel(logging.CRITICAL)  # it is surprised by what breaks off
+    logging.getLogger("websockets.client").setLevel(logging.CRITICAL)  # it would log every broken connection
     act(served.client, Pause())
     rows: dict[int, float] = {}
     done = 0
@@ -186,9 +186,9 @@ class Slope(NamedTuple):
 
 
 def slopes(time_min: Array, value: Array) -> tuple[Slope, Slope]:
-    """Of the first and of the second half of a series, each from the medians of `PIECES` pieces of it.
+    """Slopes of the first and second half of a series, each from the medians of `PIECES` pieces.
 
-    Neighbouring values are alike, so that the error of a line through all of them would be far too small.
+    Neighbouring values are correlated, so the error of a line through all of them would be far too small.
     """
     halves = [time_min < 0.5 * time_min[-1], time_min >= 0.5 * time_min[-1]]
     early, late = (_slope(time_min[half], value[half]) for half in halves)
@@ -220,8 +220,8 @@ NAME = "page"
 TITLE = "The page: a served Experiment 2 at 1x, measured from outside"
 DRAGS, JOINERS = 60, 5
 MOTION, EXPORTED = 5.0, 40.0  # [s]
-EVERY = 2.0  # [s] between two looks at the memory
-THINNED = 15  # one value of the memory in so many is kept: one in 30 s
+EVERY = 2.0  # [s] between two measurements of memory
+THINNED = 15  # every 15th value of memory is kept: one in 30 s
 
 LIMITS = {
     "ratio": Limit(name="control period p99 with 5 readers / without", unit="x", limit=1.1, decimals=3),
@@ -249,8 +249,8 @@ LIMITS = {
 def bench_page(out: Path, seconds: float, minutes: float, pages: int, console: Console) -> bool:
     """Measure, print, write ``out/page.json``; True when no number exceeds its limit.
 
-    ``pages``: pages that come and break off. Takes about 2.5 x ``seconds`` + ``minutes`` + 4 min, and 2 min for 1,000
-    visits.
+    ``pages``: number of pages that connect and break off. Takes about 2.5 x ``seconds`` + ``minutes`` + 4 min, and
+    2 min for 1,000 pages.
     """
     console.print(f"\n[bold]{NAME}[/bold]: {TITLE}")
     report = Report()
@@ -272,7 +272,7 @@ def bench_page(out: Path, seconds: float, minutes: float, pages: int, console: C
 
 
 def _periods(twin: Served, report: Report, seconds: float) -> None:
-    """The start of a run four times: without, with, with, without readers, so that a drift of the machine cancels."""
+    """Measure the start of a run four times: without, with, with, without readers, so that a drift cancels."""
     found: dict[int, list[float]] = {0: [], READERS: []}
     rates = []
     periods(twin, 3.0, 0)  # warm
@@ -287,7 +287,7 @@ def _periods(twin: Served, report: Report, seconds: float) -> None:
 
 
 def _motion(twin: Served, report: Report) -> None:
-    """Smoothness of motion on a display that is fast enough: in a small window, with little to draw."""
+    """Measure the smoothness of motion in a small window with little to draw, so that drawing is fast enough."""
     with page_reader.browser() as browser:
         display, drawn, changed = browser.motion(twin.url, MOTION, lambda: restart(twin.client, playing=True))
     report.values["pose_rate"] = changed
@@ -297,7 +297,7 @@ def _motion(twin: Served, report: Report) -> None:
 
 
 def _exporting(twin: Served, report: Report) -> None:
-    """Sizes [MB] of pages of a short and a longer part of a run, and by a line through them of ten minutes."""
+    """Measure the sizes [MB] of exported pages of a short and a longer run; a line through them gives ten minutes."""
     history = History()
     writer = HistoryWriter(twin.client, history)
     restart(twin.client, playing=True)
@@ -312,7 +312,7 @@ def _exporting(twin: Served, report: Report) -> None:
 
 
 def _memory(twin: Served, report: Report, minutes: float) -> None:
-    """With a browser that shows the page all the time, where there is one."""
+    """Measure memory, with a browser that shows the page all the time if there is one."""
     try:
         with page_reader.browser() as browser:
             browser.page.goto(twin.url)

@@ -1,4 +1,4 @@
-"""Readers of the page: a websocket client that speaks Viser's protocol, and Chromium with software rendering."""
+"""Readers of the page: a websocket client with Viser's protocol, and Chromium with software rendering."""
 
 import base64
 import io
@@ -54,7 +54,7 @@ COUNT = """async (seconds) => {
   await new Promise((done) => setTimeout(done, 4000 + 1000 * seconds));
   over = true;
   return [found.drawn / seconds, found.changed / seconds];
-}"""  # pictures, and those in which the base is elsewhere than in the one before, per second; only the base is drawn
+}"""  # pictures per second, and pictures per second in which the base has moved; only the base is drawn
 DISPLAY = """(seconds) => new Promise((done) => {
   const began = performance.now();
   let count = 0;
@@ -65,20 +65,20 @@ DISPLAY = """(seconds) => new Promise((done) => {
   };
   requestAnimationFrame(next);
 })"""  # frames per second of an empty page
-LITTLE = {"width": 320, "height": 200}  # [px] a window that software draws fast
+LITTLE = {"width": 320, "height": 200}  # [px] a window that is fast to draw in software
 Message = dict[str, Any]
 
 
 class PageReader(AbstractContextManager["PageReader"]):
-    """One connected visitor that reads everything. ``decode=False`` counts bytes only, which costs next to nothing."""
+    """One connected visitor that reads everything. ``decode=False`` only counts bytes, which costs next to nothing."""
 
     def __init__(self, port: int, *, token: str = "", decode: bool = True) -> None:
-        """``token``: of the page, where it asks for one."""
+        """Connect. ``token``: of the page, if it requires one."""
         self.started = time.monotonic()
         self.bytes = 0
-        self.replayed: float | None = None  # [s] after the start: the scene so far had arrived
+        self.replayed: float | None = None  # [s] from the start until the existing scene had arrived
         self.moving: dict[str, set[str]] = {kind: set() for kind in ("pose", "update")}
-        self.widgets: dict[str, Message] = {}  # the messages that made them, by uuid
+        self.widgets: dict[str, Message] = {}  # their creating messages, by uuid
         self.draggable: set[str] = set()
         self.notes: list[str] = []
         self._values: dict[str, Any] = {}
@@ -100,7 +100,7 @@ class PageReader(AbstractContextManager["PageReader"]):
         self._socket.send(msgspec.msgpack.encode(message))
 
     def close(self) -> None:
-        """Leave."""
+        """Close the connection."""
         self._socket.close()
         self._thread.join(2.0)
 
@@ -113,7 +113,7 @@ class PageReader(AbstractContextManager["PageReader"]):
         self.close()
 
     def wait(self, condition: Any, timeout: float) -> bool:
-        """Wait until ``condition(self)`` holds after some message; False when ``timeout`` [s] is over."""
+        """Wait until a message makes ``condition(self)`` true; False after ``timeout`` [s]."""
         with self._changed:
             return bool(self._changed.wait_for(lambda: condition(self), timeout))
 
@@ -145,7 +145,7 @@ class PageReader(AbstractContextManager["PageReader"]):
         return uuid is not None
 
     def drag(self, node: str, grip: np.ndarray, path: np.ndarray, interval: float) -> float:
-        """Drag a scene node from ``grip`` (3,) over the points ``path`` (n, 3); the time [s] when the end was sent."""
+        """Drag a scene node from ``grip`` (3,) over points ``path`` (n, 3); returns the time [s] of the last point."""
         self._drag("start", node, grip, grip)
         sent = time.monotonic()
         for point in path:
@@ -197,7 +197,7 @@ class PageReader(AbstractContextManager["PageReader"]):
 
 
 def unpack(frame: bytes) -> list[Message]:
-    """The messages of one frame: sizes of the packed part, that part (MessagePack in zstd), then arrays, not read."""
+    """The messages of one frame: two sizes, the packed part (MessagePack in zstd), then arrays, which are not read."""
     size, packed = int.from_bytes(frame[:8], "little"), int.from_bytes(frame[8:16], "little")
     inner = zstandard.ZstdDecompressor().decompress(frame[16 : 16 + packed], max_output_size=size)
     return list(msgspec.msgpack.decode(inner)["messages"])
@@ -205,11 +205,11 @@ def unpack(frame: bytes) -> list[Message]:
 
 VIEW = {"width": 1280, "height": 800}
 FLAGS = ["--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--no-sandbox"]
-SMALL = (160, 100)  # pixels to which pictures are reduced before they are compared
-SETTLED = 6.0  # [s] without a change: the picture is complete; pieces of it come up to 3 s apart
-BLANK = 5.0  # grey levels of standard deviation; an empty page has less
-CHANGED, SHARE = 12.0, 0.01  # grey levels, and share of the reduced picture's pixels that may differ by more
-LOAD = 90.0  # [s]
+SMALL = (160, 100)  # [px] to which pictures are reduced before comparison
+SETTLED = 6.0  # [s] without a change until a picture counts as complete; parts of it come up to 3 s apart
+BLANK = 5.0  # standard deviation in grey levels; an empty page has less
+CHANGED, SHARE = 12.0, 0.01  # grey levels, and share of pixels of alike pictures that may differ by more
+LOAD = 90.0  # [s] for the picture to settle
 
 
 @dataclass
@@ -230,7 +230,7 @@ class Load:
 
 
 class Page:
-    """The open page, and Chromium's own view of it."""
+    """An open page in Chromium, with its developer tools."""
 
     def __init__(self, page: Any) -> None:
         self.page = page
@@ -263,7 +263,7 @@ class Page:
     def motion(self, url: str, seconds: float, begin: Callable[[], None]) -> tuple[float, float, float]:
         """Rates [1/s] in a small window: of the display, of pictures of the scene, of those in which the robot moved.
 
-        ``begin`` makes the robot drive. Only its base is drawn: software draws a whole scene a few times a second.
+        ``begin`` makes the robot drive. Only its base is drawn: software draws a whole scene a few times per second.
         """
         self.page.set_viewport_size(LITTLE)
         display = self.page.evaluate(DISPLAY, 2.0)
@@ -273,20 +273,20 @@ class Page:
         return (display, *self.page.evaluate(COUNT, seconds))
 
     def heap_mb(self) -> float:
-        """Memory of the page's scripts [MB], after garbage was collected."""
+        """Memory of the page's scripts [MB] after a garbage collection."""
         self._devtools.send("HeapProfiler.collectGarbage")
         return float(self._devtools.send("Runtime.getHeapUsage")["usedSize"]) / 1e6
 
 
 def alike(picture: Array, other: Array) -> bool:
-    """Two reduced pictures show the same, apart from little things."""
+    """True when two reduced pictures are equal except for small differences."""
     changed = np.abs(picture - other).max(axis=2) > CHANGED
     return bool(changed.mean() <= SHARE)
 
 
 @contextmanager
 def browser() -> Iterator[Page]:
-    """Chromium with an empty page. Raises RuntimeError when there is none."""
+    """Chromium with an empty page. Raises RuntimeError without Chromium or Playwright."""
     path = os.environ.get("MOTM_CHROMIUM") or shutil.which("chromium") or shutil.which("chromium-browser")
     if not path:
         raise RuntimeError("no Chromium: set MOTM_CHROMIUM to its path")
@@ -303,7 +303,7 @@ def browser() -> Iterator[Page]:
 
 
 def first_load(url: str) -> Load:
-    """A first load in a fresh browser."""
+    """Load a page for the first time in a fresh browser."""
     with browser() as page:
         load = page.load(url)
         wait_for(lambda: load.pictures, 1.0, "picture")
@@ -311,5 +311,5 @@ def first_load(url: str) -> Load:
 
 
 def _settled(load: Load, now: float) -> bool:
-    """The picture is not blank and has not changed for a while."""
+    """True when the picture is not blank and has not changed for `SETTLED`."""
     return load.pictures != [] and now > SETTLED and now - load.complete_at > SETTLED

@@ -1,7 +1,7 @@
 """Participants of benchmarks, each role in a process of its own: senders, readers, a twin, attackers, a fleet.
 
-A worker (`processes.Worker`) does what JSON lines on its standard input say, one by one:
-``python -m motm_twin.perf.participants ROLE [ARGUMENT ...]``. It says hello when it is ready, and ends with its input.
+A worker (`processes.Worker`) executes JSON lines from its standard input one by one:
+``python -m motm_twin.perf.participants ROLE [ARGUMENT ...]``. It prints a greeting when ready, and ends with its input.
 """
 
 import collections
@@ -37,11 +37,11 @@ from motm_twin.server_process import SEARCH_SECONDS, make_twin
 
 Works = dict[str, Callable[..., Any]]
 KEY = "motm-bench/bare"
-_keep: list[Any] = []  # what lives as long as this process
+_keep: list[Any] = []  # objects kept alive as long as this process
 
 
 def bare() -> tuple[dict[str, str], Works]:
-    """Role of a sender of given bytes, stamped, for comparison with a twin: a publisher like that of the ticks."""
+    """Role of a sender of given bytes with time stamps, to compare a twin with: its publisher is like that of ticks."""
     port = free_port()
     session = open_server(port)
     publisher = session.declare_publisher(
@@ -52,7 +52,7 @@ def bare() -> tuple[dict[str, str], Works]:
     )
 
     def send(payloads: list[str], period: float) -> None:
-        """Send these in turn, one every ``period`` [s], until the end."""
+        """Send the payloads in turn, one every ``period`` [s], without end."""
         due = time.monotonic()
         for payload in itertools.cycle([text.encode() for text in payloads]):
             time.sleep(max(0.0, due - time.monotonic()))
@@ -66,7 +66,7 @@ def bare() -> tuple[dict[str, str], Works]:
 
 
 class _Stamp(msgspec.Struct):
-    """The part of a tick that is looked at."""
+    """The part of a tick that readers decode."""
 
     server_time: float
     index: int
@@ -76,14 +76,14 @@ _stamp = msgspec.json.Decoder(_Stamp).decode
 
 
 class Readers:
-    """All readers of this process; times are monotonic [s], those of the server less ``clock``."""
+    """All readers of this process; times are monotonic [s]: server times less ``clock``."""
 
     def __init__(self) -> None:
         self._heard: dict[str, list[tuple[float, bytes, bytes]]] = {}
         self._counts: list[Any] = []
 
     def listen(self, name: str, endpoint: str, key: str) -> None:
-        """Note under ``name`` when each sample of a key comes, in Zenoh's own thread."""
+        """Note the arrival time of each sample of a key under ``name``, in Zenoh's own thread."""
         heard = self._heard[name] = []
 
         def note(sample: zenoh.Sample) -> None:
@@ -92,34 +92,34 @@ class Readers:
         self._subscribe(endpoint, [key], zenoh.handlers.Callback(note, indirect=False))
 
     def delays(self, name: str, clock: float) -> list[float]:
-        """Delay [s] of each sample since its stamp: its attachment, else its server time."""
+        """Delay [s] of each sample since its stamp, which is its attachment or else its server time."""
         return [
             at - (float(attachment) if attachment else _stamp(payload).server_time - clock)
             for at, payload, attachment in list(self._heard[name])
         ]
 
     def payloads(self, name: str) -> list[str]:
-        """The texts that came."""
+        """The received payloads as text."""
         return [payload.decode() for _, payload, _ in list(self._heard[name])]
 
     def follow(self, endpoint: str, keys: list[str], sessions: int) -> None:
-        """So many sessions that read everything as it comes."""
+        """Open this many sessions that read everything as it arrives."""
         for _ in range(sessions):
             self._counts.append(itertools.count())
             count = functools.partial(lambda counter, _: next(counter), self._counts[-1])
             self._subscribe(endpoint, keys, zenoh.handlers.Callback(count, indirect=False))
 
     def jam(self, endpoint: str, keys: list[str], sessions: int) -> None:
-        """So many sessions that stay alive but never read: their queue is full after one message, and Zenoh waits."""
+        """Open this many sessions that never read: their queue is full after one message, and Zenoh waits."""
         for _ in range(sessions):
             self._subscribe(endpoint, keys, zenoh.handlers.FifoChannel(1))
 
     def received(self) -> list[int]:
         """Number of messages that each session of `follow` has received."""
-        return [next(counter) for counter in self._counts]  # counts the question too, which does not matter
+        return [next(counter) for counter in self._counts]  # counts this call, too, which does not matter
 
     def ages(self, endpoint: str, twin: str, pauses: list[float], seconds: float, clock: float) -> dict[str, Any]:
-        """Ages [s] of what readers get that look every so often [s], by a ring of one sample and by `TwinClient`."""
+        """Ages [s] of ticks for readers that look every ``pauses`` [s], with a ring of one sample and `TwinClient`."""
         found: dict[str, list[float]] = {}
         threads = []
         with TwinClient(endpoint, twin) as client, contextlib.ExitStack() as stack:
@@ -139,7 +139,7 @@ class Readers:
         return found
 
     def _subscribe(self, endpoint: str, keys: list[str], handler: Any) -> None:
-        """A session that listens to some keys for as long as this process lives."""
+        """Open a session that listens to these keys for as long as this process lives."""
         session = open_client(endpoint)
         _keep.extend([session, *(session.declare_subscriber(key, handler) for key in keys)])
 
@@ -149,13 +149,13 @@ def _attached(sample: zenoh.Sample) -> bytes:
 
 
 def _newest(ring: Any) -> _Stamp | None:
-    """Take what a ring holds; None when nothing came since."""
+    """Take the sample of a ring; None when nothing has arrived since the last call."""
     sample = ring.try_recv()
     return None if sample is None else _stamp(sample.payload.to_bytes())
 
 
 def _look(look: Callable[[], Any], pause: float, seconds: float, clock: float, ages: list[float]) -> None:
-    """Look again and again; the first looks, before the first sample, do not count."""
+    """Add the age of the newest tick after each pause; looks before the first tick do not count."""
     until = time.monotonic() + seconds
     while time.monotonic() < until:
         time.sleep(pause or 0.001)
@@ -171,10 +171,9 @@ def readers() -> tuple[dict[str, str], Works]:
 
 
 def timed_sink(server: TwinServer) -> Callable[[], list[tuple[float, float]]]:
-    """Time the loop's calls of the publisher, in the loop's own thread.
+    """Time the loop's calls of the publisher in the loop's own thread.
 
-    What comes back gives the times [s] since it was last asked: what passed, and what the thread computed, not waiting
-    for its turn.
+    The returned function gives the times [s] since its last call as pairs: wall time, and processor time of the thread.
     """
     call, took = server.tick, collections.deque[tuple[float, float]]()
 
@@ -188,7 +187,7 @@ def timed_sink(server: TwinServer) -> Callable[[], list[tuple[float, float]]]:
 
 
 def clock_offset(server: TwinServer) -> float:
-    """Server time minus monotonic time [s], which all processes of a machine share; the best of some readings."""
+    """Server time minus monotonic time [s], which all processes of a machine share: the quickest of 20 readings."""
     readings = []
     for _ in range(20):
         before = time.monotonic()
@@ -219,32 +218,32 @@ def twin(scene: str, data: str) -> tuple[dict[str, Any], Works]:
     return hello, {"sink": taken, "close": server.close}
 
 
-OPEN = 100  # queries that wait for an answer at most
+OPEN = 100  # largest number of queries that wait for an answer
 TIMEOUT = 10.0  # [s] for an answer
-FIRST_VALUE = 30.0  # [s] for a new client to know the state
+FIRST_VALUE = 30.0  # [s] until a new client knows the state
 PATTERNS = ("*", "$", "//")
 
 _answer = msgspec.json.Decoder(Answer)
 
 
 class Attack:
-    """Sends malformed messages and counts what becomes of them.
+    """Sends malformed messages and counts their outcomes.
 
-    Answers come by callbacks: threads that wait for them would take half a core, and slow whatever is attacked by that.
+    Answers arrive by callbacks: threads that wait for them would take half a core and thereby slow the attacked twin.
     """
 
     def __init__(self, endpoint: str, twin: str, clock: float) -> None:
         self._port = int(endpoint.rsplit(":", 1)[1])
-        self._sessions = [open_member(endpoint, wait=10.0), open_client(endpoint)]  # seen by others, and not
+        self._sessions = [open_member(endpoint, wait=10.0), open_client(endpoint)]  # a member, and a mere client
         self._fuzzer = lambda seed: Fuzzer(twin, seed, lambda: time.monotonic() + clock)
         self._room = threading.BoundedSemaphore(OPEN)
         self._sent = collections.Counter[str]()
-        self.accepted: list[str] = []  # commands that were, to be looked at
+        self.accepted: list[str] = []  # malformed commands that were accepted, for the report
         self.unanswered: list[str] = []
         self._failed: Exception | None = None
 
     def run(self, count: int, rate: float, seed: int) -> dict[str, Any]:
-        """Send so many, ``rate`` [1/s] of them; how many of each sort, and what was accepted or not answered."""
+        """Send ``count`` messages at ``rate`` [1/s]; returns counts, and accepted or unanswered ones."""
         began = time.monotonic()
         for number, message in enumerate(self._fuzzer(seed).messages(count)):
             if (early := began + number / rate - time.monotonic()) > 0.0:
@@ -252,7 +251,7 @@ class Attack:
             self._send(message, self._sessions[number % len(self._sessions)])
             self._sent[message.how] += 1
         for _ in range(OPEN):
-            self._room.acquire()  # every answer is there, or will not come
+            self._room.acquire()  # every query has been answered or has timed out
         for _ in range(OPEN):
             self._room.release()
         if self._failed is not None:
@@ -266,7 +265,7 @@ class Attack:
         }
 
     def close(self) -> None:
-        """Leave."""
+        """Close the sessions."""
         for session in self._sessions:
             session.close()
 
@@ -278,7 +277,7 @@ class Attack:
             key = zenoh.KeyExpr(message.key)
             selector = zenoh.Selector(key, message.parameters) if message.parameters else key
         except zenoh.ZError:
-            return  # it can not even be sent
+            return  # Zenoh cannot even send it
         if message.kind == "put":
             session.put(key, message.payload, attachment=message.payload[:20])
         elif message.kind == "delete":
@@ -319,13 +318,13 @@ def _shown(message: Message) -> str:
 
 
 def attack(endpoint: str, twin: str, clock: float, count: int, rate: float, seed: int) -> dict[str, Any]:
-    """Malformed messages on every key."""
+    """Send malformed messages on all keys, as `Attack.run`."""
     with contextlib.closing(Attack(endpoint, twin, clock)) as attacker:
         return attacker.run(count, rate, seed)
 
 
 def visit(endpoint: str, twin: str, count: int, parallel: int) -> dict[str, int]:
-    """So many clients that connect, wait until they know the state, and leave, ``parallel`` at a time."""
+    """Let ``count`` clients connect, wait until they know the state, and leave, ``parallel`` at a time."""
 
     def knew(_: int) -> bool:
         with TwinClient(endpoint, twin) as client:
@@ -337,7 +336,7 @@ def visit(endpoint: str, twin: str, count: int, parallel: int) -> dict[str, int]
 
 
 def stay(endpoint: str, twin: str, count: int) -> int:
-    """So many clients that stay, to be killed with this process; how many of them know the state."""
+    """Connect clients that stay, to be killed with this process; returns the number that know the state."""
     clients = [TwinClient(endpoint, twin) for _ in range(count)]
     _keep.extend(clients)
     return sum(map(_knows, clients))
@@ -352,22 +351,22 @@ def _knows(client: TwinClient) -> bool:
 
 
 def attackers() -> tuple[dict[str, str], Works]:
-    """Role of malformed messages, and of clients that come and go."""
+    """Role of a sender of malformed messages, and of clients that come and go."""
     return {}, {"attack": attack, "visit": visit, "stay": stay}
 
 
-Sizes = dict[str, dict[str, Any]]  # by the last part of a key: rate [1/s], and sizes [bytes] of payloads
+Sizes = dict[str, dict[str, Any]]  # by the last part of a key: "rate" [1/s] and "sizes" [bytes] of payloads
 
 
 def router(connect: list[str]) -> str:
-    """Become a Zenoh router, linked with others; where it listens."""
+    """Become a Zenoh router linked with others; returns its endpoint."""
     endpoint = f"tcp/{LOOPBACK}:{free_port()}"
     _keep.append(zenoh.open(session_config(listen=[endpoint], connect=connect, mode="router")))
     return endpoint
 
 
 def observe(endpoint: str, twin: str, seconds: float) -> Sizes:
-    """Rates and sizes of everything that a twin sends within some seconds."""
+    """Rates and sizes of all messages that a twin sends within ``seconds``."""
     noted: collections.defaultdict[str, list[int]] = collections.defaultdict(list)
 
     def note(sample: zenoh.Sample) -> None:
@@ -376,7 +375,7 @@ def observe(endpoint: str, twin: str, seconds: float) -> Sizes:
     with open_client(endpoint) as session:
         handler = zenoh.handlers.Callback(note, indirect=False)
         subscriber = session.declare_subscriber(f"{Keys(twin).tick.rsplit('/', 1)[0]}/*", handler)
-        time.sleep(1.0)  # until all links know of it
+        time.sleep(1.0)  # until all links know of the subscriber
         noted.clear()
         time.sleep(seconds)
         found = {key: {"rate": len(sizes) / seconds, "sizes": sizes[:500]} for key, sizes in list(noted.items())}
@@ -385,7 +384,7 @@ def observe(endpoint: str, twin: str, seconds: float) -> Sizes:
 
 
 class Twins:
-    """Simulated twins: each a session that sends what a real one sends, at its times and of its sizes."""
+    """Simulated twins: each is a session that sends messages at the rates and sizes of a real one."""
 
     def __init__(self) -> None:
         self._due: list[tuple[float, int]] = []
@@ -394,7 +393,7 @@ class Twins:
         self._sent = [0, 0]  # messages, bytes
 
     def begin(self, endpoint: str, names: list[str], sizes: Sizes) -> None:
-        """Connect these and let them send."""
+        """Connect twins of these names and let them send."""
         draw, now = random.Random(0), time.monotonic() + 0.5
         for name in names:
             session = open_member(endpoint, wait=30.0)
@@ -431,7 +430,7 @@ class Twins:
 
 
 class Viewers:
-    """Viewers: each a session that reads everything of one twin, or one key of all twins."""
+    """Viewers: each is a session that reads everything of one twin, or one key of all twins."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
@@ -447,7 +446,7 @@ class Viewers:
             _keep.extend((session, session.declare_subscriber(f"motm/{name}/{key}", handler)))
 
     def take(self) -> dict[str, Any]:
-        """Messages and bytes received since the last call; of timed ones those missed, and their delays [s]."""
+        """Messages and bytes received since the last call; of timed messages the number lost and the delays [s]."""
         with self._lock:
             taken = {"messages": self._messages, "bytes": self._bytes, "lost": self._lost, "delays": self._delays}
             self._messages = self._bytes = self._lost = 0
@@ -471,14 +470,14 @@ class Viewers:
 
 
 def fleet() -> tuple[dict[str, str], Works]:
-    """Role of a router, simulated twins, viewers, or the observer of a real twin."""
+    """Role of a router, of simulated twins, of viewers, or of the observer of a real twin."""
     twins, viewers = Twins(), Viewers()
     works: Works = {"router": router, "observe": observe, "twins": twins.begin, "sent": twins.take}
     return {}, works | {"viewers": viewers.begin, "received": viewers.take}
 
 
 def main() -> None:
-    """Play the role that the command line names, until standard input ends."""
+    """Play the role named on the command line until standard input ends."""
     role, *arguments = sys.argv[1:]
     hello, works = {each.__name__: each for each in (bare, readers, twin, attackers, fleet)}[role](*arguments)
     _say(hello)

@@ -1,7 +1,7 @@
 """Cost of a control period by stage, alone on one core; the QP solvers compared; the search as an anytime algorithm.
 
-The last is task time over the search's limit of expansions, and over a limit of processor time. What is in
-``out/anytime.json`` already is not run again, if it is of the same method and sources.
+The last measures task time against the search's limit of expansions, and against a limit of processor time. Results in
+``out/anytime.json`` are not measured again if they are of the same method and sources.
 """
 
 import gc
@@ -42,14 +42,14 @@ from motm_twin.twin import Twin
 
 NAME = "period_cost"
 TITLE = "What a period costs, alone on one core, kernels compiled"
-METHODS = (FAST, MOTM)  # the first is judged, which is what runs when none is named
+METHODS = (FAST, MOTM)  # the first, the default method, is judged
 SCENES = (("exp1", "trial1"), ("exp2", "random"))
 STAGES = ("map", "place", "plan", "arm", "monitor", "period")
-CLOCKS = {"": time.perf_counter, ", processor": time.thread_time}  # beside the name of the method
+CLOCKS = {"": time.perf_counter, ", processor": time.thread_time}  # by the suffix of the method's name
 WARM_UP = 60  # periods that are not counted
-SOAK = 1000.0  # [s] of simulated time in which memory has to stay flat
-EARLY = 0.1  # of it, after which memory counts
-MARGIN_MB = 2.0  # [MB] that the allocator may take in steps
+SOAK = 1000.0  # [s] of simulated time in which memory must stay flat
+EARLY = 0.1  # share of that time after which memory is compared
+MARGIN_MB = 2.0  # [MB] by which the allocator may grow in steps
 
 
 WANTED = (
@@ -68,11 +68,11 @@ WANTED = (
 
 @dataclass
 class Measured:
-    """Wall times of one run, JIT warm."""
+    """Times of one run with compiled kernels."""
 
     stages: dict[str, list[float]] = field(default_factory=lambda: {stage: [] for stage in STAGES})  # [ms] per period
     arm_steps: list[float] = field(default_factory=list)  # [ms] kinematics, QP and monitor
-    factor: float = 0.0  # simulated by real time, referee included
+    factor: float = 0.0  # simulated / real time, referee included
     state_hash: str = ""
 
     def table(self) -> dict[str, dict[str, float]]:
@@ -87,7 +87,7 @@ def measured(
     periods: int | None = None,
     clock: Callable[[], float] = time.perf_counter,
 ) -> Measured:
-    """Run a scene to its end, or for so many periods, with a clock [s] at every stage and arm step."""
+    """Run a scene to its end, or for ``periods``, with every stage and arm step timed by ``clock`` [s]."""
     twin = Twin(scene, method=method, clock=clock)
     found = Measured()
     steps = _timed_steps(twin, clock)
@@ -106,7 +106,7 @@ def measured(
 
 
 def _timed_steps(twin: Twin, clock: Callable[[], float]) -> list[float]:
-    """A list to which every arm step from now on adds what it and the monitor take [ms]."""
+    """A list to which every later arm step appends the time [ms] of the step and the monitor."""
     steps: list[float] = []
     loop = twin.loop
 
@@ -119,7 +119,7 @@ def _timed_steps(twin: Twin, clock: Callable[[], float]) -> list[float]:
 
 
 def timed(call: Callable[..., Any], clock: Callable[[], float], note: Callable[[float], None]) -> Callable[..., Any]:
-    """The same call, which notes the time [s] that it takes."""
+    """Wrap a function so that ``note`` gets the time [s] of each call."""
 
     def around(*given: Any, **named: Any) -> Any:
         began = clock()
@@ -142,7 +142,7 @@ print("first period", flush=True)
 
 
 def start_seconds() -> float:
-    """Wall time [s] from the start of a process that does what `motm-twin run exp1` does, to its first period."""
+    """Wall time [s] from the start of a process that acts as `motm-twin run exp1` does to its first period."""
     began = time.perf_counter()
     command = [sys.executable, "-c", STARTING]
     with subprocess.Popen(command, stdout=subprocess.PIPE) as process:  # noqa: S603 - our own program
@@ -155,9 +155,9 @@ def start_seconds() -> float:
 
 
 def memory_gained(seconds: float) -> dict[str, float]:
-    """Resident memory [MB] and objects gained between a tenth of so much simulated time and its end.
+    """Resident memory [MB] and allocated blocks gained from a tenth of this simulated time [s] to its end.
 
-    Experiment 2 with its six cubes, and then for ever round the room between the Temis.
+    The run is Experiment 2 with its six cubes, followed by endless rounds of the room between the Temis.
     """
     twin = Twin(round_for_ever(load_scene("exp2", "random")))
     early = _advanced(twin, EARLY * seconds)
@@ -167,7 +167,7 @@ def memory_gained(seconds: float) -> dict[str, float]:
 
 
 def round_for_ever(scene: Scene) -> Scene:
-    """The scene with corners of the room to drive to after its own tasks, 50 times."""
+    """The scene with 50 rounds of drives to corners of the room after its own tasks."""
     corners = ((2.2, -0.4), (5.6, 0.2), (2.0, 0.6), (0.8, -0.6))
     tasks = tuple(DriveTo(point=corner, heading=None, tolerance=0.3) for corner in corners) * 50
     return msgspec.structs.replace(scene, tasks=scene.tasks + tasks)
@@ -184,7 +184,7 @@ def _advanced(twin: Twin, until: float) -> tuple[float, int]:
 
 @contextmanager
 def one_core() -> Iterator[int]:
-    """This process on the last of its cores only, until the end of the block."""
+    """Context in which this process runs only on the last of its cores, whose number it gives."""
     cores = os.sched_getaffinity(0)
     os.sched_setaffinity(0, {max(cores)})
     try:
@@ -194,10 +194,9 @@ def one_core() -> Iterator[int]:
 
 
 def bench_period(out: Path, share: float, console: Console) -> bool:
-    """Measure, print, write ``out/period_cost.json``; True when everything is reached that is wanted at least.
+    """Measure, print, write ``out/period_cost.json``; True when the first of `METHODS` reaches every least number.
 
-    Takes about ten minutes; ``share`` of the simulated time in which memory is looked at. The first of `METHODS` is
-    judged.
+    Takes about ten minutes. ``share``: of the simulated time for the measurement of memory.
     """
     console.print(f"\n[bold]{NAME}[/bold]: {TITLE}")
     columns: dict[str, dict[str, float]] = {method.name + clock: {} for method in METHODS for clock in CLOCKS}
@@ -223,7 +222,7 @@ def bench_period(out: Path, share: float, console: Console) -> bool:
 def _scene_values(
     scene: str, variant: str, method: Method, columns: dict[str, dict[str, float]], console: Console
 ) -> dict[str, dict[str, float]]:
-    """Fill in what a scene gives, in wall and in processor time; its stages in processor time."""
+    """Fill the columns with a scene's values in wall and processor time; returns its stages in processor time."""
     loaded = load_scene(scene, variant)
     measured(loaded, method=method)  # may compile
     table = {}
@@ -232,7 +231,7 @@ def _scene_values(
         table = run.table()
         found |= {f"{scene} {part}": table["period"][part] for part in ("p50", "p99", "max")}
         found[f"{scene} arm"] = table["arm step"]["p99"]
-        if clock is time.perf_counter:  # the factor of every run is of wall time
+        if clock is time.perf_counter:  # the factor of every run is in wall time
             found[f"{scene} factor"] = run.factor
         said = f"{scene}/{variant} {method.name}: {len(run.arm_steps)} arm steps, {run.factor:.1f} x"
         console.print(f"  {said}", markup=False)
@@ -240,7 +239,7 @@ def _scene_values(
 
 
 def stage_table(stages: dict[str, dict[str, dict[str, float]]]) -> Table:
-    """Every stage of a period, and one arm step of it, as p50 / p99 / max [ms]."""
+    """Table of every stage of a period and one of its arm steps, as p50 / p99 / max [ms]."""
     names = ("stage, ms (p50 / p99 / max)", *stages)
     table = grid(*names, texts=names)
     for stage in next(iter(stages.values())):
@@ -252,7 +251,7 @@ def stage_table(stages: dict[str, dict[str, dict[str, float]]]) -> Table:
 SOLVERS_NAME = "solvers"
 SOLVERS_TITLE = "QP solvers: the programs of one run, and one run with each"
 SCENE, VARIANT = "exp1", "trial3"
-EVERY = 10  # of the programs of the run
+EVERY = 10  # every tenth program of the run is solved by each solver
 QUICK_PERIODS = 20
 
 
@@ -271,14 +270,14 @@ def bench_solvers(out: Path, console: Console, *, quick: bool = False) -> bool:
 
 
 def _run(solver: str, programs: list[Program] | None, most: int | None) -> dict[str, Any]:
-    """One run with a solver, cut off after ``most`` periods; its programs are added to the list."""
+    """Outcome of one run with a solver, cut off after ``most`` periods; its programs go to ``programs``."""
     twin = Twin(load_scene(SCENE, VARIANT), numbers=Parameters(arm=ArmParameters(qp=QpParameters(solver=solver))))
     solve, stopped = controller.solve, 0
 
     def kept(program: Program, **named: Any) -> Any:
         nonlocal stopped
         if programs is not None:
-            programs.append(deepcopy(program))  # the next step writes over its arrays
+            programs.append(deepcopy(program))  # the next step overwrites its arrays
         answer = solve(program, **named)
         stopped += bool(answer.reason)
         return answer
@@ -293,7 +292,7 @@ def _run(solver: str, programs: list[Program] | None, most: int | None) -> dict[
 
 
 def _solved(solver: str, programs: list[Program]) -> dict[str, Any]:
-    """Time [us] and residual of each program with a solver, and how far the answers are from DAQP's."""
+    """Times [us] of a solver on the programs, its largest residual, and its largest difference from DAQP's rates."""
     times, residuals, off = [], [], []
     for program in programs:
         began = time.perf_counter()
@@ -325,9 +324,9 @@ def _table(rows: dict[str, dict[str, Any]], count: int) -> Table:
 
 ANYTIME = "anytime"
 ANYTIME_TITLE = "Anytime: task time over the expansions and over the time that the search may take"
-TRIALS = ("exp1 trial1", "exp1 trial3", "exp1 trial8", "exp1a trial1")  # not Experiment 2: its times are of chance
+TRIALS = ("exp1 trial1", "exp1 trial3", "exp1 trial8", "exp1a trial1")  # not Experiment 2: its times depend on chance
 EXPANSIONS = (50, 100, 200, 300, 500, 1000, 2000)
-SECONDS = (0.001, 0.002, 0.005, 0.010, 0.020, 0.040)  # [s] with up to 2,000 expansions; `serve` has 0.020
+SECONDS = (0.001, 0.002, 0.005, 0.010, 0.020, 0.040)  # [s] with up to 2,000 expansions; `serve` uses 0.020
 PICTURE = Path("docs/performance_anytime.png")
 Curve = dict[str, dict[str, Any]]  # results by limit, then by trial
 
@@ -365,7 +364,7 @@ def _curve(
     curve: Curve, trials: Sequence[str], limits: Sequence[float], budget: Callable[[float], SearchBudget],
     console: Console, keep: Callable[[], None],
 ) -> None:  # fmt: skip
-    """Fill in what is missing of a curve."""
+    """Measure the missing points of a curve."""
     for limit in limits:
         point = curve.setdefault(f"{limit:g}", {})
         for trial in trials:
@@ -377,7 +376,7 @@ def _curve(
 
 
 def _timed_trial(trial: str, budget: SearchBudget) -> dict[str, Any]:
-    """One trial with a limit; its time [s] and whether it was completed."""
+    """Success and task time [s] of one trial with a limit of the search."""
     scene, variant = trial.split()
     twin = Twin(load_scene(scene, variant), method=FAST, budget=budget, clock=time.thread_time)
     (last,) = deque(twin.ticks(), maxlen=1)
@@ -385,7 +384,7 @@ def _timed_trial(trial: str, budget: SearchBudget) -> dict[str, Any]:
 
 
 def curve_table(name: str, curve: Curve) -> Table:
-    """Task time of every trial [s] and their mean, by limit."""
+    """Table of the task time [s] of every trial and the mean, by limit."""
     table = grid(name, *next(iter(curve.values())), "mean s", texts=())
     for limit, point in curve.items():
         times = [row["time_s"] if row["success"] else float("nan") for row in point.values()]
@@ -394,7 +393,7 @@ def curve_table(name: str, curve: Curve) -> Table:
 
 
 def plot(by_count: Curve, by_time: Curve, target: Path) -> None:
-    """Both curves: every trial and the mean."""
+    """Plot both curves: every trial and the mean."""
     from matplotlib.figure import Figure
 
     shipped = SearchBudget().expansions

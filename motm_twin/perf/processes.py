@@ -32,8 +32,8 @@ from motm_twin.ui.page_server import VARIABLE, page_url
 
 START = 300.0  # [s] for the first start on a busy machine: kernels are compiled
 STOP = 10.0  # [s]
-DRIVEN = "is driving"  # what a refusal says while somebody else has the wheel
-WHEEL = 15.0  # [s] to wait for the wheel
+DRIVEN = "is driving"  # part of a refusal while another client has the lease
+WHEEL = 15.0  # [s] to wait for the lease
 _TICKS = os.sysconf("SC_CLK_TCK")
 
 
@@ -48,11 +48,11 @@ class Served:
 
     @property
     def url(self) -> str:
-        """Address of the page, as it is printed."""
+        """Address of the page as `serve` prints it."""
         return page_url(LOOPBACK, self.port, self.token)
 
     def pid(self, module: str) -> int:
-        """Number of the child process that runs a module. Raises RuntimeError when there is none."""
+        """Process number of the child that runs a module. Raises RuntimeError when there is none."""
         for pid, words in children(self.process.pid):
             if module in words:
                 return pid
@@ -69,7 +69,7 @@ class Served:
         return self.pid("motm_twin.server_process")
 
     def interrupt(self) -> float:
-        """Ctrl-C; how long [s] it took to end."""
+        """Send Ctrl-C; returns the time [s] until the process has ended."""
         started = time.monotonic()
         self.process.send_signal(signal.SIGINT)
         self.process.wait(STOP)
@@ -77,7 +77,7 @@ class Served:
 
 
 def children(of: int) -> Iterator[tuple[int, list[str]]]:
-    """Number and command line of each child of a process, the same on every Linux kernel."""
+    """Process number and command line of each child of a process; works on every Linux kernel."""
     for path in Path("/proc").glob("[0-9]*"):
         try:
             parent = int((path / "stat").read_text().rsplit(")", 1)[1].split()[1])
@@ -90,7 +90,7 @@ def children(of: int) -> Iterator[tuple[int, list[str]]]:
 
 @contextmanager
 def served(scene: str, *options: str) -> Iterator[Served]:
-    """Serve a scene on free ports until the end of the block."""
+    """Context in which a scene is served on free ports."""
     port, zenoh_port, token = free_port(), free_port(), secrets.token_urlsafe(32)
     command = [sys.executable, "-m", "motm_twin", "serve", scene, "--port", str(port)]
     process = subprocess.Popen(  # noqa: S603 - our own program
@@ -110,14 +110,14 @@ def served(scene: str, *options: str) -> Iterator[Served]:
 
 
 def running(process: subprocess.Popen) -> bool:
-    """True. Raises RuntimeError when this `serve` has ended."""
+    """True while this `serve` runs. Raises RuntimeError when it has ended."""
     if process.poll() is not None:
         raise RuntimeError(f"serve ended with exit code {process.returncode}")
     return True
 
 
 def wait_for(condition: Callable[[], Any], timeout: float, what: str) -> Any:
-    """Wait for a state and return it. Raises TimeoutError."""
+    """Wait until ``condition`` is true and return its value. Raises TimeoutError."""
     deadline = time.monotonic() + timeout
     while not (value := condition()):
         if time.monotonic() > deadline:
@@ -127,23 +127,23 @@ def wait_for(condition: Callable[[], Any], timeout: float, what: str) -> Any:
 
 
 def cpu_seconds(pid: int) -> float:
-    """Processor time [s] that a process has used, all its threads."""
+    """Processor time [s] that all threads of a process have used."""
     fields = Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()
     return (int(fields[11]) + int(fields[12])) / _TICKS
 
 
 def act(client: TwinClient, command: Command) -> None:
-    """Send a command and let go of the wheel, so that a page may take it. Raises RuntimeError when it is refused."""
+    """Send a command and give up the lease, so that a page may take it. Raises RuntimeError when it is refused."""
     deadline = time.monotonic() + WHEEL
     while not (answer := client.command(command)).ok:
         if DRIVEN not in answer.reason or time.monotonic() > deadline:
             raise RuntimeError(f"{command!r} was refused: {answer.reason}")
-        time.sleep(0.1)  # a page has the wheel until it has been silent for a while
+        time.sleep(0.1)  # a page keeps the lease until it has been silent for a while
     client.command(HandOver())
 
 
 def restart(client: TwinClient, *, playing: bool) -> None:
-    """The run from its start at 1x."""
+    """Reset the run to its start at 1x, playing or paused."""
     act(client, Pause())
     act(client, Reset())
     wait_for(lambda: now(client).index <= 1, 60.0, "start of the run")
@@ -154,7 +154,7 @@ def restart(client: TwinClient, *, playing: bool) -> None:
 
 
 def ticks(client: TwinClient, seconds: float) -> Iterator[TickMessage]:
-    """Every new tick for so long [s of wall time]; ends early with the run."""
+    """Every new tick for ``seconds`` of wall time; ends early with the run."""
     deadline, seen, last = time.monotonic() + seconds, 0, -1
     while time.monotonic() < deadline:
         seen = client.wait_tick(seen, 0.2)
@@ -175,7 +175,7 @@ def now(client: TwinClient) -> TickMessage:
 
 
 def open_place(client: TwinClient) -> tuple[float, float]:
-    """A corner of the map [m], where a body is in nobody's way. Raises RuntimeError without a scene."""
+    """A position [m] in a corner of the map that is in nobody's way. Raises RuntimeError without a scene."""
     scene = client.scene()
     if scene is None:
         raise RuntimeError("the twin has no scene yet")
@@ -184,7 +184,7 @@ def open_place(client: TwinClient) -> tuple[float, float]:
 
 @contextmanager
 def external_robot(scene: Scene, link: LinkSpec) -> Iterator[ZenohPlant]:
-    """A reference robot in a process of its own, and the plant that drives it once it has come up."""
+    """A reference robot in a process of its own; gives the plant that drives it once it has started."""
     port = free_port()
     session = open_server(port)
     arguments = ["exp1", "--endpoint", f"tcp/{LOOPBACK}:{port}", "--clock", "shared", "--child"]
@@ -206,7 +206,7 @@ def external_robot(scene: Scene, link: LinkSpec) -> Iterator[ZenohPlant]:
 
 
 def run_external(name: str, variant: str | None, link: LinkSpec, method: str = DEFAULT_METHOD) -> dict[str, Any]:
-    """A trial; the dictionary of `motm_twin.trial.run_scene`."""
+    """Run a trial with an external robot; returns the dictionary of `motm_twin.trial.run_scene`."""
     scene = load_scene(name, variant)
     with external_robot(scene, link) as plant:
         return run_scene(scene, plant=plant, method=find_method(method))
@@ -214,16 +214,16 @@ def run_external(name: str, variant: str | None, link: LinkSpec, method: str = D
 
 WORKER_START = 300.0  # [s] until a worker is ready: the first twin compiles its kernels
 ANSWER = 120.0  # [s] until a worker has answered
-WORKER_STOP = 5.0  # [s]
+WORKER_STOP = 5.0  # [s] until a worker has ended by itself
 
 
 def one_thread(**more: str) -> dict[str, str]:
-    """The environment, in which numeric libraries compute in one thread unless it says otherwise."""
+    """The environment with one thread for numeric libraries, unless it already sets their number; plus ``more``."""
     return {**dict.fromkeys(THREADS, "1"), **os.environ, **more}
 
 
 class Worker(AbstractContextManager["Worker"]):
-    """A process that plays a role of `perf.participants`. ``with`` starts it, and ends it for certain."""
+    """A process that plays a role of `perf.participants`; leaving a ``with`` block ends it for certain."""
 
     def __init__(self, role: str, *arguments: object) -> None:
         self._name = role
@@ -237,23 +237,23 @@ class Worker(AbstractContextManager["Worker"]):
 
     @property
     def pid(self) -> int:
-        """Number of the process."""
+        """Process number."""
         return self.process.pid
 
     @property
     def hello(self) -> Any:
-        """Greeting of the worker when it was ready. Raises RuntimeError when it ended before."""
+        """Greeting that the worker sends when ready. Raises RuntimeError when it ends before."""
         if self._hello is None:
             self._hello = self._line(WORKER_START)
         return self._hello
 
     def send(self, do: str, **details: Any) -> None:
-        """Let it begin something; `answer` waits for the end."""
+        """Send a request; `answer` waits for its result."""
         assert self.hello is not None
         print(json.dumps({"do": do, **details}), file=self._wishes, flush=True)
 
     def answer(self, timeout: float = ANSWER) -> Any:
-        """Answer to the last request. Raises RuntimeError."""
+        """Result of the last request. Raises RuntimeError when it failed."""
         answer = self._line(timeout)
         if "error" in answer:
             raise RuntimeError(f"{self._name}: {answer['error']}")
@@ -265,7 +265,7 @@ class Worker(AbstractContextManager["Worker"]):
         return self.answer(timeout)
 
     def close(self) -> None:
-        """End the process."""
+        """End the process, by force when it does not end by itself."""
         self._wishes.close()
         try:
             self.process.wait(WORKER_STOP)
@@ -278,7 +278,7 @@ class Worker(AbstractContextManager["Worker"]):
         self.close()
 
     def _line(self, timeout: float) -> Any:
-        """The next line; a worker that is silent for so long is killed."""
+        """The next line, decoded; a worker that is silent for ``timeout`` [s] is killed."""
         late = threading.Timer(timeout, self.process.kill)
         late.start()
         try:

@@ -1,4 +1,4 @@
-"""Goals and limits of benchmarks, the measured values, and the tables and JSON files made of them."""
+"""Goals and limits of benchmarks, measured values, and the tables and JSON files with them."""
 
 import json
 import math
@@ -15,7 +15,7 @@ from rich.console import Console
 from rich.table import Table
 
 Values = dict[str, float]
-Steps = list[tuple[str, Callable[[], None]]]  # names of measurements, and what takes them
+Steps = list[tuple[str, Callable[[], None]]]  # names of measurements and their functions
 
 
 def machine() -> str:
@@ -29,14 +29,14 @@ def machine() -> str:
 
 
 def load_average(console: Console) -> list[float]:
-    """Load of the machine over the last 1, 5 and 15 minutes, measured load included; it is printed, too."""
+    """Load of the machine over the last 1, 5 and 15 minutes, including the measured program; it is also printed."""
     load = [round(value, 1) for value in os.getloadavg()]
     console.print(f"load average {', '.join(map(str, load))}; on {os.cpu_count()} cores: above that, no p99 holds")
     return load
 
 
 def percentiles(values: list[float]) -> Values:
-    """Median, p99 and largest of a list, and how many there are; nan for none."""
+    """Median, p99, largest value and count of a list; nan for an empty one."""
     if not values:
         return {"p50": math.nan, "p99": math.nan, "max": math.nan, "count": 0.0}
     p50, p99 = np.percentile(values, (50, 99))
@@ -44,7 +44,7 @@ def percentiles(values: list[float]) -> Values:
 
 
 def spread(times: list[float]) -> Values:
-    """p50, p99 and largest of some times, in their unit, to three digits after the point."""
+    """p50, p99 and largest of some times in their unit, rounded to three decimals."""
     return {name: round(value, 3) for name, value in percentiles(times).items() if name != "count"}
 
 
@@ -59,11 +59,11 @@ class Limit:
     decimals: int = 0
 
     def met_by(self, value: float) -> bool:
-        """Compare a measured value; nan never reaches a limit."""
+        """True when a measured value reaches the limit; nan never does."""
         return {">=": value >= self.limit, "<=": value <= self.limit, "==": value == self.limit}[self.relation]
 
     def judged(self, value: float) -> dict[str, Any]:
-        """The limit beside a measured value, as it is printed and written."""
+        """Limit, measured value and verdict as printed and written."""
         about = ("name", "unit", "relation", "limit", "decimals")
         return {name: getattr(self, name) for name in about} | {"value": value, "reached": self.met_by(value)}
 
@@ -77,28 +77,28 @@ class Wanted:
     unit: str
     least: float
     best: float
-    more: bool = False  # the measured value has to be this much or more, else this much or less
+    more: bool = False  # True: larger values are better; False: smaller ones
     decimals: int = 2
 
 
 def enough(row: Wanted, value: float, limit: float) -> bool:
-    """Compare a measured value with a limit; nan never reaches it."""
+    """True when a measured value reaches a limit; nan never does."""
     return value >= limit if row.more else value <= limit
 
 
 @dataclass
 class Report:
-    """Values by the keys of the limits, further details, and what failed or was skipped."""
+    """Values by the keys of the limits, further details, and failed or skipped measurements."""
 
     values: Values = field(default_factory=dict)
     details: dict[str, Any] = field(default_factory=dict)
     failures: list[str] = field(default_factory=list)
     skipped: dict[str, str] = field(default_factory=dict)  # limits that are not judged, with the reason
-    series: dict[str, list[float]] = field(default_factory=dict)  # written, not printed
+    series: dict[str, list[float]] = field(default_factory=dict)  # written to the file, not printed
 
 
 def measure(steps: Steps, report: Report, console: Console) -> None:
-    """Take all steps. A failed one is noted and does not stop the others."""
+    """Run all measurements. A failed one is noted and does not stop the others."""
     for number, (name, step) in enumerate(steps, 1):
         try:
             step()
@@ -128,14 +128,14 @@ def conclude(name: str, title: str, limits: dict[str, Limit], report: Report, ou
 
 
 def write_report(out: Path, name: str, title: str, **more: Any) -> Path:
-    """Write ``out/<name>.json`` with the machine that it was measured on; its path."""
+    """Write ``out/<name>.json`` with a description of this machine, and return its path."""
     target = out / f"{name}.json"
     write(target, {"group": name, "title": title, "machine": machine(), **more})
     return target
 
 
 def write(target: Path, whole: Mapping[str, Any]) -> None:
-    """Write a JSON file; numbers that JSON does not have are null."""
+    """Write a JSON file with null in place of nan and infinity."""
     target.parent.mkdir(parents=True, exist_ok=True)
     new = target.with_name(f"{target.name}.new")
     new.write_text(json.dumps(plain(whole), indent=2, allow_nan=False) + "\n", encoding="utf-8")
@@ -143,14 +143,14 @@ def write(target: Path, whole: Mapping[str, Any]) -> None:
 
 
 def save_picture(figure: Any, target: Path) -> None:
-    """Write a matplotlib figure of the documentation."""
+    """Write a matplotlib figure for the documentation."""
     figure.tight_layout()
     target.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(target, dpi=110)
 
 
 def plain(value: Any) -> Any:
-    """The same in JSON's types: lists for arrays and tuples, None for nan and infinity."""
+    """The value in JSON's types: lists for arrays and tuples, None for nan and infinity."""
     if isinstance(value, Mapping):
         return {str(key): plain(item) for key, item in value.items()}
     if isinstance(value, (np.ndarray, np.generic)):
@@ -161,19 +161,19 @@ def plain(value: Any) -> Any:
 
 
 def readable(value: Any) -> str:
-    """A detail in one line."""
+    """A detail as one line of text."""
     if isinstance(value, dict):
         return ", ".join(f"{name} {readable(item)}" for name, item in value.items())
     return f"{value:,.6g}" if isinstance(value, float) else str(value)
 
 
 def number(value: float | None, decimals: int) -> str:
-    """A number with so many decimals; "-" for None, nan and infinity."""
+    """A number with this many decimals as text; "-" for None, nan and infinity."""
     return "-" if value is None or not math.isfinite(value) else f"{value:.{decimals}f}"
 
 
 def grid(*names: str, texts: Collection[str] | None = None, **options: Any) -> Table:
-    """A table without lines; ``texts``: columns with text, at the left (None: the first), others have numbers."""
+    """A table without lines; ``texts``: left-aligned columns with text (None: the first), the others have numbers."""
     table = Table(box=None, header_style="bold", pad_edge=False, **options)
     for name in names:
         left = name in (names[:1] if texts is None else texts)
@@ -183,23 +183,23 @@ def grid(*names: str, texts: Collection[str] | None = None, **options: Any) -> T
 
 @dataclass(frozen=True, kw_only=True)
 class Sheet:
-    """A table of rows: how each is written, and which are not good."""
+    """Format of a table: its head, the cells of a row, and the style of rows that are not good."""
 
     head: Collection[str]
     cells: Callable[[Any], Sequence[str]]
     texts: Collection[str] | None = None  # columns with text, as in `grid`
     good: Callable[[Any], bool] = lambda _: True
-    bad: str = "yellow"  # style of the others
+    bad: str = "yellow"  # style of rows that are not good
 
     def table(self, rows: Iterable[Any], **options: Any) -> Table:
-        """For a console."""
+        """The rows as a table for a console."""
         table = grid(*self.head, texts=self.texts, **options)
         for row in rows:
             table.add_row(*self.cells(row), style=None if self.good(row) else self.bad)
         return table
 
     def write(self, target: Path, rows: Iterable[Any]) -> None:
-        """For a document."""
+        """Write the rows as a Markdown table."""
         lines = [self.head, ("---",) * len(self.head), *map(self.cells, rows)]
         target.write_text("".join(f"| {' | '.join(line)} |\n" for line in lines), encoding="utf-8")
 
@@ -208,7 +208,7 @@ VERDICTS = {True: "[green]reached[/green]", False: "[red]MISSED[/red]"}
 
 
 def goal_table(goals: Iterable[Mapping[str, Any]]) -> Table:
-    """Every goal as `Limit.judged` gives it: the limit, the measured value, and the verdict."""
+    """Table of goals from `Limit.judged`: the limit, the measured value, and the verdict."""
     table = grid("number to reach", "goal", "measured", "", texts=("number to reach", ""))
     for goal in goals:
         wanted = f"{goal['relation']} {goal['limit']:g} {goal['unit']}".strip()
@@ -217,9 +217,9 @@ def goal_table(goals: Iterable[Mapping[str, Any]]) -> Table:
 
 
 def wanted_table(wanted: Sequence[Wanted], columns: Mapping[str, Mapping[str, float]]) -> Table:
-    """Every row with its value in each column, the least that is wanted, and the number to reach for.
+    """Table of every row with its value in each column, the least number, and the number to reach for.
 
-    The first column is judged; the others need not have every value.
+    The first column is judged and must have every value; the others need not.
     """
     texts = ("number to reach", "unit")
     table = grid(*texts, *columns, "at least", "", "reach for", " ", texts=texts)
@@ -235,7 +235,7 @@ def wanted_table(wanted: Sequence[Wanted], columns: Mapping[str, Mapping[str, fl
 
 
 def wanted_rows(wanted: Sequence[Wanted], columns: Mapping[str, Mapping[str, float]]) -> list[dict[str, Any]]:
-    """The same for a JSON file; None where a column has no value."""
+    """The rows of `wanted_table` for a JSON file; None where a column has no value."""
     return [
         {"name": row.name, "unit": row.unit, "least": row.least, "best": row.best}
         | {name: column.get(row.key) for name, column in columns.items()}

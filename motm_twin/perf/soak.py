@@ -32,23 +32,23 @@ from motm_twin.sessions.session import Session
 
 WORKER = "attackers"
 PARALLEL = 8  # clients at a time
-RUNS, LEVEL = 12, 1.0  # maximum number of warm-up runs, until the last two add no more than this [MB]
-WARM = 100  # clients before memory is looked at
+RUNS, LEVEL = 12, 1.0  # largest number of warm-up runs; they end when the last two add no more than this [MB]
+WARM = 100  # clients before the first measurement of memory
 KILLED_EACH = 20  # clients of a process that is killed
 KILLED_SHARE = 0.1  # of all clients
-SETTLE = 15.0  # [s] until Zenoh has closed the links of those who were killed, and ended idle threads
+SETTLE = 15.0  # [s] until Zenoh has closed the links of killed clients and ended idle threads
 RATE = 1000.0  # malformed messages per second
-BLOCK = 10.0  # [s] of one look at the period
-BLOCKS = ("without", "elsewhere", "attacked", "attacked", "elsewhere", "without")  # in turn: who gets the messages
-UP = 120.0  # [s] for a server to be there on a busy machine
-DOWN = 10.0  # [s] for it to end
+BLOCK = 10.0  # [s] of one measurement of the period
+BLOCKS = ("without", "elsewhere", "attacked", "attacked", "elsewhere", "without")  # target of the messages, in turn
+UP = 120.0  # [s] until a server has started on a busy machine
+DOWN = 10.0  # [s] until it has ended
 MARK = "MOTM_SOAK"  # environment variable that marks our processes
 
 Say = Callable[[str], None]
 
 
 def clients(twin: Measured, report: Report, count: int) -> None:
-    """Memory [MB] and threads of the server after so many clients have come and gone, against those before.
+    """Measure the memory [MB] and threads that the server gains while ``count`` clients come and go.
 
     One in ten does not leave by itself: its process is killed.
     """
@@ -76,9 +76,9 @@ def clients(twin: Measured, report: Report, count: int) -> None:
 
 
 def _fill(twin: Measured) -> int:
-    """Runs at 8x fill what has a limit: the snapshots that a branch needs, the caches, the allocator's free lists.
+    """Fill everything of limited size by runs at 8x: snapshots for branches, caches, the allocator's free lists.
 
-    Without any client memory grows by 15 MB over the first eight runs, and then no more; how many runs that took.
+    Without any client, memory grows by 15 MB over the first eight runs and then stays; returns the number of runs.
     """
     pid, level = twin.server.pid, []
     while len(level) < RUNS and (len(level) < 3 or level[-1] - level[-3] > LEVEL):
@@ -99,7 +99,7 @@ def _at_rest(twin: Measured) -> tuple[float, int]:
 
 
 def _visit(twin: Measured, worker: Worker, count: int) -> int:
-    """Clients that leave by themselves; how many never knew the state."""
+    """Let clients connect and leave by themselves; returns the number that never knew the state."""
     return worker.ask("visit", timeout=60.0 + 3.0 * count, **twin.where, count=count, parallel=PARALLEL)["knew nothing"]
 
 
@@ -112,14 +112,14 @@ def _kill_some(twin: Measured) -> int:
 
 
 class Attacked:
-    """Outcome of malformed messages."""
+    """Outcomes of malformed messages."""
 
     def __init__(self) -> None:
-        self.sent, self.counts = Counter[str](), Counter[str]()  # of all accepted and unanswered ones
-        self.accepted, self.unanswered = list[str](), list[str]()  # some of them
+        self.sent, self.counts = Counter[str](), Counter[str]()  # by sort; number of accepted and unanswered ones
+        self.accepted, self.unanswered = list[str](), list[str]()  # examples
 
     def add(self, answer: dict[str, Any]) -> None:
-        """One more round."""
+        """Add the answer of one attack."""
         self.sent.update(answer["sent"])
         self.counts.update(answer["counts"])
         self.accepted += answer["accepted"]
@@ -127,7 +127,7 @@ class Attacked:
 
 
 def state(client: TwinClient) -> dict[str, Any]:
-    """State that no refused message may change: the hash of the whole state, the log of edits, and the status."""
+    """State that no refused message may change: hash of the whole state, log of edits, and status."""
     session = msgspec.json.decode(client.session(), type=Session)
     status = client.status()
     assert status is not None
@@ -137,7 +137,7 @@ def state(client: TwinClient) -> dict[str, Any]:
 
 
 def attack_paused(twin: Measured, count: int) -> Attacked:
-    """Malformed messages to a paused twin. Raises RuntimeError when its state changed."""
+    """Send malformed messages to a paused twin. Raises RuntimeError when its state has changed."""
     restart(twin.client, playing=False)
     before, attacked = state(twin.client), Attacked()
     with Worker(WORKER) as worker:
@@ -150,11 +150,10 @@ def attack_paused(twin: Measured, count: int) -> Attacked:
 
 
 def attack_playing(twin: Measured, count: int, other: Measured, attacked: Attacked) -> dict[str, Values]:
-    """Periods [ms] of a twin that runs and gets malformed messages, block by block as in `BLOCKS`.
+    """Periods [ms] of a running twin that gets malformed messages, block by block as in `BLOCKS`.
 
-    Sending and refusing so many keeps the machine busy, which makes any program on it slower: the same messages to the
-    paused ``other`` show by how much. ``attacked``: takes what becomes of them. Raises RuntimeError when the log has an
-    edit.
+    Sending and refusing so many messages slows any program on the machine: the same messages to the paused ``other``
+    show by how much. ``attacked`` collects the outcomes. Raises RuntimeError when a message has become an edit.
     """
     found: dict[str, list[float]] = {name: [] for name in BLOCKS}
     each = max(1, min(count, round(RATE * BLOCK)))
@@ -180,9 +179,9 @@ def attack_playing(twin: Measured, count: int, other: Measured, attacked: Attack
 
 
 def starts(count: int, folder: Path, say: Say) -> dict[str, float]:
-    """`serve --headless` so many times; every fourth is stopped before its twin has run.
+    """Start and stop `serve --headless` ``count`` times; every fourth is stopped before its twin has run.
 
-    Raises RuntimeError, saying what was left behind: processes, files in its folder, its port.
+    Raises RuntimeError that names what was left behind: processes, files in its folder, its port.
     """
     zenoh_port, took = free_port(), []
     _share_password(folder)
@@ -195,7 +194,7 @@ def starts(count: int, folder: Path, say: Say) -> dict[str, float]:
 
 
 def _share_password(folder: Path) -> None:
-    """Let what is served with this folder for temporary files ask for the password that this process has."""
+    """Give this process's password to servers that use this folder for temporary files."""
     own_credentials()
     private = folder / private_folder.folder().name
     private.mkdir(mode=0o700, exist_ok=True)
@@ -203,7 +202,7 @@ def _share_password(folder: Path) -> None:
 
 
 def _start_and_stop(folder: Path, zenoh_port: int, *, early: bool) -> tuple[float, float]:
-    """Time [s] until it was there, and until it had ended."""
+    """Times [s] until the server has started, and until it has ended."""
     mark = secrets.token_hex(8)
     environment = one_thread(**{MARK: mark, "TMPDIR": str(folder)})
     command = [sys.executable, "-m", "motm_twin", "serve", "exp1", "--headless", "--zenoh-port", str(zenoh_port)]
@@ -228,7 +227,7 @@ def _start_and_stop(folder: Path, zenoh_port: int, *, early: bool) -> tuple[floa
 
 
 def left_behind(mark: str, folder: Path, port: int) -> list[str]:
-    """Processes with the mark in their environment, files in the folder, and the port when it is not free."""
+    """Processes with the mark in their environment, files in the folder, and the port if it is not free."""
     left = [f"process {pid}" for pid in _marked(mark)]
     files = (path for path in folder.rglob("*") if not path.is_dir() and path.name != FILE)
     left += [f"file {path.relative_to(folder)}" for path in files]
@@ -260,9 +259,9 @@ ROBOT = 100_000  # malformed messages on the keys of a robot in another program
 COUNTS = {
     "clients": CLIENTS, "malformed messages": MESSAGES, "on a robot's keys": ROBOT, "starts": STARTS, "kills": KILLS,
 }  # fmt: skip
-PLAYING = 120_000  # messages to a running twin: in 2 minutes 24 periods are above p99, which 12 hardly settle
-KILLER = Path(__file__).parents[2] / "tools" / "kill_recorder.py"  # of a checkout
-KILL_SECONDS = 30.0  # [s] for one kill at most
+PLAYING = 120_000  # messages to a running twin: 2 minutes have 24 periods above p99; 12 would be too few
+KILLER = Path(__file__).parents[2] / "tools" / "kill_recorder.py"  # only in a checkout
+KILL_SECONDS = 30.0  # [s] longest time of one kill
 
 LIMITS = {
     "memory_mb": Limit(name="server after clients came and went, memory", unit="MB", limit=5.0, decimals=2),
@@ -302,7 +301,7 @@ def bench_soak(out: Path, share: float, console: Console) -> bool:
 
 
 def _malformed(twin: Measured, report: Report, count: int, data: Path) -> None:
-    """Half of them to a paused twin, for the hash of its state; at least as many while it runs, for its periods."""
+    """Send half of them to a paused twin, for its state hash; at least as many while it runs, for its periods."""
     attacked = attack_paused(twin, count // 2)
     playing = max(count - count // 2, round(PLAYING * count / MESSAGES))
     with bus.measured("exp1", data) as other:

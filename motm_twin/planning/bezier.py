@@ -70,7 +70,7 @@ def curve_time(
     """Time [s] of a sampled curve: integral of the slower of driving (ds / v_f) and turning (d theta / w_max).
 
     Equals length / v_f where the curve is gentle, as in the paper's figure, and is not optimistic in tight bends.
-    The directions at both ends are the headings there. Any number that is not below ``limit`` once it can not be.
+    The directions at both ends are the headings there. Once the time cannot be below ``limit``, ``limit`` is returned.
     """
     c, s, goal_c, goal_s = math.cos(heading), math.sin(heading), math.cos(goal_heading), math.sin(goal_heading)
     return time_below(points, heading, c, s, goal_heading, goal_c, goal_s, v_f, w_max, limit)

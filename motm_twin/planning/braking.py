@@ -1,7 +1,7 @@
 """Coming to rest without a collision: how much clearance braking leaves, and how to steer while braking.
 
 Between two tests of the clearance the base drives at most half of its length, so that the footprint at one of the tests
-covers everything that it passes in between.
+covers all that it sweeps in between.
 """
 
 import math
@@ -13,7 +13,7 @@ from motm_twin.planning.collision import ROUNDING, SLOPE, Body, Field, clearance
 
 @kernel
 def _between_looks(v: float, body: Body) -> float:
-    """Time [s] between two looks at the clearance, 0.1 s unless the base is as fast as short."""
+    """Time [s] between two tests of the clearance: 0.1 s, less if the base drives over half its length in that."""
     return 0.1 if abs(v) * 0.2 <= body.length else 0.5 * body.length / abs(v)
 
 
@@ -22,7 +22,7 @@ def stopping_clearance(
     x: float, y: float, heading: float, v: float, w: float, a_max: float, b_max: float, wanted: float,
     field: Field, body: Body,
 ) -> float:  # fmt: skip
-    """Least clearance [m] while braking with full deceleration from speed v and yaw rate w; stops below `wanted`."""
+    """Least clearance [m] while braking fully from speed v and yaw rate w, followed only until it is below `wanted`."""
     dt = _between_looks(v, body)
     least = clearance(x, y, heading, 1.0, field, body)
     if least - (v * v / (2.0 * a_max) + abs(v) * dt) - body.outer * min(math.pi, w * w / (2.0 * b_max)) >= wanted:
@@ -38,7 +38,7 @@ def stopping_clearance(
 
 @kernel
 def _sure(least: float, wanted: float, reach: float) -> float:
-    """Clearance [m] that every point of the body has at least where `clearance` up to 1 m is `least`."""
+    """Lower bound [m] on the clearance of every point of the body, where `clearance` up to 1 m is `least`."""
     if wanted <= 0.0:  # at the border of the map the distance jumps
         return -math.inf
     return least if least < 1.0 else 1.0 - (SLOPE - 1.0) * reach
@@ -49,15 +49,15 @@ def can_stop(
     x: float, y: float, c: float, s: float, heading: float, free: float, v: float, w: float, a_max: float,
     b_max: float, wanted: float, field: Field, body: Body,
 ) -> bool:  # fmt: skip
-    """Test that `stopping_clearance` is not below `wanted`; the clearance is looked up only where it can be.
+    """Test that `stopping_clearance` is not below `wanted`; the clearance is looked up only where it could be below.
 
-    ``free``: clearance of the pose when it is known, else not less than it; c, s: cosine and sine of the heading.
+    ``free``: clearance [m] of the pose, inf if not known; c, s: cosine and sine of the heading.
     """
     dt = _between_looks(v, body)
     least = clearance_from(x, y, c, s, 1.0, wanted, field, body) if math.isinf(free) else free
     if least - (v * v / (2.0 * a_max) + abs(v) * dt) - body.outer * min(math.pi, w * w / (2.0 * b_max)) >= wanted:
         return True
-    # A point that moves by m changes its distance by SLOPE m at most, so that nothing is nearer than `room` - SLOPE m.
+    # The distance of a point that moves by m changes by SLOPE m at most: nothing comes nearer than `room` - SLOPE m.
     reach = body.outer + abs(body.centre_x)
     room = _sure(least, wanted, reach)
     while (v != 0.0 or w != 0.0) and least >= wanted:
@@ -77,9 +77,9 @@ def best_braking(
     pose: Array, twist: Array, w_max: float, a_max: float, b_max: float, notches: int, field: Field,
     body: Body,
 ) -> tuple[float, float]:  # fmt: skip
-    """Yaw acceleration [rad/s^2] that, with full braking, keeps most clearance on the way to rest, and that [m].
+    """Yaw acceleration [rad/s^2] that keeps most clearance while braking fully to rest, and that clearance [m].
 
-    Braking the rotation too is preferred unless another choice is at least 5 mm better.
+    Braking the yaw rate too is preferred unless another choice leaves over 5 mm more clearance.
     """
     half = notches // 2
     stop = -math.copysign(b_max, twist[1]) if twist[1] != 0.0 else 0.0

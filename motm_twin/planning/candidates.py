@@ -1,7 +1,7 @@
-"""Candidate base poses for a target, and their costs: rings round it, and what there is where no ring has a free one.
+"""Candidate base poses for a target and their costs: rings round it, and fallbacks where no ring has a free one.
 
-A rule of candidates is a function that is handed a target and a `Survey` of the period and returns candidates with
-their costs, a `Judged`. `smallest_ring` is the paper's; `every_ring.EveryRing` is another.
+A rule of candidates is a function of a target and the `Survey` of a period. It returns candidates with their costs,
+a `Judged`. `smallest_ring` is the paper's rule; `every_ring.EveryRing` is another.
 """
 
 import dataclasses
@@ -24,7 +24,7 @@ from motm_twin.planning.reach import ReachModel
 from motm_twin.planning.rejections import Here, Rejection, in_sight, leaves_room, may_move, rejections
 from motm_twin.planning.types import Mode, Target
 
-# [m], [rad] this near to a pose from which the arm did not get to its target it may fail again
+# [m], [rad]: this near to a base pose from which the arm failed to get to its target, it may fail again
 AVOIDED_PLACE, AVOIDED_HEADING = 0.25, 0.6
 
 
@@ -34,10 +34,10 @@ class PlacementState:
 
     target: tuple[str, str] | None = None
     goal: Array | None = None
-    closest: bool = False  # it was the free place closest to the target, not one from which that is served
+    closest: bool = False  # the choice was the free place closest to the target, not a pose that serves it
 
     def of(self, target: Target) -> bool:
-        """Was it made for this target?"""
+        """Test that the choice was made for this target."""
         return self.target == (target.kind, target.name)
 
 
@@ -67,11 +67,11 @@ class Survey(NamedTuple):
     room: Room
     last: PlacementState
     from_robot: Table  # costs from the robot
-    to_next: Table | None  # costs to the poses of the next target; None: there is none
+    to_next: Table | None  # costs to the poses of the next target; None: no next target
 
 
 class Candidates(NamedTuple):
-    """Poses (m, 3) at places (p, 2) and why each is rejected ("" when it is not)."""
+    """Poses (m, 3) at places (p, 2), and the reason for which each is rejected ("" for none)."""
 
     mode: Mode
     radius: float
@@ -81,7 +81,7 @@ class Candidates(NamedTuple):
     rejected: list[str]
 
     def viable(self) -> Array:
-        """Which are not rejected, shape (m,) of bool."""
+        """Mask of the poses that are not rejected, shape (m,) of bool."""
         return np.array([not why for why in self.rejected], dtype=bool)
 
 
@@ -91,17 +91,17 @@ class Judged(NamedTuple):
     candidates: Candidates
     current: Array
     onward: Array
-    waits: bool = False  # the base waits for candidates that a mover blocks; C_iN is the way to one of them
-    waiting: Array | None = None  # [s] of C_iC until each is free, (m,); None: nobody is expected
+    waits: bool = False  # places to wait for candidates that a dynamic obstacle blocks; C_iN: on to one of those
+    waiting: Array | None = None  # [s] of C_iC until each is free, (m,); None: no dynamic obstacle is expected
 
 
 Rule = Callable[[Target, Survey], Judged]
 
 
 def smallest_ring(target: Target, survey: Survey) -> Judged:
-    """The first set of candidates of which one is free, in reach and has a path.
+    """The first candidate set with a pose that is free, in reach and has a path.
 
-    The candidates that were wanted in the first place stay in the list, with the reasons of their rejection.
+    The candidates of the preferred mode stay in the list, with the reasons for their rejection.
     """
     first: Candidates | None = None
     for wanted in candidate_sets(target, survey):
@@ -115,7 +115,7 @@ def smallest_ring(target: Target, survey: Survey) -> Judged:
 
 
 def candidate_sets(target: Target, survey: Survey) -> Iterator[Candidates]:
-    """Candidate sets of the paper in the order in which they are wanted."""
+    """Candidate sets of the paper, in order of preference."""
     if target.kind == "drive":
         yield _drive(target, survey)
     else:
@@ -213,9 +213,9 @@ def _any_heading(target: Target, survey: Survey) -> Iterator[Candidates]:
 
 
 def _closest_sets(target: Target, survey: Survey) -> Iterator[Candidates]:
-    """Free places, the closest first; those in sight that leave room to what may be moving before all others.
+    """Free places, the closest first; those in sight that leave room to what may be moving come before all others.
 
-    A place that was chosen stays the closest until it is not free, or one is seen that is clearly closer.
+    The place of the last period comes first as long as it is free and none is found that is clearly closer.
     """
     sets = _in_sight_first(target, survey)
     first = next(sets, None)
@@ -246,7 +246,7 @@ def _kept_closest(target: Target, survey: Survey) -> Candidates | None:
 
 
 def waiting_rooms(survey: Survey) -> tuple[float, ...]:
-    """Rooms [m] to be left where the base waits, the wanted one first."""
+    """Room [m] to leave to what may be moving where the base waits, the preferred one first."""
     return (survey.model.placement.room, 0.0) if len(may_move(survey.here.world)) else (0.0,)
 
 
@@ -255,7 +255,7 @@ def closest_places(
 ) -> Iterator[Candidates]:
     """Free places ``within`` [m] of a target, the closest first, that leave room [m] to what may be moving.
 
-    Places behind walls are none of them: however close, from there the arm does not come to the target.
+    Places behind walls are left out: however close they are, the arm does not get to the target from there.
     """
     model, here, wanted = survey.model, survey.here, survey.room.clearance
     farthest = model.body.reach + model.parameters.staa.local_radius
@@ -281,12 +281,12 @@ def times_avoided(pose: Array, avoid: Array) -> NDArray[np.int64]:
 
 
 def is_avoided(pose: Array, avoid: Array) -> bool:
-    """The arm did not get to its target near this pose (3,): having the target in reach is not enough there."""
+    """Test that the arm failed near this pose (3,) before: having the target in reach is not enough there."""
     return len(avoid) > 0 and bool(times_avoided(np.asarray(pose)[None], avoid)[0])
 
 
 def _drive(target: Target, survey: Survey) -> Candidates:
-    """A point to drive to, with its heading or all round."""
+    """Candidates at a point to drive to, with its heading or headings all round."""
     count = survey.model.placement.headings if target.heading is None else 1
     pose = np.empty((count, 3))
     pose[:, :2] = target.position[:2]
@@ -295,7 +295,7 @@ def _drive(target: Target, survey: Survey) -> Candidates:
     pose[:, 2] = angle_of(np.sin(pose[:, 2]), np.cos(pose[:, 2]))
     rejected = rejections(pose, survey.room.clearance, survey.here)
     if survey.last.closest and survey.last.of(target):
-        # It was not free: what hides it now may have been seen there before, and forgotten.
+        # The point was not free before. Out of sight, the obstacle seen there may have been forgotten.
         seen = in_sight(pose, survey.here)
         rejected = [why or ("" if ok else Rejection.HIDDEN) for why, ok in zip(rejected, seen, strict=True)]
     return Candidates(Mode.DRIVE, 0.0, pose, pose[:1, :2], np.zeros(count, np.int32), rejected)

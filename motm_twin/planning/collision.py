@@ -12,14 +12,15 @@ from motm_twin.model.motion import kernel
 from motm_twin.model.profile import Footprint
 from motm_twin.perception.world_map import WorldMap
 
-# How fast the interpolated distance of a field can change along a line, and what rounding adds to it [m].
+# Largest slope of the interpolated distance of a field along a line, and the rounding error on top of it [m].
 SLOPE, ROUNDING = 1.4143, 1e-4
-# [m] Between points that are d apart it changes by sqrt(d^2 + cell^2) at most: the mean distance of two points, each
-# drawn from the corners of its cell with the weights of the interpolation, is not more. Cells up to this size.
+# [m] Largest cell. Between points d apart the interpolated distance changes by sqrt(d^2 + cell^2) at most: the mean
+# distance of two points, each drawn from the corners of its cell with the weights of the interpolation, is not more.
 COARSEST = 0.1
-DENT = 0.02  # [m] that the circles of a footprint leave out of its sides at most; beside the corners it is a quarter of
-LARGEST = 0.125  # [m] the radius of the smaller ones, which is that of Frankie at most: larger bases have more of them
-BORDER = 0.1  # [m] this near to the border of the map, where the distance jumps, nothing is taken from that
+# [m] Most by which the circles of a footprint fall short of its sides; beside a corner it is a quarter of their radius.
+DENT = 0.02
+LARGEST = 0.125  # [m] largest radius of the smaller circles, which Frankie has; larger bases have more circles
+BORDER = 0.1  # [m] a lower bound below this excludes no circle: at the border of the map the distance jumps
 
 
 class Field(NamedTuple):
@@ -34,7 +35,7 @@ class Field(NamedTuple):
 class Body(NamedTuple):
     """Footprint: covering circles (m, 4) x, y, radius in the base frame and reach; corners (4, 2); centre; radii [m].
 
-    A circle has at least the clearance of the centre's distance less its reach.
+    The clearance of a circle is at least the distance at the body's centre less the circle's reach.
     """
 
     circle: Array
@@ -42,13 +43,13 @@ class Body(NamedTuple):
     centre_x: float
     outer: float  # circumscribed
     inner: float  # inscribed
-    slack: float  # by which the largest reach is more than `outer`
+    slack: float  # largest reach of a circle less `outer`
     reach: float  # furthest point from the base frame
-    length: float  # along the way
+    length: float  # along the heading
 
 
 def field_of(world: WorldMap) -> Field:
-    """The map's distance field with the border of the map as an obstacle, as a copy that is not read-only."""
+    """The map's distance field with the border of the map as an obstacle, as a writable copy."""
     if world.resolution > COARSEST:
         raise ValueError(f"a map with cells of {world.resolution} m: planning needs {COARSEST} m or less")
     value = np.minimum(world.distance, _to_border(*world.distance.shape, world.resolution))
@@ -65,7 +66,7 @@ def _to_border(rows: int, columns: int, resolution: float) -> NDArray[np.float32
 
 
 def body_of(footprint: Footprint) -> Body:
-    """Covering circles of a rectangle: exact at corners, short of the sides by `DENT` between circles at most."""
+    """Covering circles of a rectangle: exact at the corners, at most `DENT` short of the sides between circles."""
     half_l, half_w = footprint.length / 2, footprint.width / 2
     half_l, half_w, upright = (half_l, half_w, False) if half_l >= half_w else (half_w, half_l, True)
     r = min(half_w / 2, LARGEST)
@@ -116,9 +117,9 @@ def clearance(px: float, py: float, heading: float, enough: float, field: Field,
 def clearance_from(
     px: float, py: float, c: float, s: float, enough: float, too_little: float, field: Field, body: Body
 ) -> float:
-    """`clearance` for a heading whose cosine c and sine s are known; any number below `too_little` once it is.
+    """`clearance` for a heading whose cosine c and sine s are known; any number below `too_little` if it is below.
 
-    A circle that cannot be nearer than the nearest so far is not looked at.
+    A circle that cannot be nearer to an obstacle than the nearest so far is skipped.
     """
     middle = distance_at(px + c * body.centre_x, py + s * body.centre_x, field)
     if middle - body.outer >= enough:

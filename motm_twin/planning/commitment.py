@@ -1,10 +1,10 @@
-"""Keeping to a plan: it is changed for a better one, not for another one.
+"""Keeping to a plan: it is replaced by a better one, not by merely another one.
 
 A search that starts anew every period finds another plan of about the same cost each time; where these begin in
-different directions, the robot follows none of them. Here a plan stays, period after period, as long as it keeps clear
-of what is seen now and gets the job done, and until a new one is cheaper than what is left of it. What is left falls by
-what was spent, so that the robot arrives. A search that is cut short gives a plan that only comes nearer; the robot
-keeps to that one in the same way, until one is found that gets there.
+different directions, the robot follows none of them. Here a plan is kept, period after period, as long as it keeps
+clear of the obstacles seen now and gets the job done, and until a new plan is cheaper than the rest of it. That rest
+falls by the time spent, so that the robot arrives. A search that is cut short gives a plan that only comes nearer; the
+robot keeps to that one in the same way, until one is found that gets there.
 """
 
 import math
@@ -39,13 +39,13 @@ class Kept:
 
     targets: tuple[str, str]  # this one and the next
     place: tuple[float, float]  # of the target [m]
-    arrives: bool  # it gets the job done
-    informed: bool  # its costs are those of the lattice, where the robot is in a tight place
+    arrives: bool  # the plan gets the job done
+    informed: bool  # its search had the costs of the lattice, which there are where the robot is in a tight place
     begins: float  # [s]
     times: Array  # [s] of its nodes from the beginning on, shape (n,)
-    states: Array  # x, y, heading, v, w at them, shape (n, 5)
-    accelerations: Array  # [m/s^2, rad/s^2] between them, shape (n - 1, 2)
-    to_go: Array  # [s] what is left of its cost at each node, but for being among others, shape (n,)
+    states: Array  # x, y, heading, v, w at the nodes, shape (n, 5)
+    accelerations: Array  # [m/s^2, rad/s^2] between the nodes, shape (n - 1, 2)
+    to_go: Array  # [s] remaining cost at each node, without the cost of dynamic obstacles, shape (n,)
 
 
 @dataclass
@@ -60,9 +60,9 @@ class Rest(NamedTuple):
 
     kept: Kept
     states: Array  # x, y, heading, v, w of its nodes from now on, shape (n, 5)
-    times: Array  # [s] of them from now on, shape (n,)
-    to_go: Array  # [s] what is left of its cost at each, shape (n,)
-    among: Array  # [s] of that, for being among others, shape (n,)
+    times: Array  # [s] of the nodes from now on, shape (n,)
+    to_go: Array  # [s] remaining cost at each node, shape (n,)
+    among: Array  # [s] share of `to_go` due to dynamic obstacles, shape (n,)
     job: Job
 
     @property
@@ -86,18 +86,18 @@ class Rest(NamedTuple):
 
 
 class BaseSearch(Protocol):
-    """The controller of which plans are kept, as a commitment reads it."""
+    """The base controller whose plans are kept, as a commitment uses it."""
 
     limits: BaseLimits
     parameters: StaaParameters
     body: Body
 
     def ahead(self, problem: BaseProblem) -> tuple[Field, Field, Array]:
-        """Distances and grid of what stands, and discs of what moves."""
+        """Distance field and grid of static obstacles, and discs of dynamic ones."""
         ...
 
     def among(self, problem: BaseProblem, states: Array, times: Array) -> Array:
-        """Cost [s] that is left at each of the states (n, 5) for being among others, (n,)."""
+        """Remaining cost [s] due to dynamic obstacles at each of the states (n, 5), (n,)."""
         ...
 
     def room(self, problem: BaseProblem) -> Room:
@@ -110,20 +110,20 @@ class BaseSearch(Protocol):
 
 
 class Commitment(Protocol):
-    """A policy of what is kept of the plan of the last period."""
+    """A policy for keeping the plan of the last period."""
 
     def rest(self, problem: BaseProblem, placement: Placement, base: BaseSearch) -> Rest | None:
-        """The rest of the plan that is kept; None: there is none."""
+        """The rest of the kept plan; None: no plan is kept."""
         ...
 
     def lattice(
         self, problem: BaseProblem, s: Settings, world: World, cells: CellVisibility, memory: Memory
     ) -> LatticeCosts:
-        """The costs of leaving the place where the robot is, where PathRTR does not know them."""
+        """The costs of leaving the robot's present place, if those of PathRTR do not hold there."""
         ...
 
     def choose(self, problem: BaseProblem, found: BasePlan, rest: Rest | None, *, informed: bool) -> BasePlan:
-        """The plan of this period. ``informed``: that which was found knows the costs of the lattice."""
+        """The plan of this period. ``informed``: the plan found now had the costs of the lattice."""
         ...
 
 
@@ -137,7 +137,7 @@ class SearchAnew:
     def lattice(
         self, problem: BaseProblem, s: Settings, world: World, cells: CellVisibility, memory: Memory
     ) -> LatticeCosts:
-        """The paper turns on the spot everywhere."""
+        """No lattice: the paper turns on the spot everywhere."""
         return NO_LATTICE
 
     def choose(self, problem: BaseProblem, found: BasePlan, rest: Rest | None, *, informed: bool) -> BasePlan:
@@ -151,7 +151,7 @@ class KeepPlans(Stateful[CommitmentState]):
     def __init__(self, parameters: CommitmentParameters | None = None) -> None:
         self._parameters = parameters or CommitmentParameters()
         self._state = CommitmentState()
-        self._loaded = False  # the kernels of the lattice
+        self._loaded = False  # True once the kernels of the lattice are loaded
 
     def rest(self, problem: BaseProblem, placement: Placement, base: BaseSearch) -> Rest | None:
         """The rest of the kept plan, when it is still possible."""
@@ -185,14 +185,14 @@ class KeepPlans(Stateful[CommitmentState]):
         if not done if kept.arrives else not free:
             return None
         among = base.among(problem, states, times)
-        if among[0] > WORTH:  # somebody is expected on it now
+        if among[0] > WORTH:  # a dynamic obstacle is expected on the plan now
             return None
         return Rest(kept, states, times, np.concatenate(([to_go], kept.to_go[node + 1 :])) + among, among, job)
 
     def lattice(
         self, problem: BaseProblem, s: Settings, world: World, cells: CellVisibility, memory: Memory
     ) -> LatticeCosts:
-        """The costs round a robot that creeps where it cannot turn, its plans held up."""
+        """The costs round a robot that creeps where it cannot turn, with a plan that does not arrive."""
         pose, kept = np.array(problem.pose, dtype=np.float64), self._state.kept
         held_up = kept is not None and not kept.arrives and kept.targets == _targets(problem)
         inside = (
@@ -203,12 +203,12 @@ class KeepPlans(Stateful[CommitmentState]):
         )
         if self._loaded and not inside:
             return NO_LATTICE
-        self._loaded = True  # its kernels, in the first period: not when it is in a tight place
+        self._loaded = True  # load the kernels in the first period, not when the robot is in a tight place
         found = settle_lattice(pose, s, world, cells, memory.scratch)
         return found if inside else NO_LATTICE
 
     def choose(self, problem: BaseProblem, found: BasePlan, rest: Rest | None, *, informed: bool) -> BasePlan:
-        """The plan of this period, or what is left of the one before when that is not dearer."""
+        """The plan found in this period, or the rest of the kept one if that costs no more."""
         gives_way = found.why is not None and found.why.kind == Kind.GIVES_WAY
         if gives_way or found.status in (PlanStatus.IDLE, PlanStatus.ESCAPING) or problem.target is None:
             self._state = CommitmentState()
@@ -227,9 +227,9 @@ def time_left(target: Target) -> float:
 
 
 def _followed(kept: Kept, problem: BaseProblem, since: float, limits: BaseLimits, p: CommitmentParameters) -> bool:
-    """The robot is where the plan says, and drives as it says.
+    """Test that the robot is where the plan says, and drives as it says.
 
-    One that was stopped, slowed or pushed is not on the plan any more, and what is left of that tells nothing.
+    A robot that was stopped, slowed or pushed is no longer on the plan, and the rest of the plan tells nothing.
     """
     speeds = (p.follows_speed * limits.forward_speed, p.follows_speed * limits.yaw_rate)
     most = np.array([p.follows, p.follows, p.follows, *speeds])
@@ -240,7 +240,7 @@ def _followed(kept: Kept, problem: BaseProblem, since: float, limits: BaseLimits
 
 
 def _for_good(world: WorldMap, pose: Array, around: float) -> bool:
-    """No mover is within ``around`` [m]: a tight place beside one is gone before the robot has left it."""
+    """Test that no mover is within ``around`` [m]: a tight place beside one is gone before the robot has left it."""
     return not len(world.movers) or bool(np.hypot(*(world.movers[:, :2] - pose[:2]).T).min() > around)
 
 
@@ -249,7 +249,7 @@ def _targets(problem: BaseProblem) -> tuple[str, str]:
 
 
 def _better(found: BasePlan, rest: Rest, informed: bool) -> bool:
-    """Does a new plan take the place of the rest of the kept one?"""
+    """Test that a new plan takes the place of the rest of the kept one."""
     kept = rest.kept
     if found.status not in (PlanStatus.GOAL, PlanStatus.ABORTED):
         return False
@@ -293,8 +293,8 @@ class Bounds(NamedTuple):
     margin: float
     margin_floor: float
     braking: float  # [s] from now on, in which the robot must be able to stop
-    half_node: float  # [s] between two tests on the way, and the discs of what moves
-    late: float  # [s] that the job may end after the plan, the target in reach
+    half_node: float  # [s] between two tests along the plan, and between the discs of dynamic obstacles
+    late: float  # [s] by which the job may end after the plan, the target being in reach
 
 
 @kernel
@@ -302,11 +302,11 @@ def follow(
     states: Array, durations: Array, accelerations: Array, left: float, engaged: bool, bounds: Bounds, field: Field,
     moving: Array, body: Body, job: Job,
 ) -> tuple[bool, bool]:  # fmt: skip
-    """Drive from states[0] as told and fill in the other states; whether that is free, and gets the job done.
+    """Apply the accelerations from states[0] and fill in the other states: True if free, True if the job gets done.
 
     ``durations`` [s], shape (n,); ``accelerations``, shape (n, 2); ``states`` x, y, heading, v, w, shape (n + 1, 5).
-    ``moving``: discs where what moves is expected, of `prediction.expected`. ``left``: time [s] that the job still
-    needs; ``engaged``: the target must stay in reach from now on.
+    ``moving``: discs where dynamic obstacles are expected, of `prediction.expected`. ``left``: time [s] that the job
+    still needs; ``engaged``: the target must stay in reach from now on.
     """
     x, y, heading, v, w = states[0, 0], states[0, 1], states[0, 2], states[0, 3], states[0, 4]
     root = clearance(x, y, heading, 1.0, field, body)

@@ -1,4 +1,4 @@
-"""The base controller: global path, intermediate goal, STAA* search, and what to do when it finds nothing."""
+"""The base controller: global path, intermediate goal, STAA* search, and fallbacks when it finds nothing."""
 
 import math
 from collections.abc import Callable
@@ -47,7 +47,7 @@ from motm_twin.planning.types import (
 from motm_twin.planning.visibility import Graph
 from motm_twin.planning.waiting import Among, best_wait
 
-CLOCK_CHUNK = 32  # expansions between two looks at the clock
+CLOCK_CHUNK = 32  # expansions between two readings of the clock
 STILL_V = 1e-3  # [m/s]
 
 
@@ -65,10 +65,10 @@ class StaaController:
         commitment: Commitment | None = None,
         evasion: Evasion | None = None,
     ) -> None:
-        """``still`` gives the map without what moves: needed where that is to be expected on its course.
+        """``still`` gives the map without dynamic obstacles: needed if their motion is to be predicted.
 
-        ``commitment``: of what was planned before; None: every period searches anew, as in the paper. ``evasion``: of
-        what comes too near; None: nothing is done about it, as in the paper.
+        ``commitment``: policy for the plan of the last period; None: every period searches anew, as in the paper.
+        ``evasion``: policy for dynamic obstacles that come too near; None: no evasion, as in the paper.
         """
         if parameters.staa.prediction > 0.0 and still is None:
             raise ValueError("to predict what moves, the controller needs the map without it: give `still`")
@@ -85,7 +85,7 @@ class StaaController:
         self._global_rates = rates_of(profile.base, rotation_cost=parameters.staa.rotation_cost)
         self._asked: tuple[BaseProblem, Placement] | None = None  # only to explain the last period
         self._memory: search_memory.Memory | None = None
-        self._far: search_memory.Memory | None = None  # of searches among others
+        self._far: search_memory.Memory | None = None  # of searches that look farther ahead
         self._cells: tuple[Graph, tuple[float, ...], search_memory.CellVisibility] | None = None
 
     def plan(self, problem: BaseProblem, placement: Placement, budget: SearchBudget) -> BasePlan:
@@ -98,7 +98,7 @@ class StaaController:
     def _find(
         self, problem: BaseProblem, placement: Placement, budget: SearchBudget, bound: float
     ) -> tuple[BasePlan, bool]:
-        """A plan that costs less than ``bound`` [s], and whether it knows the lattice costs of a tight place."""
+        """A plan that costs less than ``bound`` [s], and True if its search had the lattice costs of a tight place."""
         target = problem.target
         field = self._graphs.field(problem.world)
         self._asked = None
@@ -122,7 +122,7 @@ class StaaController:
         return self._search(asked, budget, bound)
 
     def _search(self, asked: Question, budget: SearchBudget, bound: float) -> tuple[BasePlan, bool]:
-        """Search, and the plan that was found, or braking."""
+        """Search; returns the plan that was found, or one that brakes."""
         problem, goal, field = asked.problem, asked.goal, asked.field
         settings = search_settings(
             self.parameters, self.limits, self.body, asked, next_weight=self._next_weight, bound=bound,
@@ -158,7 +158,7 @@ class StaaController:
         self, asked: Question, found: BasePlan, settings: search_memory.Settings, world: search_memory.World,
         cells: search_memory.CellVisibility,
     ) -> BasePlan:  # fmt: skip
-        """The plan; where it meets others or does not arrive, a better one of a search that looks farther ahead."""
+        """The plan; if it or the way on from its end meets dynamic obstacles, a better one from a longer search."""
         arrives = found.status == PlanStatus.GOAL
         going = world.others[world.others[:, GOES_ON] > 0.0]
         if not len(going) or settings.bound < math.inf:
@@ -181,7 +181,7 @@ class StaaController:
         return self._waits(asked, among, driven) or driven
 
     def _after(self, asked: Question, plan: BasePlan, among: Among) -> float:
-        """Time [s] that the way on from the end of a plan loses to others; 0 for one that arrives."""
+        """Time [s] lost to dynamic obstacles on the way on from the end of a plan; 0 for one that arrives."""
         if plan.status == PlanStatus.GOAL:
             return 0.0
         last = plan.local_poses[-1]
@@ -189,7 +189,7 @@ class StaaController:
         return best_wait(last, onward, self.limits, among, float(plan.local_times[-1])).cost
 
     def _waits(self, asked: Question, among: Among, driven: BasePlan) -> BasePlan | None:
-        """The plan to stand until others have passed, when that is cheaper than the one that would be driven."""
+        """The plan to stand until dynamic obstacles have passed, if that is cheaper than the plan to be driven."""
         here = np.array([*asked.problem.pose, *asked.problem.twist])
         wait = best_wait(here, asked.goal.global_path, self.limits, among)
         to_go = float(driven.local_to_go[0]) + self._after(asked, driven, among)
@@ -206,7 +206,7 @@ class StaaController:
         self, asked: Question, settings: search_memory.Settings, job: Job, memory: search_memory.Memory, *,
         arrives: bool, cut: bool,
     ) -> BasePlan:  # fmt: skip
-        """The plan that a search has found: to the node that ends it, or to the best one."""
+        """The plan that a search has found: to the node that ended the search, or to the best one."""
         goal, dt = asked.goal, settings.node_duration
         branch = search_memory.branch_to(memory, max(int(memory.count[search_memory.SOLUTION]), 0))
         poses = memory.state[branch]
@@ -230,7 +230,7 @@ class StaaController:
         )
 
     def ahead(self, problem: BaseProblem) -> tuple[Field, Field, Array]:
-        """Distances and STAA*'s grid of what stands, which the search goes through, and discs of what moves."""
+        """Distance field and STAA*'s grid of the obstacles that the search takes for static, discs of dynamic ones."""
         world, moving, grid = problem.world, NOBODY, self.parameters.penalty == "grid"
         proximity = world.proximity
         if self.parameters.prediction > 0.0 and self._still is not None and len(world.movers):
@@ -241,13 +241,13 @@ class StaaController:
         return field, field._replace(value=np.array(proximity, dtype=np.float32)) if grid else field, moving
 
     def others(self, problem: BaseProblem) -> Array:
-        """Those among whom the search plans, see `others_of`; nobody where it is told nothing of them."""
+        """Dynamic obstacles that cost the search something, see `others_of`; none if risk has no weight."""
         if self.parameters.risk_weight == 0.0:
             return np.zeros((0, 8))  # not a read-only one: kernels are compiled once
         return others_of(problem.world.tracks, problem.yielding, self.limits.velocity_lag)
 
     def among(self, problem: BaseProblem, states: Array, times: Array) -> Array:
-        """Cost [s] that is left at each of the states (n, 5) after times [s] (n,) for being among others, (n,)."""
+        """Remaining cost [s] due to dynamic obstacles at each of the states (n, 5) after times [s] (n,), (n,)."""
         others = self.others(problem)
         if not len(others):
             return frozen(np.zeros(len(states)))
@@ -259,7 +259,7 @@ class StaaController:
         return room_for(self._all_parameters, self.profile.footprint, problem.recovery.tightness)
 
     def _seen_floor(self, problem: BaseProblem) -> search_memory.SeenFloor:
-        """The floor that has been seen, for a lidar that does not see all round."""
+        """The floor that has been seen, if the lidar does not see all round."""
         floor, lidar = problem.world.floor, self.profile.lidar
         if floor is None:
             return search_memory.SEES_ALL
@@ -284,7 +284,7 @@ class StaaController:
         cells: search_memory.CellVisibility,
         memory: search_memory.Memory,
     ) -> tuple[int, bool]:
-        """Run to the expansion limit, or until the clock says stop: status and whether the clock did."""
+        """Run to the expansion limit or until the clock ends the search: status, and True if the clock did."""
         if budget.seconds is None or self._clock is None:
             return staa.run_search(budget.expansions, s, world, cells, memory), False
         end = self._clock() + budget.seconds
@@ -298,7 +298,7 @@ class StaaController:
                 return status, True
 
     def _local_goal(self, problem: BaseProblem, placement: Placement, graph: Graph) -> LocalGoal:
-        """The goal itself when it is in the local region, else where the global path leaves it."""
+        """The goal if the global path stays in the local region, else the pose where it leaves (Paper, Sec. III-A)."""
         goal = np.array(placement.goal, dtype=np.float64)
         if not (self.parameters.goal_orientation and placement.goal_has_heading):
             goal[2] = math.nan
@@ -374,7 +374,7 @@ class StaaController:
         return staa.proximity_scale(t_h, p.k_min, p.k_time) if p.scale_penalty else 1.0
 
     def at_goal(self, pose: Array, placement: Placement) -> bool:
-        """The base is where it was to go, as near as the search takes it."""
+        """Test that the base is at its goal, within the tolerance of the search."""
         p, goal = self.parameters, placement.goal
         near = math.hypot(pose[0] - goal[0], pose[1] - goal[1]) <= p.pass_distance
         return near and (not placement.goal_has_heading or turn(pose[2], goal[2]) <= p.pass_heading)
@@ -394,7 +394,7 @@ class StaaController:
         return depth_of(cells, pose, self.body) + 0.5 * problem.world.resolution
 
     def _escape(self, problem: BaseProblem, field: Field) -> BasePlan:
-        """Leave what the footprint overlaps, or stand."""
+        """Leave the obstacles that the footprint overlaps, or stand."""
         depth = self._overlap_depth(problem, field)
         pose, attempt = np.array(problem.pose, dtype=np.float64), problem.recovery.attempt
         found = find_escape(problem.world, pose, self.body, self.limits, attempt)
@@ -427,7 +427,7 @@ class StaaController:
         return bezier_curve(last[:3], goal, offset=s.bezier_offset)
 
     def _time_to_range(self, poses: Array, dt: float, job: Job, graph: Graph, goal: LocalGoal) -> float:
-        """When the target comes into reach: in the local plan, else on the path that follows it [s]."""
+        """Time [s] until the target comes into reach: in the local plan, else on the path that follows it."""
         reached = first_node_in_reach(poses, dt, job)
         if reached < math.inf:
             return reached * dt
@@ -468,9 +468,9 @@ class StaaController:
         return self._along(problem, found, plan, Reason(kind=_kind_of(found), subject=why.subject, cause=why))
 
     def _held_up(self, problem: BaseProblem, target: Target, field: Field) -> BasePlan | None:
-        """The plan of a base that stands although there is a way: back to where there is more room, or a turn to look.
+        """The plan of a base that stands although it has a path: back to where it has more room, or a turn to look.
 
-        What holds it back is nothing that it plans with, as floor that the lidar has never seen.
+        It is held back by something that planning leaves out, such as floor that the lidar has never seen.
         """
         attempt = problem.recovery.attempt
         found = self._recovered(problem, field, attempt - 1) if attempt else None
@@ -481,7 +481,7 @@ class StaaController:
         return self._along(problem, found, self._stop(problem, field, PlanStatus.ESCAPING, why, None, 0), why)
 
     def _recovered(self, problem: BaseProblem, field: Field, way: int = 0) -> Escape | None:
-        """A motion of a robot that has made no progress for some time, and stands; ``way``: which of those back."""
+        """A motion for a robot that stands and has made no progress for some time; ``way``: which way back."""
         recovery, pose = problem.recovery, np.array(problem.pose, dtype=np.float64)
         if recovery.back_off:
             ways = ways_to_room(pose, field, self.body, self.limits, self.parameters.margin_floor)
@@ -494,7 +494,7 @@ class StaaController:
         self, problem: BaseProblem, field: Field, status: PlanStatus, why: Reason, goal: LocalGoal | None,
         expansions: int, *, cut: bool = False,
     ) -> BasePlan:  # fmt: skip
-        """Brake to rest; when the straight way to rest comes too near to something, steer to where it does not."""
+        """Brake to rest; a moving base also steers to where braking leaves clearly more clearance."""
         pose, twist = np.array(problem.pose, dtype=np.float64), np.array(problem.twist, dtype=np.float64)
         most = np.array([self.limits.linear_acceleration, self.limits.yaw_acceleration])
         acceleration = np.clip(-twist / problem.period, -most, most)

@@ -1,4 +1,4 @@
-"""PathRTR cost from any pose to a set of goal poses, over the directed edges of the visibility graph, as kernels.
+"""PathRTR cost from any pose to goal poses, over the directed edges of the visibility graph (Paper, Sec. III-B).
 
 The cost of a path with turning depends on the direction from which a corner is reached, so the state of the search is
 the directed edge (u -> v), not the vertex. `Table` holds, for every directed edge, the least time from the start of
@@ -17,8 +17,8 @@ from motm_twin.planning.rtr import turn
 from motm_twin.planning.visibility import FAR, Graph, push_out, segment_free, tangential, visible_vertices
 
 IntArray = NDArray[np.int32]
-BESIDE = 0.10  # [m] a point this little inside a grown polygon is treated as if it were outside
-Cheapest = tuple[float, bool, int, int]  # cost [s], in reverse?, first vertex (-1: straight), and what follows it
+BESIDE = 0.10  # [m] a point at most this deep inside a grown polygon is treated as if it were outside
+Cheapest = tuple[float, bool, int, int]  # cost [s], in reverse, first vertex (-1: straight), `Table.follow` after it
 
 
 class Rates(NamedTuple):
@@ -40,7 +40,7 @@ class Table(NamedTuple):
     exit: Array  # (m, 3) direction, [s] drive and final turn forwards and in reverse
     way: Array  # (e, 2) [s] from the start of each directed edge to a goal, forwards and in reverse
     follow: IntArray  # (e, 2) edge that follows, or -1 - k for exit k
-    bound: Array  # (n,) [s] no way on from a vertex is cheaper than this
+    bound: Array  # (n,) [s] lower bound of the cost from each vertex on
     rates: Rates
 
 
@@ -92,7 +92,7 @@ def _settle(
 
 @kernel
 def _fill(graph: Graph, place: Array, table: Table, key: Array, item: IntArray) -> None:
-    """Compute a table whose arrays are there but empty; key and item are room for a queue."""
+    """Compute the arrays of a table, allocated but empty; key and item are buffers for a queue."""
     n, n_sites, n_edges = graph.vertex.shape[0], place.shape[0], graph.ends.shape[0]
     site = table.site
     for s in range(n_sites):
@@ -170,9 +170,9 @@ def cheapest_outside(
 ) -> Cheapest:
     """The cheapest path from a pose outside the grown polygons.
 
-    (sx, sy) is the point from which sight is tested, and from which the vertices `visible` are seen. What cannot be
-    less than the best so far is left out, the likeliest is first. A sum of rounded numbers never falls when a number is
-    added that is not negative: the order makes no difference, to the bit.
+    (sx, sy) is the point from which sight is tested, and from which the vertices `visible` are seen. Sites and vertices
+    that cannot improve on the best path so far are skipped; the most promising vertex comes first. A rounded sum never
+    falls when a number that is not negative is added: the order makes no difference, to the bit.
     """
     found, rates = (FAR, False, -1, 0), table.rates
     for s in range(table.site.shape[0]):
@@ -246,7 +246,7 @@ def _through(
 def way_out(
     px: float, py: float, heading: float, sx: float, sy: float, pushed: float, back: bool, rates: Rates
 ) -> tuple[float, float, float, float]:
-    """Pose at the point outside when it is driven to forwards or in reverse, and the time [s] until then."""
+    """Pose on arrival at the point outside, driven to forwards or in reverse, and the time [s] until then."""
     out = math.atan2(sy - py, sx - px)
     a_0 = turn(heading, out)
     if back:
@@ -281,7 +281,7 @@ def cheapest(
 def _trace(
     px: float, py: float, heading: float, graph: Graph, table: Table, scratch: IntArray, path: Array
 ) -> tuple[int, bool, int]:
-    """Write the path; returns its size, whether it is driven in reverse, and the site (-1: no path)."""
+    """Write the path; returns its size, True if it is driven in reverse, and the site (-1: no path)."""
     path[0, 0], path[0, 1] = px, py
     size = 1
     sx, sy, pushed = push_out(px, py, graph.outline, graph.solids)
@@ -309,7 +309,7 @@ def _trace(
 
 
 def trace(px: float, py: float, heading: float, graph: Graph, table: Table) -> tuple[Array, bool, int]:
-    """Cheapest path from a pose: points (m, 2), whether it is driven in reverse, site (-1: no path)."""
+    """Cheapest path from a pose: points (m, 2), True if it is driven in reverse, site (-1: no path)."""
     n = len(graph.vertex)
     path = np.empty((n + 4, 2))
     size, in_reverse, site = _trace(px, py, heading, graph, table, np.empty(n + 1, np.int32), path)

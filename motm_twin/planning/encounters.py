@@ -1,8 +1,8 @@
-"""Encounters of a plan with dynamic obstacles, and courtesy: what the plan costs the others, in seconds.
+"""Encounters of a plan with dynamic obstacles, and courtesy: the time [s] that the plan costs them.
 
-The stopping way of a dynamic obstacle is what it sweeps until it can stand. Courtesy is the time that the footprint
-spends in it, weighted by nearness: 1 right before the obstacle, 0 at the end of its stopping way. Passing behind costs
-nothing; cutting in does, and so does standing where somebody has to pass.
+The stopping way of a dynamic obstacle is the floor that it sweeps until it can stand. Courtesy is the time that the
+footprint spends there, weighted by nearness: 1 right before the obstacle, 0 at the end of its stopping way. Passing
+behind costs nothing; cutting in does, and so does standing where somebody has to pass.
 """
 
 import math
@@ -19,20 +19,20 @@ from motm_twin.planning.prediction import Spread, gap_to_point, moved_on, probab
 from motm_twin.planning.types import Encounter, Passes, Yields
 
 STEP = 0.1  # [s] between two states of a plan
-BESIDE = 0.1  # [m] beside its body that somebody needs, too: nearer than that somebody has to give way
-LOOKS = 6  # along a stopping way
-CLOSE = 1.0  # [m] nearer than which an encounter is told
-WORTH = 0.3  # [s] that a plan pays for being among others, from which on it is worth another search
-AROUND = 0.5  # [m] more than that others are given room
+BESIDE = 0.1  # [m] that a dynamic obstacle needs beside its body: nearer than that, one of the two must give way
+LOOKS = 6  # samples along a stopping way
+CLOSE = 1.0  # [m] encounters with a smaller gap are reported
+WORTH = 0.3  # [s] a plan whose cost among dynamic obstacles is at least this is worth another search
+AROUND = 0.5  # [m] added to the distance within which a dynamic obstacle can meet the base
 TRACK, GOES_ON = 6, 7  # columns: identity of the track; 1: it goes on as predicted, 0: it yields
-COURTESY_OF_GOING_ON = 0.2  # share of the courtesy that is left for who goes on: the risk of meeting him counts already
+COURTESY_OF_GOING_ON = 0.2  # share of the courtesy charged for a track that goes on: its risk is charged already
 
 
 class Weights(NamedTuple):
-    """Weights of what being among others costs a node."""
+    """Weights of the cost of a node among dynamic obstacles."""
 
     risk: float  # [s] of the probability that its place is taken
-    courtesy: float  # [s] of the share of a stopping way that it takes
+    courtesy: float  # [s] of its nearness in a stopping way, see `in_the_way`
     spread: Spread
 
 
@@ -48,7 +48,7 @@ def in_the_way(x: float, y: float, c: float, s: float, time: float, mover: Array
     if length_of(c_x, c_y) > way + mover[4] + BESIDE + body.outer:
         return 0.0
     if c_x * mover[2] + c_y * mover[3] < 0.0:
-        return 0.0  # it is past
+        return 0.0  # the mover is past
     for k in range(LOOKS + 1):
         ahead = way * k / LOOKS / speed
         gap = gap_to_point(x, y, c, s, px + ahead * mover[2], py + ahead * mover[3], body) - mover[4]
@@ -61,7 +61,7 @@ def in_the_way(x: float, y: float, c: float, s: float, time: float, mover: Array
 def cost_among(
     x: float, y: float, c: float, s: float, time: float, others: Array, body: Body, weights: Weights
 ) -> float:
-    """Cost [s] of the footprint at a pose after a time [s] among others (k, 8), see `others_of`."""
+    """Cost [s] of the footprint at a pose after a time [s] among dynamic obstacles (k, 8), see `others_of`."""
     cost = 0.0
     for k in range(others.shape[0]):
         courtesy = weights.courtesy
@@ -74,9 +74,9 @@ def cost_among(
 
 
 def others_of(tracks: Array, yielding: Array, lag: float) -> Array:
-    """Those who move when the base begins to follow a plan, ``lag`` [s] from now: tracks with `GOES_ON`, (k, 8).
+    """Moving tracks when the base begins to follow a plan, ``lag`` [s] from now, with their `GOES_ON`, (k, 8).
 
-    ``tracks``: those who go on, ``yielding``: those who brake for the base, (n, 7) each.
+    ``tracks``: those that go on, ``yielding``: those that brake for the base, (n, 7) each.
     """
     rows = [
         np.column_stack([one, np.full(len(one), goes)])
@@ -92,7 +92,7 @@ def near(movers: Array, here: Array, horizon: float, speed: float, body: Body) -
 
 
 def costs_along(states: Array, times: Array, others: Array, body: Body, weights: Weights) -> Array:
-    """`cost_among` of each part of a way that ends at states (n, 3 or more) after times [s] (n,); shape (n,).
+    """`cost_among` on the way to each of the states (n, 3 or more), which are reached after times [s] (n,); shape (n,).
 
     ``weights`` are those of a whole node; the first state costs nothing.
     """
@@ -142,8 +142,8 @@ def _met(states: Array, mover: Array, body: Body) -> tuple[float, float, float, 
 def encounters(states: Array, movers: Array, body: Body, evaded: tuple[Encounter, ...] = ()) -> tuple[Encounter, ...]:
     """Encounters of states (n, 3 or more) every `STEP` with tracks (k, 7), the soonest first.
 
-    ``evaded``: encounters of the plan in whose stead these states are driven; the robot yields to those that are
-    farther from it now.
+    ``evaded``: encounters of the plan that these states replace; the robot yields to those tracks that it now passes
+    at a larger gap.
     """
     before = {other.track: other for other in evaded}
     found: list[Encounter] = []

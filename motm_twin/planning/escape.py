@@ -1,4 +1,4 @@
-"""Leaving an overlap: the quickest simple motion during which nothing gets deeper into the footprint."""
+"""Leaving an overlap: the quickest simple motion during which no obstacle gets deeper into the footprint."""
 
 import math
 from typing import NamedTuple
@@ -16,10 +16,10 @@ from motm_twin.planning.collision import Body, Field, clearances
 IntArray = NDArray[np.int32]
 STEPS = 40  # of each motion that is tried
 TURN = 0.5 * math.pi  # [rad] the farthest turn in place that is tried
-SAME_BODY = 2  # cells apart at most: what lies together is one body
-LESS = 0.9  # of the depth: a motion that leaves more is not worth it
-TOLERANCE = 0.01  # [m] a cell may come deeper: its centre is known no better
-MORE_ROOM = 0.02  # [m] that backing off must bring
+SAME_BODY = 2  # cells: occupied cells at most this far apart belong to one body
+LESS = 0.9  # share of the depth: a motion that leaves more of it is not worth driving
+TOLERANCE = 0.01  # [m] by which a cell may get deeper: its centre is not known more precisely
+MORE_ROOM = 0.02  # [m] of clearance that backing off must gain
 SPEED_SHARE = 0.5  # of the reverse speed (without one, of the forward speed), and of the yaw rate
 CURVATURES = (0.0, 0.5, -0.5, 1.0, -1.0, 2.0, -2.0)  # of the arcs that are tried, times the inverse of the outer radius
 
@@ -28,13 +28,13 @@ class Escape(NamedTuple):
     """A motion out of an overlap."""
 
     twist: Array  # (v, w) to hold [m/s, rad/s], shape (2,)
-    poses: Array  # along it, shape (n, 3)
+    poses: Array  # along the motion, shape (n, 3)
     times: Array  # [s], shape (n,)
-    clear: bool  # it ends outside all obstacles
+    clear: bool  # the motion ends outside all obstacles
 
 
 def overlapping_cells(world: WorldMap, pose: Array, body: Body) -> Array:
-    """Centres of occupied cells round the body, nearer than it reaches and can move in an escape, (m, 2) [m]."""
+    """Centres of the occupied cells round the body that it can get to in an escape, (m, 2) [m]."""
     reach = 3.0 * body.outer + abs(body.centre_x)
     low = np.floor((pose[:2] - reach - world.origin) / world.resolution).astype(int).clip(0)
     high = np.ceil((pose[:2] + reach - world.origin) / world.resolution).astype(int).clip(0)
@@ -44,7 +44,7 @@ def overlapping_cells(world: WorldMap, pose: Array, body: Body) -> Array:
 
 
 def depth_of(cells: Array, pose: Array, body: Body) -> float:
-    """Depth [m] of the deepest cell centre (m, 2) inside the footprint, by its nearest side; negative: its distance."""
+    """Depth [m] of the deepest cell centre (m, 2) inside the footprint, to its nearest side; negative: its distance."""
     return -float(rooms(pose, cells, half_sizes(body)).min(initial=math.inf))
 
 
@@ -55,9 +55,9 @@ def half_sizes(body: Body) -> Array:
 
 
 def find_escape(world: WorldMap, pose: Array, body: Body, limits: BaseLimits, attempt: int = 0) -> Escape | None:
-    """The quickest arc or turn that leaves every occupied cell, else the one that leaves most; None: none does.
+    """The quickest arc or turn out of all occupied cells, else the one that leaves least overlap; None: none helps.
 
-    With every ``attempt`` another one: what the lidar sees now may forbid what the map allows.
+    Every ``attempt`` takes another one: the present scan may forbid a motion that the map allows.
     """
     cells, sizes, pad = overlapping_cells(world, pose, body), half_sizes(body), 0.5 * world.resolution
     inside = rooms(pose, cells, sizes) < pad
@@ -83,9 +83,9 @@ def find_escape(world: WorldMap, pose: Array, body: Body, limits: BaseLimits, at
 
 
 def ways_to_room(pose: Array, field: Field, body: Body, limits: BaseLimits, floor: float) -> list[Escape]:
-    """Arcs, at most as long as the outer radius, each to where it has most room, the one with most first.
+    """Arcs, at most as long as the outer radius, each up to its pose of most clearance; the one with most comes first.
 
-    They keep ``floor`` [m] of clearance, or what there is here, and bring clearly more than that.
+    They keep ``floor`` [m] of clearance, or that of the present pose if less, and end with clearly more than here.
     """
     here = float(clearances(pose[None], 1.0, field, body)[0])
     found: list[tuple[float, Escape]] = []
@@ -103,7 +103,7 @@ def ways_to_room(pose: Array, field: Field, body: Body, limits: BaseLimits, floo
 
 
 def find_turn(pose: Array, field: Field, body: Body, limits: BaseLimits, floor: float) -> Escape | None:
-    """The turn in place by a quarter that keeps more room, at least ``floor`` [m] or what there is here; None: none."""
+    """The quarter turn in place that keeps more clearance, at least ``floor`` [m] or that of the pose; None: none."""
     here = float(clearances(pose[None], 1.0, field, body)[0])
     most, found = min(floor, here - 1e-3), None
     for twist in _twists(body, limits)[-2:]:
@@ -130,7 +130,7 @@ def _twists(body: Body, limits: BaseLimits) -> list[Array]:
 
 
 def rooms(pose: Array, points: Array, sizes: Array) -> Array:
-    """Room [m] between points (m, 2) and the footprint at a pose (3,), by its nearest side; negative inside; (m,)."""
+    """Distance [m] from points (m, 2) to the nearest side of the footprint at a pose (3,); negative inside; (m,)."""
     turned = to_frame(pose, points)
     return np.maximum(np.abs(turned[:, 0] - sizes[2]) - sizes[0], np.abs(turned[:, 1]) - sizes[1])
 
@@ -140,11 +140,11 @@ def follow_escape(
     pose: Array, twist: Array, dt: float, points: Array, body: IntArray, sizes: Array, pad: float, least: Array,
     path: Array,
 ) -> tuple[int, float]:  # fmt: skip
-    """Drive a twist until nothing overlaps, or something gets deeper or new in: steps, and the depth that is left [m].
+    """Drive a twist until the overlap ends, or a point gets deeper or newly in: steps, and the depth that is left [m].
 
-    ``body``: number of the body in the footprint that each point belongs to, -1: none. The depth of a body is how far
-    the footprint must be shifted, square to a side, to be clear of those of its points that are nearer than ``pad``
-    [m]. ``least``, shape (bodies, 5): room for it; ``path``, shape (n, 3), is filled in.
+    ``body``: number of the overlapped body that each point belongs to, -1: none. The depth of a body is the distance by
+    which the footprint must be shifted, square to a side, to clear those of its points that are nearer than ``pad``
+    [m]. ``least``, shape (bodies, 5), is a buffer for the depths; ``path``, shape (n, 3), is filled in.
     """
     x, y, heading = pose[0], pose[1], pose[2]
     left = math.inf

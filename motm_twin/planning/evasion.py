@@ -1,8 +1,8 @@
-"""Moving out of the way of what is about to meet the base.
+"""Moving out of the way of dynamic obstacles that are about to meet the base.
 
-A dynamic obstacle goes on straight at its measured velocity for a few seconds; the room that it is given grows with
-time, as does the error of that prediction. Where the plan of the period comes into this room, or the base stands in it,
-the motion that stays out of it best is driven instead: 25 twists for a second, and 25 others after that.
+A dynamic obstacle is expected to go straight on at its measured velocity for a few seconds. The room that it is given
+grows with time, as does the error of that prediction. Where the plan of the period enters this room, or the base stands
+in it, the motion that best stays out of it is driven instead: one of 25 twists for a second, then one of 25 again.
 """
 
 import math
@@ -27,8 +27,8 @@ from motm_twin.planning.parameters import PlanningParameters
 from motm_twin.planning.prediction import GOES, SPREAD, gap_to_point
 from motm_twin.planning.types import BasePlan, BaseProblem, Encounter, PlanStatus
 
-LOOKS, LOOKED = 3, 15  # steps between two tests of the stop, and the last with one
-UNSAFE = 0.3  # [s] what a state costs that is not passively safe
+LOOKS, LOOKED = 3, 15  # steps between two tests of the stop, and the last step that is tested
+UNSAFE = 0.3  # [s] cost of a state that is not passively safe
 
 
 class Room(NamedTuple):
@@ -46,7 +46,7 @@ class EvasionState:
 
 
 class Evasion(Protocol):
-    """A policy of what is done about dynamic obstacles that come too near."""
+    """A policy for dynamic obstacles that come too near."""
 
     def instead(self, problem: BaseProblem, plan: BasePlan, body: Body, limits: BaseLimits) -> BasePlan:
         """The plan that is driven."""
@@ -54,7 +54,7 @@ class Evasion(Protocol):
 
 
 class StandsItsGround:
-    """Nothing: dynamic obstacles are obstacles where they are (Paper)."""
+    """No evasion: dynamic obstacles are obstacles at their present place (Paper)."""
 
     def instead(self, problem: BaseProblem, plan: BasePlan, body: Body, limits: BaseLimits) -> BasePlan:
         """The plan as it is."""
@@ -62,7 +62,7 @@ class StandsItsGround:
 
 
 class MakesWay(Stateful[EvasionState]):
-    """Moves out of the way of what would meet the base."""
+    """Evades dynamic obstacles that would meet the base."""
 
     def __init__(self, known: KnownWorld, parameters: PlanningParameters | None = None) -> None:
         parameters = parameters or PlanningParameters()
@@ -72,7 +72,7 @@ class MakesWay(Stateful[EvasionState]):
         self._state = EvasionState()
 
     def instead(self, problem: BaseProblem, plan: BasePlan, body: Body, limits: BaseLimits) -> BasePlan:
-        """The plan, or a motion that stays out of the way of what moves, where that is clearly better."""
+        """The plan, or a motion out of the way of dynamic obstacles where that is clearly better."""
         p, state = self._p, self._state
         movers = problem.world.tracks
         movers = movers[np.hypot(movers[:, 2], movers[:, 3]) >= GOES]
@@ -158,7 +158,7 @@ class Around(NamedTuple):
     room: Room
     stop: Stop
     body: Body
-    arm: Array = NO_ARM  # it is not looked at
+    arm: Array = NO_ARM  # the arm is left out
 
 
 class Limits(NamedTuple):
@@ -167,14 +167,14 @@ class Limits(NamedTuple):
     linear: float  # [m/s^2]
     turning: float  # [rad/s^2]
     first: int  # steps of the first of the two twists
-    travel: float  # cost of the way [s/m]
-    clearance: float  # [m] from what stands
-    floor: float  # [m] the same of a base that is nearer already
+    travel: float  # cost of the distance driven [s/m]
+    clearance: float  # [m] from static obstacles
+    floor: float  # [m] the same, for a base that is nearer already
 
 
 @kernel
 def risk(x: float, y: float, heading: float, time: float, around: Around) -> float:
-    """Share of its room that a mover loses to the footprint at a time [s]: 0 outside of it, 1 at a touch; the most."""
+    """Largest share of its room that a mover loses to the footprint after a time [s]: 0 outside it, 1 on touching."""
     c, s = math.cos(heading), math.sin(heading)
     movers, body = around.movers, around.body
     wide, most = around.room.now + around.room.grows * time, 0.0
@@ -186,7 +186,7 @@ def risk(x: float, y: float, heading: float, time: float, around: Around) -> flo
 
 @kernel
 def meeting(states: Array, around: Around) -> float:
-    """Seconds that states (n, 5) every `STEP` spend in the room of the movers, weighted by `risk`.
+    """Time [s] that states (n, 5) every `STEP` spend in the room of the movers, weighted by `risk`.
 
     States from which the base could not stop in time count too.
     """
@@ -210,8 +210,8 @@ def unsafe(i: int, state: Array, around: Around) -> float:
 def best_evasion(tried: Array, around: Around, reach: Limits, field: Field, states: Array, best: Array) -> float:
     """Fill in the states (n, 5) of the cheapest motion of two of the tried twists (m, 2); its cost, inf: none is free.
 
-    ``states``: room for a motion, which begins with the first of them. It ends able to stop. From within the clearance
-    it may come as near to what stands as the floor of the reach while it leaves.
+    ``states``: buffer for a motion; its first row is the start. The base can stop at the end of the motion. One that
+    starts within ``reach.clearance`` of a static obstacle may come as near to it as ``reach.floor`` while it leaves.
     """
     last = best.shape[0] - 1
     first = min(last, reach.first)
@@ -247,8 +247,8 @@ def _driven(
 ) -> float:  # fmt: skip
     """Fill in the states after ``begin`` up to ``end`` of a base that takes up a twist; the cost of the whole motion.
 
-    ``costs``: the cost so far, the one from which on a motion is of no use, and the clearance that is kept [m]. inf: it
-    is not free, or too dear.
+    ``costs``: the cost so far, the cost from which on a motion is useless, and the clearance to keep [m]. The result is
+    inf for a motion that is not free or costs too much.
     """
     cost, limit, allowed = costs
     for i in range(begin, end):

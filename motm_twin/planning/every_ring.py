@@ -1,10 +1,10 @@
-"""Candidates on all rings at once, which stay while they are free at all, and places to wait beside what will move on.
+"""Candidates on all rings at once, the chosen one kept while it is free at all, and places to wait.
 
-The paper takes the smallest ring that has a viable candidate, however long the way to that one is. Between boxes, what
-is left of the smallest ring may be on the other side of the table, while a little further out there is room right here.
-There the base must pass more slowly, which counts.
-Where no ring has one, the paper goes to the free place that is closest to the target, be it on the other side of the
-table; when all that is in the way is something that moves, the candidates behind it will be free again.
+The paper takes the smallest ring that has a viable candidate, however long the way to it. Between boxes, the free part
+of the smallest ring may be on the other side of the table, while a slightly larger ring has room near the base. There
+the base must pass the target more slowly, which is part of the cost.
+Where no ring has a viable candidate, the paper drives to the free place closest to the target, even on the other side
+of the table. Candidates that only dynamic obstacles block will be free again: the base waits near those.
 """
 
 import functools
@@ -32,10 +32,10 @@ from motm_twin.planning.types import Mode, Target
 
 
 class EveryRing:
-    """A rule of candidates: 36 x 2 on every ring of 0.6 to 0.8 m; where none is viable, beside what moves."""
+    """A rule of candidates: 36 x 2 on every ring of 0.6 to 0.8 m; where none is viable, places to wait."""
 
     def __init__(self, still: StillMap | None = None) -> None:
-        """``still``: gives the map without what moves; None: nothing is waited for."""
+        """``still``: gives the map without dynamic obstacles; None: the base waits for none."""
         self._still, self._graphs = still, GraphCache()
 
     def __call__(self, target: Target, survey: Survey) -> Judged:
@@ -48,7 +48,7 @@ class EveryRing:
         return self._beside(target, survey) or smallest_ring(target, survey)
 
     def _beside(self, target: Target, survey: Survey) -> Judged | None:
-        """Free places, the way to each, and from it to a candidate that is free but for what moves; None: none is."""
+        """Free places, with the way to each and on to a candidate blocked only by dynamic obstacles; None: no such."""
         model, here = survey.model, survey.here
         world = here.world if self._still is None else self._still.of(here.world)
         if world is here.world:
@@ -78,7 +78,7 @@ class EveryRing:
 
 
 def every_ring(target: Target, survey: Survey) -> Candidates:
-    """The candidates of all rings; the pose chosen before is one of them as long as it is free at all."""
+    """The candidates of all rings; the pose chosen before needs no clearance as long as it is free at all."""
     model = survey.model
     pose, place, place_of = rings(target.position, model.radii, model.placement.positions)
     rejected = _unless_chosen(rejections(pose, model.placement.clearance, survey.here), target, pose, survey)
@@ -88,9 +88,9 @@ def every_ring(target: Target, survey: Survey) -> Candidates:
 
 
 def passing_more_slowly(candidates: Candidates, target: Target, survey: Survey) -> Array:
-    """Seconds by which the base passes each later than at full speed, to stay in reach as long as the job takes.
+    """Time [s] lost to full speed at each candidate by passing it slowly enough for the job, shape (m,).
 
-    On the tangent at r it has the target within reach R over 2 sqrt(R^2 - r^2). Shape (m,).
+    On the tangent at radius r the base has the target within reach R over 2 sqrt(R^2 - r^2) [m].
     """
     p, top_speed = survey.model.parameters.reach, survey.model.profile.base.forward_speed
     reach = survey.model.reach.r_max(target) - p.plan_slack
@@ -100,7 +100,7 @@ def passing_more_slowly(candidates: Candidates, target: Target, survey: Survey) 
 
 
 def _unless_chosen(rejected: list[str], target: Target, pose: Array, survey: Survey) -> list[str]:
-    """The reasons without that of the pose chosen before, as long as it is free at all: cells come and go."""
+    """The reasons without that of the pose chosen before, as long as it is free at all: occupied cells flicker."""
     goal, here, p = survey.last.goal, survey.here, survey.model.placement
     if goal is None or not survey.last.of(target):
         return rejected

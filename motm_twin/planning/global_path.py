@@ -1,4 +1,4 @@
-"""Global paths: visibility graphs kept while the polygons stay, and cost-to-go from and to goal poses.
+"""Global paths (Paper, Sec. III-B): visibility graphs, kept while the polygons stay, and costs from and to poses.
 
 PathRTR is the same for a path and for its reverse with all headings turned by pi. One table with the robot as its goal
 therefore gives the cost from the robot to every candidate ("forward"), and one table with the target as its goal the
@@ -20,8 +20,8 @@ from motm_twin.planning.collision import Field, field_of
 from motm_twin.planning.cost_to_go import FAR, Rates, Table, cheapest, make_table, trace
 from motm_twin.planning.visibility import Graph, build_graph, push_out, visible_vertices
 
-NEVER = 1e6  # [s/m] less than no path: costs stay finite
-KEPT = 8  # tables of costs to goals: those of a period, goal and next targets do not change in most
+NEVER = 1e6  # [s/m] small beside `FAR`, the cost of no path: costs stay finite
+KEPT = 8  # remembered tables of costs to goals: in most periods neither the goal nor the next targets change
 
 
 class GraphCache:
@@ -44,7 +44,7 @@ class GraphCache:
         return self._graph
 
     def table(self, graph: Graph, poses: Array, rates: Rates, offsets: Array | None = None) -> Table:
-        """`goal_table`; the same object for what was asked lately on the same graph."""
+        """`goal_table`; the same object for recent arguments on the same graph."""
         if graph is not self._graph:
             return goal_table(graph, poses, rates, offsets)
         key = (poses.tobytes(), b"" if offsets is None else offsets.tobytes(), rates)
@@ -72,7 +72,7 @@ def rates_of(limits: BaseLimits, *, rotation_cost: bool = True) -> Rates:
 
 
 class Visibility(NamedTuple):
-    """Visibility from places: points outside the grown polygons (m, 3: x, y, how far), vertices in compressed rows."""
+    """Visibility from places: points outside the grown polygons (m, 3: x, y, distance), vertices in compressed rows."""
 
     point: Array
     start: NDArray[np.int32]
@@ -163,7 +163,7 @@ def _group(poses: Array, place: Array, start: NDArray[np.int32]) -> int:
 
 
 def robot_table(graph: Graph, pose: Array, rates: Rates) -> Table:
-    """The table that gives costs from the robot at `pose` (3,) when it is asked with reversed candidates."""
+    """The table that gives costs from the robot at `pose` (3,) to candidates whose headings are turned by pi."""
     return goal_table(graph, np.array([[pose[0], pose[1], pose[2] + math.pi]]), rates)
 
 

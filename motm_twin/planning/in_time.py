@@ -1,9 +1,9 @@
-"""Candidates in time: each is judged by who will be there when the base arrives, not by who is there now.
+"""Candidates in time: each is judged by the dynamic obstacles expected there on arrival, not by those there now.
 
 A candidate that will be free on arrival costs nothing more; one that will be taken costs the time until it is free
-again. So the base waits for a place that is free soon when that is cheaper than the next best one. The ways to the
-cheapest candidates also cost the delays by others who cross them when the base gets there: of two ways round a table
-the base takes the clear one.
+again. So the base waits for a place that is free soon when that is cheaper than the next best one. The paths to the
+cheapest candidates also cost the delays by dynamic obstacles that cross them when the base gets there: of two ways
+round a table the base takes the clear one.
 """
 
 import math
@@ -20,19 +20,19 @@ from motm_twin.planning.kernels import length_of
 from motm_twin.planning.prediction import LONGEST, SPREAD, WAIT_STEP, Spread, moved_on, probability_taken
 from motm_twin.planning.types import Target
 
-SAMPLE = 0.25  # [m] between two looks along a way
-SIDES = 12  # of a target, to each of which one way is looked along
+SAMPLE = 0.25  # [m] between samples of a path
+SIDES = 12  # sectors round a target; one path to each is sampled
 
 
 class InTime:
-    """A rule of candidates: those of another rule, with what waiting for others costs."""
+    """A rule of candidates: those of another rule, plus the cost of waiting for dynamic obstacles."""
 
     def __init__(self, rule: Rule, lag: float) -> None:
-        """``lag`` [s]: by which the base follows its plan."""
+        """``lag`` [s]: delay with which the base follows its plan."""
         self._rule, self._lag = rule, lag
 
     def __call__(self, target: Target, survey: Survey) -> Judged:
-        """The candidates of a target, their costs with waiting, and the time that each is waited for."""
+        """The candidates of a target, their costs with waiting, and the time to wait for each."""
         judged = self._rule(target, survey)
         others, viable = moved_on(survey.here.world.tracks, self._lag), np.isfinite(judged.current)
         if not len(others) or judged.waits or not viable.any():
@@ -44,7 +44,7 @@ class InTime:
         p = survey.model.parameters.foresight
         fill_waits(poses, arrival, (dwell, p.taken), others, SPREAD, body, waiting, doubt)
         among = waiting + p.doubt * doubt
-        # What is expected flickers, and somebody may change his way: the place chosen before is charged less.
+        # Predictions flicker, and people may change their way: the place chosen before is charged less.
         among -= np.minimum(among, 0.5 * p.doubt * _chosen_before(target, survey, poses))
         current = judged.current + among
         onward = survey.model.placement.next_weight * np.where(viable, judged.onward, 0.0)
@@ -62,7 +62,7 @@ def _chosen_before(target: Target, survey: Survey, poses: Array) -> Array:
 
 
 def _add_delays(current: Array, onward: Array, poses: Array, target: Target, survey: Survey, others: Array) -> None:
-    """Add the delays by others to the costs (m,): on each side of the target, the delay of its cheapest candidate."""
+    """Add to the costs (m,) the delays by dynamic obstacles: in each sector, that on the path to its cheapest pose."""
     speed = survey.model.profile.base.forward_speed
     offset = poses[:, :2] - target.position[:2]
     side = np.floor(angle_of(offset[:, 1], offset[:, 0]) * (0.5 * SIDES / math.pi)).astype(np.int64)
@@ -74,9 +74,9 @@ def _add_delays(current: Array, onward: Array, poses: Array, target: Target, sur
 
 
 def delay_along(path: Array, speed: float, others: Array, body: Body) -> float:
-    """Time [s] that a path (n, 2) loses to others (k, 7) who are on it when the base gets there at a speed [m/s].
+    """Time [s] lost to dynamic obstacles (k, 7) on a path (n, 2) when the base gets to them at a speed [m/s].
 
-    Each costs the time that it needs to clear the way, times the largest probability of a meeting.
+    Each costs the time that it needs to clear the path, times the largest probability that it is in the way.
     """
     steps = np.hypot(*np.diff(path, axis=0).T) if len(path) > 1 else np.zeros(0)
     length = np.concatenate(([0.0], np.cumsum(steps)))
@@ -107,9 +107,9 @@ def fill_waits(
     poses: Array, arrival: Array, asked: tuple[float, float], others: Array, spread: Spread, body: Body,
     waiting: Array, doubt: Array,
 ) -> None:  # fmt: skip
-    """Fill in how long each of the poses (m, 3) is taken after the arrival [s], and the probability that is left.
+    """Fill in the time [s] after arrival until each pose (m, 3) is free, and the probability that it is taken then.
 
-    ``asked``: the time [s] for which it is needed, and the probability from which on it is taken.
+    ``asked``: the time [s] for which a pose is needed, and the probability from which on it counts as taken.
     """
     dwell, taken = asked
     for i in range(poses.shape[0]):

@@ -1,9 +1,9 @@
 """Costs of leaving a place where the robot cannot turn on the spot, on a lattice of poses round it.
 
-PathRTR turns on the spot wherever it has to. Where something is nearer to the axle than a corner of the footprint is,
-that is impossible: the robot has to back out first, which a short search does not find, since everything that begins
-with it seems longer than what cannot be driven. Here the costs of all poses round the robot are settled on a lattice of
-16 headings on which the footprint must be free, outwards to where it can turn on the spot, or to the edge of the
+PathRTR turns on the spot wherever it has to. Where an obstacle is nearer to the axle than a corner of the footprint is,
+that is impossible: the robot has to back out first. A short search does not find that, since every motion that begins
+so seems longer than one that cannot be driven. Here the costs of all poses round the robot are computed on a lattice of
+16 headings on which the footprint must be free, out to poses where it can turn on the spot, or to the edge of the
 lattice: there PathRTR holds.
 """
 
@@ -23,11 +23,11 @@ from motm_twin.planning.search_memory import CellVisibility, LatticeCosts, Setti
 IntArray = NDArray[np.int32]
 CELL = 0.1  # [m] of the lattice
 ROUND = 0.5  # [m] of the lattice beyond the longer side of the base, each way: 25 x 25 cells for Frankie
-BLUR = 0.02  # [m] that a rounded pose may be nearer than the search keeps
+BLUR = 0.02  # [m] by which a pose, rounded to the lattice, may be nearer to an obstacle than the search allows
 STEPS = np.array(
     [(1, 0), (2, 1), (1, 1), (1, 2), (0, 1), (-1, 2), (-1, 1), (-2, 1),
      (-1, 0), (-2, -1), (-1, -1), (-1, -2), (0, -1), (1, -2), (1, -1), (2, -1)], np.int32,
-)  # fmt: skip  # cells that the robot drives at once in each heading
+)  # fmt: skip  # cells that the robot drives in one step at each heading
 HEADINGS = len(STEPS)
 ANGLES = angle_of(STEPS[:, 1], STEPS[:, 0]).astype(np.float64)
 LENGTHS = CELL * np.hypot(STEPS[:, 0], STEPS[:, 1])
@@ -52,7 +52,7 @@ def half_width(body: Body) -> float:
 
 
 def cannot_turn(pose: Array, s: Settings, world: World) -> bool:
-    """The robot cannot turn on the spot at a pose (3,), and the goal is not in such a place beside it."""
+    """Test that the robot cannot turn on the spot at a pose (3,), unless the goal is in such a place beside it."""
     wide = swept_radius(world.body) + s.margin
     here = distance_at(float(pose[0]), float(pose[1]), world.field)
     goal = distance_at(s.goal_x, s.goal_y, world.field)
@@ -75,13 +75,13 @@ def settle_lattice(pose: Array, s: Settings, world: World, cells: CellVisibility
 
 @kernel
 def lattice_cost(x: float, y: float, heading: float, turn_rate: float, costs: LatticeCosts) -> float:
-    """Cost [s] of a pose, with the turn to the better heading of the lattice; `FAR` where that knows none."""
+    """Cost [s] of a pose, with the turn to the better heading of the lattice; `FAR` where the lattice has none."""
     i = int(math.floor((x - costs.x) / CELL))
     j = int(math.floor((y - costs.y) / CELL))
     if i < 0 or j < 0 or i >= costs.value.shape[1] or j >= costs.value.shape[0]:
         return FAR
     turns = heading / TWO_PI
-    k = int((turns - math.floor(turns)) * HEADINGS)  # those of the lattice are less than one place off equal parts
+    k = int((turns - math.floor(turns)) * HEADINGS)  # headings of the lattice are less than one place off equal parts
     best = FAR
     for c in range(k - 1, k + 3):
         value = costs.value[j, i, c % HEADINGS]
@@ -95,7 +95,7 @@ def _fill(
     wide: float, allowed: float, world: World, cells: CellVisibility, scratch: IntArray, costs: LatticeCosts,
     kind: IntArray, key: Array, item: IntArray,
 ) -> None:  # fmt: skip
-    """Settle all poses from which one that can turn on the spot is reached."""
+    """Compute the costs of all poses with a way to one that can turn on the spot, or to the edge."""
     n, value = costs.value.shape[0], costs.value
     for j in range(n):
         for i in range(n):
@@ -123,7 +123,7 @@ def _fill(
         if reached > value[j, i, k]:
             continue
         for move in range(4):
-            if move < 2:  # what drives here: forwards, in reverse
+            if move < 2:  # from a pose that drives here, forwards or in reverse
                 way = -1 if move == 0 else 1
                 a, b, c = i + way * STEPS[k, 0], j + way * STEPS[k, 1], k
                 cost = reached + LENGTHS[k] * (rates.front if move == 0 else rates.back)
@@ -144,7 +144,7 @@ def _fill(
 
 @kernel
 def _beside_narrow(i: int, j: int, kind: IntArray) -> bool:
-    """A step from the cell may lead to a narrow one."""
+    """Test that a step from the cell may lead to a narrow one."""
     n = kind.shape[0]
     for b in range(max(0, j - 2), min(n, j + 3)):
         for a in range(max(0, i - 2), min(n, i + 3)):

@@ -1,4 +1,4 @@
-"""Outlines of obstacle polygons grown by the room that the base needs: what a visibility graph is made of.
+"""Outlines of obstacle polygons grown by the room that the base needs, from which a visibility graph is made.
 
 Rings keep the obstacle on their left. Each comes with its wall, which is the ring shrunk by 2 mm.
 """
@@ -58,7 +58,7 @@ def grown_outlines(
 
 
 def _closed_rings(polygons: tuple[Array, ...], g: float) -> tuple[Array, NDArray[np.int64], NDArray[np.bool_]]:
-    """The union of the polygons grown: points (n, 2), where each ring ends (r,), and whether it is no hole (r,).
+    """The union of the grown polygons: points (n, 2), end of each ring (r,), and True for outer rings, not holes (r,).
 
     The last point of each ring is its first.
     """
@@ -72,7 +72,7 @@ def _closed_rings(polygons: tuple[Array, ...], g: float) -> tuple[Array, NDArray
     return points, ends, outside
 
 
-# From one map to the next few polygons change. A pure function of bytes of float64, shape (n, 2).
+# Few polygons change from one map to the next. A pure function of bytes of float64, shape (n, 2).
 @functools.lru_cache(maxsize=KEPT)
 def _grown(polygon: bytes, g: float) -> shapely.Geometry:
     return shapely.buffer(shapely.polygons(np.frombuffer(polygon).reshape(-1, 2)), g, quad_segs=2)
@@ -80,7 +80,7 @@ def _grown(polygon: bytes, g: float) -> shapely.Geometry:
 
 @kernel
 def _fill_boxes(points: Array, table: Array) -> None:
-    """The bounds of rings, from where each begins and ends."""
+    """Fill in the bounds of rings whose first point and end are known."""
     for r in range(table.shape[0]):
         x_low, y_low, x_high, y_high = math.inf, math.inf, -math.inf, -math.inf
         for i in range(int(table[r, 4]), int(table[r, 5])):
@@ -91,7 +91,7 @@ def _fill_boxes(points: Array, table: Array) -> None:
 
 @kernel
 def _oriented(points: Array, first: int, last: int, outside: bool, ring: Array, start: int) -> int:
-    """Write an open ring with the obstacle on its left, without points that repeat, and return where it ends."""
+    """Write an open ring with the obstacle on its left, without repeated points, and return its end."""
     area = 0.0
     for i in range(first, last):
         k = i + 1 if i + 1 < last else first
@@ -119,7 +119,7 @@ def _trace(
     wall: Array,
     corner: Array,
 ) -> tuple[int, int]:
-    """Fill in what `grown_outlines` gives, but for the boxes; returns how many rings and corners there are."""
+    """Fill in the results of `grown_outlines`, except the boxes; returns the numbers of rings and corners."""
     rings, corners, start = 0, 0, 0
     for r in range(ends.shape[0]):
         end = _oriented(points, ends[r - 1] if r > 0 else 0, ends[r] - 1, outside[r], ring, start)

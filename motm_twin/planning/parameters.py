@@ -204,9 +204,9 @@ class StaaParameters:
 
 
 def growth(footprint: Footprint, p: StaaParameters) -> float:
-    """g [m]: obstacles grown by it leave those ways that the base can drive along, 0.33 m for Frankie.
+    """Growth g [m] of obstacles that leaves open the ways along which the base can drive, 0.33 m for Frankie.
 
-    Half of the width, which is across the way, and what the search keeps, localisation errs and outlines simplify away.
+    Half of the width, plus room for the margin of the search, errors of localisation and simplified outlines.
     """
     return 0.5 * footprint.width + p.growth_margin
 
@@ -221,9 +221,9 @@ def longest_node(robot: RobotProfile) -> float:
 
 
 def fitted(p: StaaParameters, robot: RobotProfile) -> StaaParameters:
-    """The parameters of the local search for a robot; for Frankie they are as they were.
+    """The parameters of the local search for a robot; for Frankie they are unchanged.
 
-    The local region is left at full speed only where the base can stop after it.
+    The local region has room for the base to stop from full speed.
     """
     body, limits = robot.footprint, robot.base
     return dataclasses.replace(
@@ -235,7 +235,7 @@ def fitted(p: StaaParameters, robot: RobotProfile) -> StaaParameters:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class ReachParameters:
-    """When an object is in reach of the arm, and how long a job takes (own, from measured pass-bys of the arm)."""
+    """Reach of the arm, and the time that a job takes in reach (own, from measured passes of the arm)."""
 
     r_min: Annotated[float, Number("m", OWN, "arm mount to object, horizontally")] = 0.35
     r_max_pick: Annotated[float, Number("m", OWN, "measured: 0.78 at 0.5 m/s fails")] = 0.77
@@ -272,7 +272,7 @@ class ReachParameters:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class CommitmentParameters:
-    """When a method that keeps its plans is still on one, and when a lattice tells it the way out of a tight place."""
+    """Limits within which a kept plan is still followed, and the speed below which a lattice may be needed."""
 
     late: Annotated[
         float, Number("s", OWN, "that a job may end after its plan, the target in reach: poses are known to 1 cm")
@@ -297,7 +297,7 @@ class CommitmentParameters:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class ForesightParameters:
-    """Those who go on though the robot is in the way, costs of being among them, and the search that finds the way."""
+    """Dynamic obstacles that do not yield, the costs of meeting them, and the search for a way among them."""
 
     quick: Annotated[
         float, Number("m/s", OWN, "who is faster is not expected to yield: that needs more than a metre to stop")
@@ -338,7 +338,7 @@ class PlanningParameters:
     evasion: EvasionParameters = EvasionParameters()
 
 
-LEAST_ROOM = 0.02  # [m] beyond half the width of the footprint that a way must have, however tight
+LEAST_ROOM = 0.02  # [m] round the footprint that plans keep in any case, however tight it is
 
 
 class Room(NamedTuple):
@@ -350,7 +350,7 @@ class Room(NamedTuple):
 
 
 def room_for(parameters: PlanningParameters, footprint: Footprint, tightness: float) -> Room:
-    """The room of a period: 0 as the parameters say, 1 down to the true footprint, for a robot that finds no way."""
+    """The room of a period; ``tightness`` 0: as in the parameters, 1 (for a robot that finds no way): the least."""
     staa, placement = parameters.staa, parameters.placement
     wide = growth(footprint, staa)
     least = Room(min(wide, 0.5 * footprint.width + LEAST_ROOM), min(staa.margin, staa.margin_floor), LEAST_ROOM)

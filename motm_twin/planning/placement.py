@@ -58,7 +58,7 @@ class Searched(NamedTuple):
 
 
 class NextTargetPlacement(Stateful[PlacementState]):
-    """C_i = C_iC + 1.05 C_iN over the candidates of a rule, with some loyalty to the last choice.
+    """C_i = C_iC + 1.05 C_iN over the candidates of a rule, with hysteresis in favour of the last choice.
 
     The paper's rule: 36 x 2 candidates on the smallest ring, 0.6 to 0.8 m, that has a viable one.
     """
@@ -75,7 +75,7 @@ class NextTargetPlacement(Stateful[PlacementState]):
         self._graphs = graphs or GraphCache()
         self._state = PlacementState()
         self._next: tuple[Graph, Field, tuple[object, ...], Array] | None = None  # of `_next_poses`
-        self._served: tuple[Graph, Array, Poses] | None = None  # the poses of the next target, and what they see
+        self._served: tuple[Graph, Array, Poses] | None = None  # poses of the next target, with the vertices they see
         self._last: Searched | None = None  # only to explain the last period: no decision reads it
 
     def place(self, problem: BaseProblem) -> Placement:
@@ -98,7 +98,7 @@ class NextTargetPlacement(Stateful[PlacementState]):
         return Survey(model, here, room, last, robot_table(graph, problem.pose, model.rates), None)
 
     def decide(self, problem: BaseProblem, last: PlacementState) -> tuple[Placement, PlacementState]:
-        """The choice for a period after that of the last one."""
+        """The choice for a period, given that of the last one."""
         self._last = None
         target, p = problem.target, self.model.placement
         if target is None:
@@ -109,7 +109,7 @@ class NextTargetPlacement(Stateful[PlacementState]):
             survey = survey._replace(to_next=self._graphs.table(graph, poses, self.model.rates))
         judged, how = self._judged(target, survey)
         judged = judged._replace(current=_avoiding(judged.current, judged.candidates.pose, problem, p.avoided_cost))
-        viable = np.isfinite(judged.current)  # an infinite cost times a weight of 0 would be no number
+        viable = np.isfinite(judged.current)  # an infinite cost times a weight of 0 would be nan
         cost = judged.current + p.next_weight * np.where(viable, judged.onward, 0.0)
         candidates = judged.candidates
         preferred = cost - p.hysteresis * _chosen_before(last, target, candidates.pose, p)
@@ -138,7 +138,7 @@ class NextTargetPlacement(Stateful[PlacementState]):
         return placement, PlacementState(target=(target.kind, target.name), goal=np.array(goal), closest=closest)
 
     def _judged(self, target: Target, survey: Survey) -> tuple[Judged, PastWalls]:
-        """The candidates of the rule, and how the arm comes to its target: over low walls where nothing else is."""
+        """The candidates of the rule, and how the arm gets to its target: over low walls only if no other serves."""
         judged = self.candidates(target, survey)
         if _serves(judged) or target.tall is None or len(target.tall) == len(target.walls):
             return judged, PastWalls.AROUND
@@ -173,13 +173,13 @@ class NextTargetPlacement(Stateful[PlacementState]):
 
 
 def _serves(judged: Judged) -> bool:
-    """The target can be served from a candidate, at once or when somebody has gone."""
+    """Test that the target can be served from a candidate, at once or when a dynamic obstacle has gone."""
     closest = judged.candidates.mode == Mode.CLOSEST and not judged.waits
     return not closest and bool(np.isfinite(judged.current).any())
 
 
 def _avoiding(cost: Array, pose: Array, problem: BaseProblem, dearer: float) -> Array:
-    """The costs [s] of poses (m, 3), ``dearer`` [s] near those where the arm or the base did not get to its target."""
+    """The costs [s] of poses (m, 3), ``dearer`` [s] more for each pose nearby where the arm or the base failed."""
     for avoid in (problem.stuck_at, problem.recovery.avoid):
         if len(avoid):
             cost = cost + dearer * times_avoided(pose, avoid)
@@ -228,7 +228,7 @@ def _why(judged: Judged, chosen: int, target: Target, survey: Survey) -> Reason:
 
 
 def _outside(target: Target, here: Here) -> Reason | None:
-    """That the target is outside the map; None when it is inside."""
+    """Reason that the target is outside the map; None when it is inside."""
     x_min, y_min = here.field.x, here.field.y
     rows, columns = here.world.distance.shape
     x_max, y_max = x_min + columns * here.world.resolution, y_min + rows * here.world.resolution
@@ -236,13 +236,13 @@ def _outside(target: Target, here: Here) -> Reason | None:
     if x_min <= x <= x_max and y_min <= y <= y_max:
         return None
     edges = f"x {x_min:.2f} to {x_max:.2f} m, y {y_min:.2f} to {y_max:.2f} m"
-    if target.kind == "drive":  # named by its point
+    if target.kind == "drive":  # its name is its point
         return Reason(kind=Kind.POINT_OUTSIDE_MAP, subject=target.name, other=edges)
     return Reason(kind=Kind.OUTSIDE_MAP, subject=target.name, other=edges, value=x, limit=y, unit="m")
 
 
 def _not_free(candidates: Candidates) -> str:
-    """Detail of why the base cannot stand at a point of the map with any heading."""
+    """Detail of the reason why the base cannot stand at a point of the map with any heading."""
     rejections = {why for why in candidates.rejected if why}
     if Rejection.NO_PATH in rejections:
         return "free, but there is no way to it that is wide enough"

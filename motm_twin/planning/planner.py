@@ -26,10 +26,10 @@ from motm_twin.planning.types import (
 
 
 class View(Protocol):
-    """The world as a method plans in it."""
+    """The world as a method sees it."""
 
     def of(self, problem: BaseProblem) -> BaseProblem:
-        """The problem of a period as it is to be solved."""
+        """The problem of a period as the method solves it."""
         ...
 
     def memory(self) -> dict[str, HasState]:
@@ -48,10 +48,10 @@ class HasPaths(Protocol):
 
 @runtime_checkable
 class HasStaaPath(Protocol):
-    """A controller that can tell how unmodified STAA* would go."""
+    """A controller that knows the path of unmodified STAA*."""
 
     def staa_path(self) -> Array:
-        """That path in the last period, shape (m, 2) [m]."""
+        """The path of STAA* in the last period, shape (m, 2) [m]."""
         ...
 
 
@@ -60,12 +60,12 @@ class TaskListener(Protocol):
     """A controller that plans beyond the next target."""
 
     def retasked(self, edit: TaskEdit) -> None:
-        """A person has changed the task list."""
+        """Take note of a user's change to the task list."""
         ...
 
 
 class BasePlanner:
-    """The base's part of a period. Strategies other than the paper's can be handed in."""
+    """Base placement and base control of a period. Strategies other than the paper's can be passed in."""
 
     def __init__(
         self,
@@ -79,21 +79,21 @@ class BasePlanner:
         still: StillMap | None = None,
         view: View | None = None,
     ) -> None:
-        """``graphs``: of another planner, to go on with the visibility graph that it has built.
+        """``graphs``: cache of another planner, to go on with the visibility graph that it has built.
 
-        ``still``: the map without what moves, for a controller that expects that on its course. ``view``: the world as
-        placement and controller are to see it; None: as it is.
+        ``still``: gives the map without dynamic obstacles, for a controller that predicts their motion. ``view``: the
+        world as placement and controller see it; None: as it is.
         """
         parameters = parameters or PlanningParameters()
         self.graphs = graphs or GraphCache()
         self.parameters = parameters
         self.placement = placement or NextTargetPlacement(profile, parameters, self.graphs)
-        self.ahead = still  # only with a prediction
+        self.ahead = still  # None without prediction
         self.controller = controller or StaaController(
             profile, parameters, clock=clock, graphs=self.graphs, still=still
         )
         self.view = view
-        self._seen: tuple[BaseProblem, BaseProblem] | None = None  # of this period: as it came, and as it is solved
+        self._seen: tuple[BaseProblem, BaseProblem] | None = None  # problem of this period, as given and as solved
 
     def plan(self, problem: BaseProblem, budget: SearchBudget) -> tuple[Placement, BasePlan]:
         """Choose where to stand, and how to accelerate now."""
@@ -112,7 +112,7 @@ class BasePlanner:
         return self.controller.plan(seen, placement, budget)
 
     def _viewed(self, problem: BaseProblem) -> BaseProblem:
-        """The problem as it is to be solved, the same for placement and controller."""
+        """The problem as the method solves it, the same for placement and controller."""
         if self.view is None:
             return problem
         if self._seen is None or self._seen[0] is not problem:
@@ -120,14 +120,14 @@ class BasePlanner:
         return self._seen[1]
 
     def retasked(self, edit: TaskEdit) -> None:
-        """A person has changed the task list: of interest only to whoever plans beyond the next target."""
+        """Pass on a user's change to the task list to a controller that plans beyond the next target."""
         if isinstance(self.controller, TaskListener):
             self.controller.retasked(edit)
 
     def candidate_paths(self, index: int) -> tuple[Array, Array] | None:
         """Paths (m, 2) [m] behind the costs of a candidate of the last period: robot to it, and it to the next target.
 
-        None for a candidate that was rejected, an index that is none, and before the first period. The second path is
+        None for a rejected candidate, for an index out of range, and before the first period. The second path is
         empty when there is no next target.
         """
         placement = self.placement
@@ -143,13 +143,13 @@ class BasePlanner:
         return {name: part.snapshot() for name, part in self._stateful().items()}
 
     def restore(self, state: dict[str, Any]) -> None:
-        """Continue from a snapshot; what parameters have added since it was made (`still`) begins anew."""
+        """Continue from a snapshot; a part that a parameter has added since (`still`) begins anew."""
         for name, part in self._stateful().items():
             if name in state or part is not self.ahead:
                 part.restore(state[name])
 
     def _stateful(self) -> dict[str, HasState]:
-        """The strategies that remember something between periods; of `StaaController` its policies."""
+        """The strategies that remember something between periods; for `StaaController`, its policies."""
         controller = self.controller
         parts: dict[str, object] = {"placement": self.placement, "controller": controller, "ahead": self.ahead}
         if isinstance(controller, StaaController):

@@ -1,8 +1,8 @@
 """Prediction of dynamic obstacles while a plan is carried out.
 
-STAA* expects obstacles to go on as they do for 1 s of its search, and to stand after that: discs on their course. The
-paper expects nothing (Sec. VIII, "Obstacle Motion Prediction"). A method with foresight asks for the probability that a
-place is taken at a time: each goes on straight, and the ellipse in which it is grows, more along its way than across.
+STAA* predicts them as discs that keep their velocity for 1 s of its search and stand after that. The paper predicts
+nothing (Sec. VIII, "Obstacle Motion Prediction"). A method with foresight asks for the probability that a place is
+taken at a time: each obstacle goes straight on, within an ellipse that grows, more along its way than across.
 """
 
 import math
@@ -17,20 +17,20 @@ from motm_twin.model.scene import AGENT_MOVES
 from motm_twin.planning.collision import Body
 from motm_twin.planning.kernels import length_of
 
-GOES = AGENT_MOVES  # slower ones are obstacles where they are
-WAIT_STEP, LONGEST = 0.5, 6.0  # [s] between two times of waiting, and the longest: beyond that nobody knows
-STARTS = 0.5  # [m/s] faster ones are on their way: they do not start to walk
-HIDES = 0.25  # [m] radius that anybody has at least: a part of it may be hidden
-FARTHEST = 3.0  # standard deviations beyond which nobody is expected
+GOES = AGENT_MOVES  # slower tracks are obstacles at their present place
+WAIT_STEP, LONGEST = 0.5, 6.0  # [s] between two waiting times, and the longest: no prediction reaches beyond it
+STARTS = 0.5  # [m/s] faster tracks are under way: they do not start to walk
+HIDES = 0.25  # [m] least radius of a dynamic obstacle: a part of it may be hidden
+FARTHEST = 3.0  # standard deviations beyond which no dynamic obstacle is expected
 SHOWN = 2.0  # standard deviations that an ellipse holds: 95 % along either axis
 
 
 class Spread(NamedTuple):
-    """Rates by which the standard deviation of somebody's place grows [m/s], and the room that is kept [m]."""
+    """Growth rates [m/s] of the standard deviation of a predicted position, and the room that is kept [m]."""
 
-    along: float = 0.08  # his way: of speed
-    across: float = 0.06  # of direction
-    starts: float = 0.20  # of one who stands, and may start to walk; less the faster he is
+    along: float = 0.08  # its way: from errors of speed
+    across: float = 0.06  # its way: from errors of direction
+    starts: float = 0.20  # added to both while a track stands and may start to walk; less the faster it is
     room: float = 0.05
 
 
@@ -40,9 +40,9 @@ NOBODY.setflags(write=False)
 
 
 def expected(movers: Array, step: float, horizon: float) -> Array:
-    """Discs x, y, radius [m] of what moves every half ``step`` [s] until ``horizon`` [s], shape (n, k, 3).
+    """Discs x, y, radius [m] of dynamic obstacles every half ``step`` [s] until ``horizon`` [s], shape (n, k, 3).
 
-    ``movers``: x, y [m], velocity [m/s], radius [m] in the columns, shape (k, 5) or more. The last discs are those of
+    ``movers``: x, y [m], velocity [m/s], radius [m] in the columns, shape (k, 5) or more. The last discs are those at
     the horizon itself.
     """
     if horizon <= 0.0 or not len(movers):
@@ -54,7 +54,7 @@ def expected(movers: Array, step: float, horizon: float) -> Array:
 
 @kernel
 def at_half_steps(count: int, moving: Array) -> int:
-    """Row of `expected` after so many half steps."""
+    """Row of `expected` after ``count`` half steps."""
     return min(count, moving.shape[0] - 1)
 
 
@@ -78,7 +78,7 @@ def gap_to_point(x: float, y: float, c: float, s: float, px: float, py: float, b
 
 @kernel
 def signed_gap(x: float, y: float, c: float, s: float, px: float, py: float, body: Body) -> float:
-    """Distance [m] from the footprint at a pose to a point; inside less than 0, to the nearest side."""
+    """Distance [m] from the footprint at a pose to a point; inside it negative, to the nearest side."""
     half_l, half_w = body.corner[3, 0] - body.centre_x, body.corner[3, 1]
     dx, dy = px - x, py - y
     along, across = abs(c * dx + s * dy - body.centre_x) - half_l, abs(c * dy - s * dx) - half_w
@@ -89,7 +89,7 @@ def signed_gap(x: float, y: float, c: float, s: float, px: float, py: float, bod
 
 @kernel
 def way_to(x: float, y: float, discs: Array) -> float:
-    """Distance [m] from a point to the nearest disc (k, 3), not less than 0; inf: there is none."""
+    """Distance [m] from a point to the nearest disc (k, 3), not less than 0; inf if there is no disc."""
     least = math.inf
     for i in range(discs.shape[0]):
         least = min(least, length_of(discs[i, 0] - x, discs[i, 1] - y) - discs[i, 2])
@@ -109,7 +109,7 @@ def ellipses(track: Array, times: Sequence[float]) -> Array:
 
 
 def moved_on(tracks: Array, lag: float) -> Array:
-    """The moving ones of the tracks (k, 7), moved on by ``lag`` [s], when the base begins to follow a plan."""
+    """The moving ones of the tracks (k, 7), predicted ``lag`` [s] ahead, when the base begins to follow a plan."""
     going = tracks[np.hypot(tracks[:, 2], tracks[:, 3]) >= GOES].copy()
     going[:, :2] += lag * going[:, 2:4]
     going[:, 4] = np.maximum(going[:, 4], HIDES)
@@ -118,7 +118,7 @@ def moved_on(tracks: Array, lag: float) -> Array:
 
 @kernel
 def may_start(speed: float, spread: Spread) -> float:
-    """More [m/s] of both rates for somebody at a speed [m/s], who may start to walk."""
+    """Addition [m/s] to both growth rates for a track at a speed [m/s] that may start to walk."""
     return spread.starts * max(0.0, 1.0 - speed / STARTS)
 
 
@@ -132,7 +132,7 @@ def grown(sd: float, rate: float, time: float) -> float:
 def probability_taken(
     x: float, y: float, c: float, s: float, time: float, mover: Array, spread: Spread, body: Body
 ) -> float:
-    """Probability that a mover (6 or more,) is nearer than its room to the footprint at a pose after a time [s].
+    """Probability that a mover (6 or more,) is nearer than ``spread.room`` to the footprint at a pose after a time [s].
 
     c, s: cosine and sine of the heading. The position error of the mover is normal along the line to the base, and
     the footprint counts as a wall across that line.

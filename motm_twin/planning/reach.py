@@ -1,4 +1,4 @@
-"""Reach of the arm as the base reckons with it: is a target in reach, and when is its job done?"""
+"""Reach of the arm as base planning models it: tests that a target is in reach, and the job to be done there."""
 
 import math
 from typing import NamedTuple
@@ -33,7 +33,7 @@ class Job(NamedTuple):
     heading: float  # [rad] drive only, nan: free
     heading_tolerance: float  # [rad]
     behind: float  # cosine of the largest azimuth that joint 1 can turn the arm to
-    walls: Array  # [m] edges x, y, x, y of what the arm does not reach over, shape (k, 4)
+    walls: Array  # [m] edges x, y, x, y that the arm does not reach over, shape (k, 4)
 
 
 @kernel
@@ -51,7 +51,7 @@ def in_reach(x: float, y: float, heading: float, v: float, w: float, job: Job) -
 
 @kernel
 def manipulable(x: float, y: float, c: float, s: float, v: float, w: float, job: Job) -> bool:
-    """`in_reach` of what the arm is to do, for a heading whose cosine and sine are known."""
+    """`in_reach` for a job of the arm, and a heading whose cosine and sine are known."""
     dx, dy = job.x - x, job.y - y
     px, py = c * dx + s * dy, -s * dx + c * dy
     distance = length_of(px - job.mount_x, py - job.mount_y)
@@ -79,7 +79,7 @@ def _crosses(x: float, y: float, to_x: float, to_y: float, walls: Array) -> bool
 
 @kernel
 def first_in_reach(start: Array, step: Array, length: float, heading: float, job: Job) -> float:
-    """Way [m] along a straight step (2,) until the target is in reach of a base that stands; inf: it never is."""
+    """Distance [m] along a straight step (2,) until the target is in reach of a standing base; inf: never."""
     for k in range(int(math.ceil(length / 0.05))):
         s = k * 0.05
         if in_reach(start[0] + s / length * step[0], start[1] + s / length * step[1], heading, 0.0, 0.0, job):
@@ -165,7 +165,7 @@ class ReachModel:
         return bool(in_reach(*(float(value) for value in (*pose, *twist)), job))
 
     def reached_from(self, poses: Array, target: Target, *, slack: float = 0.0) -> Array:
-        """Which poses (m, 3) have the target in reach of a standing robot, shape (m,) of bool."""
+        """Test that the target is in reach of a standing robot at each of the poses (m, 3), shape (m,) of bool."""
         p = self.parameters
         least, most = p.r_min + slack, self.r_max(target) - slack
         result = np.empty(len(poses), dtype=np.bool_)
@@ -176,7 +176,7 @@ class ReachModel:
         return result & ~self.behind_walls(poses, target)
 
     def behind_walls(self, poses: Array, target: Target) -> Array:
-        """From which poses (m, 3) the line from the mount to the target crosses a wall, shape (m,) of bool."""
+        """Test that the line from the mount to the target crosses a wall, at each pose (m, 3); shape (m,) of bool."""
         result = np.empty(len(poses), dtype=np.bool_)
         _mark_behind(
             poses, np.cos(poses[:, 2]), np.sin(poses[:, 2]), (self._arm.mount_x, self._arm.mount_y),

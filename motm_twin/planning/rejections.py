@@ -15,7 +15,7 @@ from motm_twin.planning.visibility import Graph
 
 
 class Rejection(StrEnum):
-    """Why a candidate pose is not taken; its value is what people read."""
+    """Reasons for which a candidate pose is rejected; users read the value."""
 
     NONE = ""
     OUTSIDE = "outside the map"
@@ -29,12 +29,12 @@ class Rejection(StrEnum):
 
 
 _OF_FOOTPRINT = (Rejection.NONE, Rejection.OUTSIDE, Rejection.SEEN, Rejection.MAPPED)
-OUTSIDE, SEEN, MAPPED = 1, 2, 3  # indices into those
-BESIDE = 0.1  # [m] a seen point this near to the footprint is what it collides with
+OUTSIDE, SEEN, MAPPED = 1, 2, 3  # indices into _OF_FOOTPRINT
+BESIDE = 0.1  # [m] a collision is with a seen obstacle if a seen point is this near to the footprint
 
 
 class Here(NamedTuple):
-    """One period's map, ready for tests."""
+    """One period's map, prepared for tests of poses."""
 
     world: WorldMap
     field: Field
@@ -44,7 +44,7 @@ class Here(NamedTuple):
 
 
 def rejections(pose: Array, wanted: float, here: Here) -> list[Rejection]:
-    """Why the footprint with a clearance `wanted` [m] does not fit at each pose (m, 3); "" where it does."""
+    """Reason why the footprint with a clearance `wanted` [m] does not fit at each pose (m, 3); "" where it fits."""
     reason = np.zeros(len(pose), np.uint8)
     c, s = np.cos(pose[:, 2]), np.sin(pose[:, 2])
     _judge(pose, c, s, wanted, here.world.seen_points, here.world.resolution, here.field, here.body, reason)
@@ -52,21 +52,21 @@ def rejections(pose: Array, wanted: float, here: Here) -> list[Rejection]:
 
 
 def leaves_room(pose: Array, room: float, here: Here) -> Array:
-    """Test that nothing that may be moving is in the footprint larger by `room` [m] all round, shape (m,) of bool."""
+    """Test that no point that may be moving is in the footprint grown by `room` [m] all round, shape (m,) of bool."""
     result = np.zeros(len(pose), dtype=bool)
     mark_free(pose, np.cos(pose[:, 2]), np.sin(pose[:, 2]), may_move(here.world), room, here.body, result)
     return result
 
 
 def may_move(world: WorldMap) -> Array:
-    """Points of the map that are not static, far sides that the lidar does not see included, (m, 2) [m]."""
+    """Points of the map that are not static, including far sides hidden from the lidar, (m, 2) [m]."""
     return np.concatenate((world.seen_points[~world.seen_static], world.hidden))
 
 
 def in_sight(pose: Array, here: Here) -> Array:
-    """Nothing that the lidar sees hides a corner of the footprint at each pose (m, 3), shape (m,) of bool.
+    """Test that no seen point hides a corner of the footprint at each pose (m, 3) from the lidar, shape (m,) of bool.
 
-    Beyond what it sees there may be more of the same: the far side of a box is not free floor.
+    A seen obstacle may extend beyond its seen points: the far side of a box is not free floor.
     """
     result = np.ones(len(pose), dtype=bool)
     c, s = np.cos(pose[:, 2]), np.sin(pose[:, 2])
@@ -79,7 +79,7 @@ def _mark_in_sight(
     eye: Array, pose: Array, c: Array, s: Array, seen: Array, resolution: float, body: Body,
     result: NDArray[np.bool_],
 ) -> None:  # fmt: skip
-    """Say of each pose (n, 3) whether no seen point (m, 2) is on the line to one of its corners; c, s of headings."""
+    """Clear `result` of poses (n, 3) with a seen point (m, 2) on the line to one of their corners; c, s of headings."""
     for i in range(pose.shape[0]):
         for k in range(4):
             x = pose[i, 0] + c[i] * body.corner[k, 0] - s[i] * body.corner[k, 1]
@@ -91,7 +91,7 @@ def _mark_in_sight(
 
 @kernel
 def _hidden(ax: float, ay: float, bx: float, by: float, seen: Array, resolution: float) -> bool:
-    """A seen point (m, 2) is on the line from a to b."""
+    """Test that a seen point (m, 2) is on the line from a to b."""
     dx, dy = bx - ax, by - ay
     squared = dx * dx + dy * dy
     for k in range(seen.shape[0]):
@@ -114,7 +114,7 @@ def _judge(
     body: Body,
     reason: NDArray[np.uint8],
 ) -> None:
-    """Index of the `Rejection` of each pose (n, 3); c, s of the headings, ``seen`` points (m, 2) [m]."""
+    """Fill in the index of the `Rejection` of each pose (n, 3); c, s of the headings, ``seen`` points (m, 2) [m]."""
     rows, columns = field.value.shape
     for i in range(pose.shape[0]):
         if clearance(pose[i, 0], pose[i, 1], pose[i, 2], wanted, field, body) >= wanted:
@@ -133,7 +133,7 @@ def _judge(
 def _beyond_border(
     px: float, py: float, c: float, s: float, margin: float, width: float, height: float, field: Field, body: Body
 ) -> bool:
-    """A corner of the body is nearer than a margin to the border of the map, or beyond; all in [m]."""
+    """Test that a corner of the body is nearer than a margin to the border of the map, or beyond it; all in [m]."""
     x_low, y_low = field.x + margin, field.y + margin
     x_high, y_high = x_low - 2.0 * margin + width, y_low - 2.0 * margin + height
     for k in range(body.corner.shape[0]):
@@ -146,7 +146,7 @@ def _beyond_border(
 
 @kernel
 def _any_within(px: float, py: float, c: float, s: float, points: Array, margin: float, body: Body) -> bool:
-    """A point (m, 2) lies in the footprint that is larger by the margin [m] on all sides."""
+    """Test that a point (m, 2) lies in the footprint grown by the margin [m] on all sides."""
     half_x, half_y = -math.inf, -math.inf
     for k in range(body.corner.shape[0]):
         half_x, half_y = max(half_x, body.corner[k, 0]), max(half_y, body.corner[k, 1])
@@ -162,6 +162,6 @@ def _any_within(px: float, py: float, c: float, s: float, points: Array, margin:
 def mark_free(
     pose: Array, c: Array, s: Array, points: Array, margin: float, body: Body, result: NDArray[np.bool_]
 ) -> None:
-    """Say of each pose (n, 3) whether there is nothing within; c, s of the headings."""
+    """Mark each pose (n, 3) with no point in its footprint grown by the margin; c, s of the headings."""
     for i in range(pose.shape[0]):
         result[i] = not _any_within(pose[i, 0], pose[i, 1], c[i], s[i], points, margin, body)

@@ -1,4 +1,4 @@
-"""The tuples of arrays that a STAA* search reads and remembers, and costs from the cells of the map."""
+"""Data that a STAA* search reads and remembers, as tuples of arrays, and costs from the cells of the map."""
 
 import math
 from typing import NamedTuple
@@ -39,7 +39,7 @@ class Settings(NamedTuple):
     margin_floor: float
     margin_cost: float
     brake_depth: int
-    free: float  # [m] of clearance at its end: half way a node is not looked at
+    free: float  # [m] a node with this clearance at its end is not tested half way
     grid_weight: float
     grid_range: float
     grid_map: bool
@@ -63,29 +63,29 @@ class Settings(NamedTuple):
     region_x: float
     region_y: float
     region_radius: float
-    bound: float  # [s] a plan that costs as much is of no use; inf: any is
-    layers: int  # nodes of a plan in which all depths are searched alike; 0: the cheapest node is always next
-    width: int  # nodes of each depth that are expanded then
+    bound: float  # [s] a plan that costs as much is of no use; inf: any plan is of use
+    layers: int  # nodes of a plan in a search layer by layer (one depth after the other); 0: cheapest node first
+    width: int  # nodes of each layer that are expanded
     moving_weight: float
-    among: Weights  # of being among others
+    among: Weights  # of the costs of dynamic obstacles
     steadiness: float
 
 
 class SeenFloor(NamedTuple):
-    """Floor that has been seen, and what the lidar sees of more; half_view of pi: all round, and nothing is asked."""
+    """Floor that has been seen, and the field of view of the lidar; half_view of pi: all round, no floor is tested."""
 
     seen: NDArray[np.uint8]  # `perception.floor`, (rows, columns)
     x: float  # [m] corner of cell (0, 0)
     y: float
     inverse_cell: float
-    wanted: int  # what a cell must be at least to be driven over backwards
+    wanted: int  # least value of a cell that may be driven over backwards
     half_view: float  # [rad] to either side of straight ahead
     sensor_x: float  # [m] in the base frame
     sensor_y: float
 
 
 _NOTHING = np.zeros((0, 0), np.uint8)
-_NOTHING.setflags(write=False)  # of the same type as what is seen: kernels are compiled once
+_NOTHING.setflags(write=False)  # read-only, as a seen floor is: kernels are compiled once
 SEES_ALL = SeenFloor(_NOTHING, 0.0, 0.0, 1.0, 0, np.pi, 0.0, 0.0)
 
 
@@ -104,24 +104,24 @@ class World(NamedTuple):
     proximity: Field
     body: Body
     graph: Graph
-    table: Table  # to the local goal, with what comes after it
+    table: Table  # to the local goal, with the cost of the way after it
     next_table: Table  # to the next target
     job: Job
     lattice: LatticeCosts
     floor: SeenFloor
-    moving: Array  # discs where what moves is expected, every half node, (n, k, 3); `field` is without it then
-    others: Array  # those among whom it plans, (k, 8), see `others_of`; `field` is without those who go on
+    moving: Array  # expected discs of dynamic obstacles, every half node, (n, k, 3); `field` is then without them
+    others: Array  # dynamic obstacles that cost something, (k, 8), see `others_of`; `field` has none that goes on
 
 
 class CellVisibility(NamedTuple):
-    """Seen vertices per map cell, found when first asked for: a pure function of the graph, kept while it stays."""
+    """Vertices seen from each map cell, found when first needed: a pure function of the graph, kept while it stays."""
 
     start: IntArray  # (cells,) into pool
     count: IntArray
-    age: IntArray  # (cells,) `newest` when it was found; older ones are not known
-    point: Array  # (cells, 3) point outside the grown polygons, and how far it is
+    age: IntArray  # (cells,) value of `newest` when the vertices were found; entries of another age are out of date
+    point: Array  # (cells, 3) point outside the grown polygons, and its distance
     pool: IntArray
-    shape: IntArray  # rows, columns of the map; there may be room for more
+    shape: IntArray  # rows, columns of the map; the arrays may have room for more
     used: IntArray  # (1,)
     newest: IntArray  # (1,)
 
@@ -137,7 +137,7 @@ class Memory(NamedTuple):
     state: Array  # (n, 5) x, y, heading, v, w
     cost: Array  # (n, 4) g, h, time that the job still needs, estimated time until the goal is achieved [s]
     link: IntArray  # (n, 3) parent, action, depth
-    passed: NDArray[np.bool_]  # (n,) ends the search
+    passed: NDArray[np.bool_]  # (n,) True: the node ends the search
     cell: NDArray[np.int64]  # (n,) of the closed list
     key: Array
     item: IntArray
@@ -147,11 +147,11 @@ class Memory(NamedTuple):
     curve: Array
     weights: Array  # of the curve's control points, (BEZIER_SAMPLES + 1, 4)
     goal_way: Array  # (2,) cosine and sine of the goal's heading
-    swing: Array  # (notches, SWING) what all children of a node with the same yaw rate at their end share
+    swing: Array  # (notches, SWING) values shared by all children of a node with the same yaw rate at their end
 
 
 def make_memory(expansions: int, notches: int, vertices: int, *, layered: bool = False) -> Memory:
-    """Room for a search of that many expansions; a ``layered`` one also closes nodes that it does not expand."""
+    """Memory for a search of that many expansions; a ``layered`` one also closes nodes that it does not expand."""
     n = expansions * notches * notches + 2
     slots = 1 << (2 * n if layered else 4 * expansions + 16).bit_length()
     return Memory(
@@ -181,14 +181,14 @@ def make_cell_visibility(cells: int) -> CellVisibility:
 
 
 def forget_visibility(cells: CellVisibility, field: Field) -> None:
-    """Make the store empty, for another graph or part of a map: without touching every cell of it."""
+    """Empty the store for another graph or part of the map, without touching every cell."""
     cells.shape[:] = field.value.shape
     cells.used[0] = 0
     cells.newest[0] += 1
 
 
 def branch_to(memory: Memory, node: int) -> list[int]:
-    """The nodes from the root to this one."""
+    """The nodes from the root to ``node``."""
     branch = [node]
     while memory.link[branch[-1], PARENT] >= 0:
         branch.append(int(memory.link[branch[-1], PARENT]))
@@ -196,21 +196,21 @@ def branch_to(memory: Memory, node: int) -> list[int]:
 
 
 def to_go(memory: Memory, branch: list[int]) -> Array:
-    """Cost [s] from each node of the branch on: that of the edges that follow, and the heuristic at its end."""
+    """Cost [s] from each node of a branch on: that of the edges that follow, plus the heuristic at the branch's end."""
     spent = memory.cost[branch, G]
     return spent[-1] - spent + memory.cost[branch[-1], H]
 
 
 def first_action(memory: Memory, branch: list[int], duration: float) -> Array:
-    """The first acceleration of a branch; where a speed limit cut it, what the node was predicted with."""
-    if len(branch) == 1:  # there is nothing but the root
+    """The first acceleration of a branch, as the node was predicted: a speed limit may have reduced it."""
+    if len(branch) == 1:  # only the root
         return np.zeros(2)
     return (memory.state[branch[1], 3:] - memory.state[0, 3:]) / duration
 
 
 @kernel
 def _look_round(c: int, field: Field, graph: Graph, cells: CellVisibility, scratch: IntArray) -> None:
-    """Look round from the middle of map cell c. A store that is full starts anew."""
+    """Store the vertices seen from the middle of map cell c. A store that is full starts anew."""
     px = field.x + (c % cells.shape[1] + 0.5) / field.inverse_cell
     py = field.y + (c // cells.shape[1] + 0.5) / field.inverse_cell
     qx, qy, pushed = push_out(px, py, graph.outline, graph.solids)
@@ -230,7 +230,7 @@ def _look_round(c: int, field: Field, graph: Graph, cells: CellVisibility, scrat
 def cost_at(
     x: float, y: float, heading: float, table: Table, world: World, cells: CellVisibility, scratch: IntArray
 ) -> float:
-    """PathRTR cost [s] from a pose to the goals of a table, with the sight from its cell of the map."""
+    """PathRTR cost [s] from a pose to the goals of a table, by the vertices seen from its map cell."""
     i = int(math.floor((x - world.field.x) * world.field.inverse_cell))
     j = int(math.floor((y - world.field.y) * world.field.inverse_cell))
     i, j = min(max(i, 0), cells.shape[1] - 1), min(max(j, 0), cells.shape[0] - 1)

@@ -1,4 +1,4 @@
-"""A local search: where it is to go, and the numbers that it works with."""
+"""Goal and settings of a local search, with the choice of its goal test (Paper, Sec. III-C)."""
 
 import dataclasses
 from typing import NamedTuple
@@ -16,13 +16,13 @@ from motm_twin.planning.search_memory import Settings
 from motm_twin.planning.types import BaseProblem, Mode, Placement, Target
 from motm_twin.planning.visibility import Graph
 
-# [m] of clearance at the end of a node, from which on it is free half way: no point of Frankie moves so far
+# [m] A node with this clearance at its end is free half way, too: no point of Frankie moves so far in between.
 FREE = 0.25
-# Settings that are parameters as they are; the margin is that of the room, which may be less.
+# Settings that are parameters, unchanged; the margin is that of the period's `Room`, which may be less.
 _SHARED = {each.name for each in dataclasses.fields(StaaParameters)} & set(Settings._fields) - {"margin"}
 
 
-# A search among others looks farther ahead, in longer steps: longer than `node_duration` by a factor, and coarser.
+# A search among dynamic obstacles looks farther ahead, with nodes that are longer by a factor, and fewer accelerations.
 NOTCHES = 3
 
 
@@ -40,7 +40,7 @@ class LocalGoal(NamedTuple):
 
 
 class Question(NamedTuple):
-    """One period of the base controller, once there is somewhere to go."""
+    """Inputs of a local search: one period of the base controller that has a goal."""
 
     problem: BaseProblem
     placement: Placement
@@ -53,14 +53,14 @@ class Question(NamedTuple):
 
 
 def weights_among(p: StaaParameters) -> Weights:
-    """Weights of a node of the search among others."""
+    """Weights of the cost of a node among dynamic obstacles."""
     return Weights(p.risk_weight, p.courtesy_weight * p.node_duration, SPREAD)
 
 
 def far_sighted(s: Settings, bound: float, foresight: ForesightParameters, longest: float) -> Settings:
-    """The numbers of a search that finds the way among others, who are met where they will be.
+    """The settings of a search that looks farther ahead, among dynamic obstacles at their predicted places.
 
-    ``longest`` [s] that a node may be.
+    ``longest`` [s]: largest duration of a node.
     """
     node = min(foresight.longer * s.node_duration, longest)
     return s._replace(
@@ -74,7 +74,7 @@ def search_settings(
     p: StaaParameters, limits: BaseLimits, body: Body, asked: Question, *, next_weight: float, bound: float,
     among: Weights,
 ) -> Settings:  # fmt: skip
-    """The numbers of one search. ``bound`` [s]: a plan that costs as much is of no use."""
+    """The settings of one search, goal test included; ``bound`` [s]: a plan that costs as much is of no use."""
     problem, goal = asked.problem, asked.goal
     by_job = p.termination == "task" and not is_avoided(problem.pose, problem.stuck_at)
     goal_test = staa.END_TEST if p.termination == "reach_goal" else staa.PASS_TEST

@@ -1,10 +1,10 @@
 """STAA*: time-bounded A* over accelerations, returning the node nearest to the goal when it is cut short.
 
 Differences from STAA* (each can be switched off): goal heading, Bezier heuristic, proximity penalty scaled by k, and
-the end of the search: when the path passes the goal, or when the job at the target is predicted to be done. The latter
-carries the time that the job still needs in every node; what follows the job counts with the weight of C_iN. Where a
-plan is known already, nothing dearer is looked at. What moves may be expected on its course, as in STAA*, or be an
-obstacle where it is, as in the paper.
+the end of the search: when the path passes the goal, or when the job at the target is predicted to be done. For the
+latter, every node holds the time that the job still needs; the way on after the job counts with the weight of C_iN. If
+a plan is known already, nodes that cost more are discarded. Dynamic obstacles are predicted on their course, as in
+STAA*, or are obstacles at their present place, as in the paper.
 All state is in `Memory`, so that a search can be interrupted after any number of expansions and continued.
 """
 
@@ -62,10 +62,10 @@ MID_WAY_C, MID_WAY_S, MID, MID_C, MID_S, HALF_WAY, WHOLE_WAY, HEADING_BIN, YAW_R
     23,
     24,
 )
-ALL_ROUND = 3.1  # [rad] half a field of view from which on the lidar sees where the base reverses to
+ALL_ROUND = 3.1  # [rad] half field of view from which on the lidar sees the floor that the base reverses to
 APART = 1e4  # [s] between the keys of two layers
 LATER, LATEST = 0.6, 16  # [s] of a bin of time in the closed list, and their number
-BEZIER_GAIN = 0.05  # [s] a curve that cannot save more than this is not looked at
+BEZIER_GAIN = 0.05  # [s] a curve that cannot save more than this is skipped
 
 
 @inlined
@@ -113,6 +113,7 @@ def _judge(
 
 @kernel
 def _passes(x: float, y: float, heading: float, s: Settings) -> bool:
+    """Test that a pose passes the goal (Paper, Sec. III-C); `planning/search_settings.py` chooses the goal test."""
     if length_of(x - s.goal_x, y - s.goal_y) > s.pass_distance:
         return False
     if math.isnan(s.goal_heading):
@@ -122,7 +123,7 @@ def _passes(x: float, y: float, heading: float, s: Settings) -> bool:
 
 @inlined
 def _cell_of(x: float, y: float, v_bin: int, row: Array, later: int, s: Settings) -> int:
-    """The cell of the closed list that a node lies in; row of `swing`. ``later``: bin of time, where that counts."""
+    """The cell of a node in the closed list; row of `swing`. ``later``: bin of time, 0 if time does not count."""
     i, j = int(math.floor(x / s.cell)) + 100_000, int(math.floor(y / s.cell)) + 100_000
     k, w = int(row[HEADING_BIN]), int(row[YAW_RATE_BIN])
     return ((((i * 200_000 + j) * s.heading_bins + k) * s.speed_bins + v_bin) * s.speed_bins + w) * LATEST + later
@@ -144,7 +145,7 @@ def _close(key: int, closed: NDArray[np.int64], add: int) -> bool:
 
 @kernel
 def _proximity_cost(x: float, y: float, heading: float, free: float, s: Settings, world: World) -> float:
-    """C: 0 .. 1, how near the footprint is to obstacles."""
+    """Proximity C of the footprint to obstacles, 0 .. 1."""
     if not s.grid_map:
         return max(0.0, 1.0 - free / s.grid_range)
     c, si = math.cos(heading), math.sin(heading)
@@ -159,9 +160,9 @@ def _proximity_cost(x: float, y: float, heading: float, free: float, s: Settings
 def _backs_into_the_unknown(
     before: Array, x: float, y: float, c: float, si: float, floor: SeenFloor, body: Body
 ) -> bool:
-    """The rear of a base that reverses to (x, y) comes over floor not seen by then; c, si of its heading.
+    """Test that the rear of a base that reverses to (x, y) gets over floor not seen by then; c, si of its heading.
 
-    ``before``: the pose it comes from, whose lidar sees some more. Floor beyond what is kept will be seen on the way.
+    ``before``: the pose it comes from, where the lidar sees more. Floor outside the kept grid will be seen on the way.
     """
     c_0, s_0 = math.cos(before[2]), math.sin(before[2])
     sensor_x = before[0] + c_0 * floor.sensor_x - s_0 * floor.sensor_y
@@ -198,7 +199,7 @@ def start_search(pose: Array, twist: Array, left: float, memory: Memory) -> None
 
 @inlined
 def _swings(node: int, left: float, by_reach: bool, s: Settings, memory: Memory) -> int:
-    """Fill `swing` with what depends on the yaw rate at the end only; how many such yaw rates there are."""
+    """Fill `swing` with all values that depend only on the yaw rate at the end; returns the number of yaw rates."""
     dt, swing, half_notches = s.node_duration, memory.swing, s.notches // 2
     heading, w_0 = memory.state[node, 2], memory.state[node, 4]
     count, w_before = 0, math.inf
@@ -212,7 +213,7 @@ def _swings(node: int, left: float, by_reach: bool, s: Settings, memory: Memory)
         w_before = w_end
         w = 0.5 * (w_0 + w_end)
         half = 0.5 * w * dt
-        # Half way: the vehicle has the mean of the first half there, not the mean of the whole node.
+        # The way to the middle is driven with the mean of the first half, not with that of the whole node.
         w_m = 0.75 * w_0 + 0.25 * w_end
         middle, m_heading = heading + 0.25 * w_m * dt, heading + 0.5 * w_m * dt
         row = swing[count]
@@ -253,18 +254,18 @@ def _reached_at(x: float, y: float, v_0: float, v_end: float, f: float, dt: floa
 
 @inlined
 def _counts(s: Settings) -> float:
-    """Clearance [m] from which on costs do not depend on it."""
+    """Clearance [m] beyond which costs do not depend on it."""
     return max(BORDER, s.margin, s.grid_range if s.grid_weight > 0.0 and not s.grid_map else 0.0)
 
 
 @inlined
 def _free_way(before: Array, pose: Array, row: Array, depth: int, allowed: float, s: Settings, world: World) -> float:
-    """Clearance [m] at the end of a node, as far as it counts; -inf where it, or the way to it, is not free.
+    """Clearance [m] at the end of a node, as far as costs depend on it; -inf if end or way are not free.
 
     ``before``, ``pose``: states at both ends; row of `swing`.
     """
     v_end, w_end, body, field = pose[3], pose[4], world.body, world.field
-    # Costs count clearance up to `counts`; how much more there is matters only where the way is not free, or short.
+    # Costs depend on clearance up to `_counts`; more of it matters only where the way is not free, or near the root.
     enough = s.free if depth <= s.brake_depth else min(s.free, _counts(s) + body.slack)
     free = clearance_from(pose[0], pose[1], row[FACING_C], row[FACING_S], enough, allowed, field, body)
     if free < allowed:
@@ -310,9 +311,9 @@ def _half_way(before: Array, pose: Array, row: Array, s: Settings) -> tuple[floa
 def _job_after(
     before: Array, pose: Array, row: Array, left: float, root_reached: bool, s: Settings, job: Job
 ) -> tuple[float, bool, bool, bool]:
-    """Time [s] that the job needs after a node; is the target in reach, the job done, the reach lost that is to last?
+    """Time [s] that the job still needs after a node, and three tests: target in reach, job done, held reach lost.
 
-    ``left``: the time [s] before it.
+    ``left``: that time [s] before the node.
     """
     x, y, v_0, w_0, dt = before[0], before[1], before[3], before[4], s.node_duration
     if not s.by_job:
@@ -348,7 +349,7 @@ def proximity_scale(t_h: float, k_min: float, k_time: float) -> float:
 def _node_costs(
     before: Array, pose: Array, free: float, t_goal: float, s: Settings, world: World
 ) -> tuple[float, float, float]:
-    """Costs [s] of a node: beside obstacles, inside the margin, and of turning faster or slower."""
+    """Costs [s] of a node: of obstacles beside it, of being inside the margin, and of changing the yaw rate."""
     k = proximity_scale(t_goal, s.k_min, s.k_time) if s.scale_penalty else 1.0
     cost = _proximity_cost(pose[0], pose[1], pose[2], free, s, world) if s.grid_weight > 0.0 else 0.0
     inside = s.margin_cost * max(0.0, 1.0 - max(0.0, free) / s.margin)
@@ -414,7 +415,7 @@ def _child(
 
 @inlined
 def _is_best(node: int, s: Settings, memory: Memory) -> bool:
-    """A popped node is the best so far: nearest to the goal, or of layers the cheapest of the deepest."""
+    """Test that a popped node is the best so far: nearest to the goal, or cheapest of the deepest layer."""
     best = memory.count[BEST]
     if best < 0:
         return True
@@ -425,7 +426,7 @@ def _is_best(node: int, s: Settings, memory: Memory) -> bool:
 
 @inlined
 def _layer_is_full(node: int, s: Settings, memory: Memory) -> bool:
-    """Enough nodes of its depth were expanded; counts those."""
+    """Count a node in its layer; test that enough others were expanded there."""
     if s.width == 0:
         return False
     count, depth = memory.count, memory.link[node, DEPTH]
@@ -479,7 +480,7 @@ def run_search(limit: int, s: Settings, world: World, cells: CellVisibility, mem
             a = s.a_max * i / half
             v_end = min(s.v_f, max(-s.v_r, memory.state[node, 3] + a * s.node_duration))
             if world.others.shape[0] > 0 and v_end * memory.state[node, 3] < 0.0:
-                v_end = 0.0  # whoever may have to wait can stand
+                v_end = 0.0  # a base that may have to wait can stand
             if v_end == v_before:
                 continue
             v_before = v_end

@@ -14,11 +14,11 @@ from motm_twin.perception.world_map import NO_TRACKS, WorldMap
 
 
 class PastWalls(IntEnum):
-    """Ways in which an arm comes to its target past the walls beside it."""
+    """Ways in which the arm gets to its target past the walls beside it."""
 
     AROUND = 0
-    OVER_NEAR = 1  # over the low ones, from within `Target.reach_over`
-    OVER = 2  # over the low ones, from anywhere in reach
+    OVER_NEAR = 1  # over the low walls, from within `Target.reach_over`
+    OVER = 2  # over the low walls, from anywhere in reach
 
 
 class Target(msgspec.Struct, frozen=True, kw_only=True, eq=False):
@@ -29,14 +29,14 @@ class Target(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     position: Array  # [m], shape (2,)
     heading: float | None = None  # [rad], drive targets only
     tolerance: float = 0.15  # [m], drive targets only
-    walls: Array = frozen(np.zeros((0, 4)))  # [m] edges x, y, x, y of what the arm does not reach over, shape (k, 4)
-    tall: Array | None = None  # those of them over which it does not even reach from where there is no other place
+    walls: Array = frozen(np.zeros((0, 4)))  # [m] edges x, y, x, y that the arm does not reach over, shape (k, 4)
+    tall: Array | None = None  # those of the walls that the arm does not reach over even where no other pose serves
     dwell: float = 0.0  # [s] uninterrupted time in reach that the job still needs from now (0 for drive)
     reach: float = math.inf  # [m] of the arm at the target's height, horizontally from its mount
-    reach_over: float = math.inf  # [m] of an arm that comes to it over the low walls beside it
+    reach_over: float = math.inf  # [m] the same for an arm that reaches over the low walls beside the target
 
     def past_walls(self, how: PastWalls) -> "Target":
-        """The same for an arm that comes to it in this way: only tall walls are left for one that reaches over."""
+        """This target for an arm that gets to it in this way: only tall walls are left if it reaches over walls."""
         if self.tall is None or how == PastWalls.AROUND:
             return self
         reach = min(self.reach, self.reach_over) if how == PastWalls.OVER_NEAR else self.reach
@@ -46,11 +46,11 @@ class Target(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 class Recovery(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """Measures of a base that has made no progress for some time."""
 
-    back_off: bool = False  # where it stands, it may drive back to where there is more room
+    back_off: bool = False  # a standing base may drive back to where it has more room
     attempt: int = 0  # number of the back-off motion for a base that stands although it has a plan, from 1; 0: none
-    look: bool = False  # where it stands, it may turn to see what its lidar does not
-    tightness: float = 0.0  # 0: room as ever, 1: down to the true footprint
-    avoid: Array = frozen(np.zeros((0, 3)))  # base poses that could not be got to, shape (k, 3)
+    look: bool = False  # a standing base may turn to see what is outside the field of view of its lidar
+    tightness: float = 0.0  # 0: usual clearance, 1: down to the true footprint
+    avoid: Array = frozen(np.zeros((0, 3)))  # base poses that the base failed to get to, shape (k, 3)
 
 
 NO_RECOVERY = Recovery()
@@ -69,7 +69,7 @@ class BaseProblem(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     period: float = 0.05  # [s] for which the answer is applied
     stuck_at: Array = frozen(np.zeros((0, 3)))  # base poses from which the arm did not get to the target, (k, 3)
     recovery: Recovery = NO_RECOVERY
-    yielding: Array = NO_TRACKS  # those who move and are expected to yield; `world.tracks` are the others then, (k, 7)
+    yielding: Array = NO_TRACKS  # moving tracks expected to yield; `world.tracks` then has only the others, (k, 7)
 
 
 class SearchBudget(msgspec.Struct, frozen=True, kw_only=True):
@@ -95,9 +95,9 @@ class PlanStatus(StrEnum):
     """Status of the plan of a period: the result of the search, or what the base does instead."""
 
     GOAL = "goal"  # a node ends the search
-    ABORTED = "aborted"  # the best node so far
+    ABORTED = "aborted"  # the search was cut off: the best node so far
     BRAKING = "braking"  # no candidate, no path, or the search found nothing
-    ESCAPING = "escaping"  # it leaves what it overlaps
+    ESCAPING = "escaping"  # the base leaves an obstacle that it overlaps
     IDLE = "idle"
     BY_HAND = "by hand"
     AGENT = "agent"
@@ -115,15 +115,15 @@ class Placement(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     rejected: tuple[str, ...]  # "" when viable, else the reason, length n
     chosen: int  # index into poses; -1: there is none, and the base brakes
     goal: Array  # pose to drive to, shape (3,)
-    past_walls: PastWalls = PastWalls.AROUND  # how the arm comes to its target from there
+    past_walls: PastWalls = PastWalls.AROUND  # how the arm gets to its target from the goal
     goal_has_heading: bool
-    why: Reason  # this goal
+    why: Reason  # of the choice of this goal
     next_goal: Array | None  # pose or point of the next target used for C_iN, shape (3,) or (2,)
     next_goals: Array | None = None  # best poses of the next target, cheapest first; nan: free, (k, 3)
 
     @property
     def reason(self) -> str:
-        """Why this goal, in one sentence."""
+        """Reason for this goal, in one sentence."""
         return str(self.why)
 
 
@@ -134,33 +134,33 @@ NO_PATH = frozen(np.zeros((0, 2)))
 class Yields(StrEnum):
     """Party that gives way in an encounter."""
 
-    NOBODY = ""  # nobody has to
+    NOBODY = ""  # neither has to give way
     ROBOT = "robot"
     OTHER = "other"
 
 
 class Passes(StrEnum):
-    """Side on which the base passes somebody whose way it crosses."""
+    """Side on which the base passes a dynamic obstacle whose way it crosses."""
 
-    NEITHER = ""  # it does not cross that way
+    NEITHER = ""  # the base does not cross its way
     BEHIND = "behind"
     IN_FRONT = "in front"
 
 
 class Encounter(msgspec.Struct, frozen=True, kw_only=True):
-    """One dynamic obstacle that the base comes near to when the plan is carried out, and who gives way."""
+    """A dynamic obstacle that the base comes near to while it follows the plan, and who gives way."""
 
     track: int  # identity of its track
     yields: Yields
     passes: Passes
     time: float  # [s] from now until both are nearest to each other
     gap: float  # [m] between them then
-    speed: float  # [m/s] of the other
-    courtesy: float  # [s] of the other's time that the plan takes: in its stopping way, weighted by nearness
+    speed: float  # [m/s] of the dynamic obstacle
+    courtesy: float  # [s] that the plan costs it: time of the base in its stopping way, weighted by nearness
 
     @property
     def why(self) -> Reason:
-        """Giving way in one sentence, typed."""
+        """Typed reason that says who gives way, and how."""
         kind = _GIVES_WAY.get((self.yields, self.passes), Kind.KEEPS_CLEAR)
         return Reason(kind=kind, subject=f"track {self.track}", value=self.speed, limit=self.time, unit="m/s")
 
@@ -188,8 +188,8 @@ class BasePlan(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     intermediate_goal: Array  # shape (3,)
     local_poses: Array  # x, y, heading, v, w at each node of the local plan, shape (j, 5)
     local_times: Array  # [s] from now, shape (j,)
-    local_to_go: Array = NO_COSTS  # [s] what the search counts from each node on, penalties included, (j,) or (0,)
-    local_among: Array = NO_COSTS  # [s] of `local_to_go` that is paid for being among others, (j,) or (0,)
+    local_to_go: Array = NO_COSTS  # [s] cost in the search from each node on, penalties included, (j,) or (0,)
+    local_among: Array = NO_COSTS  # [s] share of `local_to_go` due to dynamic obstacles nearby, (j,) or (0,)
     bezier: Array = NO_PATH  # sampled Bezier of the chosen branch's last node, shape (b, 2); may be empty
     expansions: int = 0
     cut_by_clock: bool = False
@@ -197,11 +197,11 @@ class BasePlan(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     k: float = 1.0  # proximity penalty scale max(0.1, min(t_h/3, 1))
     time_to_range: float  # [s] estimated until the target is in reach of the arm; 0 when it is, inf when unknown
     encounters: tuple[Encounter, ...] = ()  # with dynamic obstacles, the soonest first; of methods with foresight
-    courtesy: float = 0.0  # [s] of the others' time that the plan takes, a cost of it: the sum over its encounters
+    courtesy: float = 0.0  # [s] that the plan costs dynamic obstacles: the sum over its encounters
 
     @property
     def reason(self) -> str:
-        """The same in one sentence; "" for none."""
+        """`why` in one sentence; "" for none."""
         return "" if self.why is None else str(self.why)
 
 
@@ -227,7 +227,7 @@ def empty_path() -> Array:
 
 
 def bare_plan(problem: "BaseProblem", acceleration: Array, status: PlanStatus, why: Reason | None) -> BasePlan:
-    """A plan of this acceleration (2,) without paths, of a controller that looks no further."""
+    """A plan of this acceleration (2,) without paths, from a controller that plans no further ahead."""
     return BasePlan(
         acceleration=frozen(acceleration), status=status, why=why, intermediate_goal=frozen(problem.pose),
         local_poses=frozen([[*problem.pose, *problem.twist]]), local_times=frozen([0.0]), t_h=0.0,

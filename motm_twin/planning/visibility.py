@@ -79,10 +79,10 @@ def inside(px: float, py: float, rings: Rings) -> bool:
 
 @kernel
 def push_out(px: float, py: float, outline: Rings, solids: Rings) -> tuple[float, float, float]:
-    """Nearest point outside all grown polygons, and how far it is [m]: 0 for a point that is outside.
+    """Nearest point outside all grown polygons, and the distance [m] to it: 0 for a point that is outside.
 
-    A way out that would lead through a solid is taken only when there is no other. Where no side of a polygon has a
-    point outside behind it, the point itself is returned, infinitely far.
+    A way out that would lead through a solid is taken only when there is no other. If no side of a polygon has a
+    point outside behind it, the point itself is returned with a distance of inf.
     """
     if not inside(px, py, outline):
         return px, py, 0.0
@@ -151,9 +151,9 @@ def _see_each_other(vertex: Array, walls: Rings, free: NDArray[np.bool_]) -> Non
 def _fill_edges(
     vertex: Array, free: NDArray[np.bool_], start: IntArray, ends: IntArray, line: Array, in_edge: IntArray
 ) -> None:
-    """List who sees whom: vertices of each edge and the way between them, by the vertex it leaves, then by the other.
+    """List the edges between vertices that see each other: both vertices and the vector, sorted by first, then second.
 
-    Visibility is mutual: as many edges arrive at a vertex as leave it. They are listed in the order of their numbers.
+    Visibility is mutual: as many edges arrive at a vertex as leave it. The arriving ones are listed by number.
     """
     count = 0
     for u in range(vertex.shape[0]):

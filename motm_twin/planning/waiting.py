@@ -1,7 +1,7 @@
-"""Waiting for others to pass: the path stays, and is driven later.
+"""Waiting for dynamic obstacles to pass: the path is kept, and driven later.
 
-The best delay has the least sum of itself and of what standing, and then driving along the path, costs among others. A
-base that cannot pass in front of somebody stands until it can pass behind.
+The best delay has the least sum of the delay itself and of the cost of encounters while the base stands and then drives
+along the path. A base that cannot pass in front of somebody stands until it can pass behind.
 """
 
 import math
@@ -17,28 +17,28 @@ from motm_twin.planning.encounters import Weights, cost_among
 from motm_twin.planning.parameters import StaaParameters
 from motm_twin.planning.prediction import LONGEST, WAIT_STEP
 
-LOOK = StaaParameters().node_duration  # [s] between two looks
-AHEAD = 4.0  # [s] of the path after it
+LOOK = StaaParameters().node_duration  # [s] between samples
+AHEAD = 4.0  # [s] of driving along the path, after the delay, that are judged
 
 
 class Wait(NamedTuple):
-    """A delay and what it costs more than to drive where nobody is."""
+    """A delay, and its cost beyond that of driving where no dynamic obstacle is."""
 
     delay: float  # [s]
     cost: float  # [s], the delay included
-    track: int  # row of the others for whom it waits; -1: nobody
+    track: int  # row of the dynamic obstacle that the base waits for; -1: none
 
 
 class Among(NamedTuple):
-    """Others, and what being among them costs."""
+    """Dynamic obstacles and the weights of their costs."""
 
-    others: Array  # those who go on, (k, 8), see `others_of`
+    others: Array  # the moving ones, (k, 8), see `others_of`
     body: Body
     weights: Weights
 
 
 def best_wait(state: Array, path: Array, limits: BaseLimits, among: Among, begins: float = 0.0) -> Wait:
-    """The best delay of a base in a state x, y, heading, v, w that follows a path (n, 2) [m] from a time on [s]."""
+    """The best delay of a base in a state x, y, heading, v, w that follows a path (n, 2) [m] from ``begins`` [s] on."""
     steps = np.hypot(*np.diff(path, axis=0).T) if len(path) > 1 else np.zeros(0)
     steps, kept = steps[steps > 1e-6], np.concatenate(([True], steps > 1e-6))
     path, length = path[kept], np.concatenate(([0.0], np.cumsum(steps)))
@@ -60,14 +60,14 @@ def best_wait(state: Array, path: Array, limits: BaseLimits, among: Among, begin
 
 
 def gone(speed: float, top: float, acceleration: float, times: Array) -> Array:
-    """Ways [m] after times [s] of a base that speeds up to its top speed [m/s], at an acceleration [m/s^2]."""
+    """Distances [m] driven after times [s] by a base that speeds up to its top speed [m/s], at [m/s^2]."""
     until = (top - speed) / acceleration  # [s]
     speeding = np.minimum(times, until)
     return speed * speeding + 0.5 * acceleration * speeding**2 + top * np.maximum(0.0, times - until)
 
 
 def _along(path: Array, length: Array, gone: Array) -> tuple[Array, Array]:
-    """Places (m, 2) and directions (m, 2) on a path (n, 2) of these lengths (n,) after ways [m] (m,) along it."""
+    """Places (m, 2) and directions (m, 2) on a path (n, 2) of lengths (n,) [m] so far, after distances (m,) [m]."""
     at = np.minimum(gone, length[-1])
     places = np.column_stack([np.interp(at, length, column) for column in path.T])
     if len(path) < 2:
@@ -91,7 +91,7 @@ def _cost(
 
 @kernel
 def _whom(places: Array, way: Array, times: Array, others: Array, body: Body, weights: Weights) -> int:
-    """Row of the one who costs most without a delay."""
+    """Row of the dynamic obstacle that costs most without a delay."""
     worst, most = -1, 0.0
     for k in range(others.shape[0]):
         cost = 0.0

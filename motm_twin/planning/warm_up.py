@@ -34,7 +34,7 @@ from motm_twin.planning.types import (
 
 
 def warm_up_placement() -> Placement:
-    """Compile what base placement and global paths need, also where nothing is free but beside what may move."""
+    """Compile the kernels of base placement and global paths, also those for places beside what may be moving."""
     problem = _problem()
     placement = NextTargetPlacement(RobotProfile(), PlanningParameters())
     crowd = np.array([[x, y] for x in np.arange(0.8, 3.2, 0.2) for y in np.arange(-1.2, 1.3, 0.2)])
@@ -65,12 +65,12 @@ def warm_up_search() -> None:
     away = msgspec.structs.replace(placement, goal=np.array([-1.0, 0.0, 0.0]))
     before_the_box = msgspec.structs.replace(problem, pose=np.array([1.25, 0.0, 0.0]))
     committed = StaaController(RobotProfile(), PlanningParameters(), commitment=KeepPlans())
-    for _ in range(2):  # the second time it keeps to the first plan, which does not arrive, in a tight place
+    for _ in range(2):  # the second call keeps to the first plan, which does not arrive, in a tight place
         committed.plan(before_the_box, away, SearchBudget(expansions=4))
 
 
 def warm_up_foresight() -> BasePlan:
-    """Compile what planning among others needs: candidates in time, the search that looks ahead, and waiting."""
+    """Compile the kernels for planning among dynamic obstacles: candidates in time, the longer search, and waiting."""
     robot, parameters = RobotProfile(), PlanningParameters()
     staa = replace(parameters.staa, risk_weight=10.0, courtesy_weight=2.0)
     parameters = replace(parameters, staa=staa)
@@ -82,11 +82,11 @@ def warm_up_foresight() -> BasePlan:
     placement = NextTargetPlacement(robot, parameters, candidates=in_time).place(problem)
     controller = StaaController(robot, parameters, commitment=KeepPlans())
     controller.plan(problem, placement, SearchBudget(expansions=300))
-    return controller.plan(problem, placement, SearchBudget(expansions=300))  # it keeps to the first plan
+    return controller.plan(problem, placement, SearchBudget(expansions=300))  # keeps to the first plan
 
 
 def warm_up_evasion() -> BasePlan:
-    """Compile what moving out of somebody's way needs."""
+    """Compile the kernels for moving out of somebody's way."""
     robot = RobotProfile()
     known = KnownWorld(
         robot=robot, start=(0.0, 0.0, 0.0), solids=(), objects=(), object_sd=0.0, bins=(), tasks=(),

@@ -1,6 +1,6 @@
 """The topics of a recording, with their JSON Schemas: our own messages, and those that Foxglove and Lichtblick draw.
 
-Both choose how to draw a topic by the well-known name of its schema, and read only the fields that are spelled out.
+Both viewers choose how to draw a topic by the well-known name of its schema, and read only the fields that it lists.
 """
 
 import functools
@@ -76,7 +76,7 @@ class Channel:
     topic: str
     schema_name: str
     struct: Any = None  # ours: the type of its messages
-    schema: Json | None = None  # of others
+    schema: Json | None = None  # of topics without a struct
 
     @functools.cached_property
     def json_schema(self) -> bytes:
@@ -99,8 +99,8 @@ _NUMBER: Json = {"type": "number"}
 _COUNT: Json = {"type": "integer", "minimum": 0}
 _STRING: Json = {"type": "string"}
 _NANOSECONDS: Json = {"type": "integer", "minimum": 0, "maximum": 999_999_999}
-_OTHER: Json = {"type": "object"}  # of a primitive that is never drawn here
-_TYPES: dict[str, Json] = {  # of a field, wherever it occurs
+_OTHER: Json = {"type": "object"}  # schema of a primitive that is never drawn here
+_TYPES: dict[str, Json] = {  # schema of a field by its name
     **dict.fromkeys(("x", "y", "z", "w", "r", "g", "b", "a", "bottom_scale", "top_scale"), _NUMBER),
     **dict.fromkeys(("start_angle", "end_angle"), _NUMBER),
     **dict.fromkeys(("column_count", "row_stride", "cell_stride", "offset", "line"), _COUNT),
@@ -109,7 +109,7 @@ _TYPES: dict[str, Json] = {  # of a field, wherever it occurs
 
 
 def _object(title: str, names: str = "", **properties: Json) -> Json:
-    """A schema with these properties; ``names``: those of `_TYPES` that come first."""
+    """A schema with these properties; ``names``: names in `_TYPES`, which come first."""
     return {"title": title, "type": "object", "properties": {name: _TYPES[name] for name in names.split()} | properties}
 
 
@@ -118,7 +118,7 @@ def _array(items: Json) -> Json:
 
 
 def _choice(title: str, *names: str) -> Json:
-    """An enumeration: each name is the number of its place."""
+    """An enumeration: each name stands for its index."""
     return {"title": title, "oneOf": [{"title": name, "const": number} for number, name in enumerate(names)]}
 
 
@@ -184,8 +184,8 @@ DRAWN_LOG = _drawn("/log", "foxglove.Log", "timestamp level message name file li
 def schema_of(struct: Any) -> Json:
     """JSON Schema of one of our messages, in a form that Foxglove and Lichtblick take.
 
-    They read only ``type`` and ``properties``, refuse references there, and know no null or lists of lists. So the
-    fields that they understand come first, and the whole schema follows under ``allOf``, which they ignore.
+    They read only ``type`` and ``properties``, refuse references there, and support neither null nor lists of lists. So
+    the fields that they understand come first, and the whole schema follows under ``allOf``, which they ignore.
     """
     (whole,), definitions = msgspec.json.schema_components([struct], ref_template="#/$defs/{name}")
     name = whole["$ref"].rsplit("/", 1)[-1]
@@ -195,7 +195,7 @@ def schema_of(struct: Any) -> Json:
 
 
 def _shown(part: Json, definitions: Json) -> Json | None:
-    """The part of a schema that viewers understand; None when there is nothing of it."""
+    """The part of a schema that viewers understand; None when there is no such part."""
     if "$ref" in part:
         part = definitions[part["$ref"].rsplit("/", 1)[-1]]
     kind = part.get("type")

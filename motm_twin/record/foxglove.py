@@ -1,6 +1,6 @@
 """Conversion of our messages and scenes to messages that Foxglove and Lichtblick draw, at 10 Hz.
 
-Frames: ``world``, and the links of the robot. Lengths [m], angles [rad]; times are those of the server, as on the bus.
+Frames: ``world``, and the links of the robot. Lengths [m], angles [rad]; times are the server's, as on the bus.
 """
 
 import base64
@@ -20,10 +20,10 @@ from motm_twin.record import channels as ch
 from motm_twin.record.channels import Json
 
 Colour = tuple[float, float, float, float]  # red, green, blue, opacity, 0 to 1
-_DIGITS, _PLOT_DIGITS = 4, 5  # 0.1 mm, and of curves
+_DIGITS, _PLOT_DIGITS = 4, 5  # decimals: 0.1 mm; of curves
 INTERVAL = 0.1  # [s] between two messages of a drawn topic
 SLOW = 0.25  # [s] for candidates
-_TOLERANCE = 0.01  # [s] tolerance for a message that comes early
+_TOLERANCE = 0.01  # [s] by which a message may be early
 Add = Callable[[ch.Channel, float, bytes], None]
 _FOR_EVER: Json = {"sec": 0, "nsec": 0}
 WORLD = "world"
@@ -58,7 +58,7 @@ _ALL = 1
 
 
 def stamp(seconds: float) -> Json:
-    """A time; before 1970 there is none."""
+    """A time since 1970; an earlier one counts as 0."""
     nanoseconds = max(0, round(seconds * 1e9))
     return {"sec": nanoseconds // 1_000_000_000, "nsec": nanoseconds % 1_000_000_000}
 
@@ -69,12 +69,12 @@ def point(x: float, y: float, z: float) -> Json:
 
 
 def quaternion(yaw: float) -> Json:
-    """A turn about the vertical [rad]."""
+    """A rotation about the vertical [rad]."""
     return {"x": 0.0, "y": 0.0, "z": round(math.sin(yaw / 2.0), 6), "w": round(math.cos(yaw / 2.0), 6)}
 
 
 def pose(x: float, y: float, z: float = 0.0, yaw: float = 0.0) -> Json:
-    """A place and a turn about the vertical."""
+    """A position and a rotation about the vertical."""
     return {"position": point(x, y, z), "orientation": quaternion(yaw)}
 
 
@@ -95,7 +95,7 @@ def cylinder(centre: Sequence[float], size: Sequence[float], tint: Colour, yaw: 
 
 
 def entity(at: Json, frame: str, name: str, **primitives: list[Json]) -> Json:
-    """Something that is drawn until it is replaced, and moves with its frame."""
+    """An entity that is drawn until it is replaced, and moves with its frame."""
     kinds = ("arrows", "cubes", "spheres", "cylinders", "lines", "triangles", "texts", "models")
     about = {"timestamp": at, "frame_id": frame, "id": name, "lifetime": _FOR_EVER, "frame_locked": True}
     return {**about, "metadata": [], **{kind: primitives.get(kind, []) for kind in kinds}}
@@ -112,14 +112,14 @@ def transforms(robot: bus.RobotStateMessage) -> Json:
 
 
 def base_transform(tick: bus.TickMessage) -> Json:
-    """The base alone, from a tick: for servers that send no robot state."""
+    """The base only, from a tick: for servers that send no robot state."""
     x, y, heading = tick.robot.pose
     turn = [math.cos(heading / 2.0), 0.0, 0.0, math.sin(heading / 2.0)]
     return {"transforms": [_transform(stamp(tick.server_time), "base_link", [x, y, 0.0], turn)]}
 
 
 def scan(message: bus.ScanMessage) -> Json:
-    """One sweep in the frame of the world; no return is beyond the range."""
+    """One sweep in the world frame; a beam without return is drawn beyond the range."""
     x, y, heading = message.pose
     ox, oy = message.origin
     c, s = math.cos(heading), math.sin(heading)
@@ -135,7 +135,7 @@ def scan(message: bus.ScanMessage) -> Json:
 
 
 def grid(info: bus.GridInfo, cells: bytes, server_time: float) -> Json:
-    """The map as bytes: 255 occupied, else 254 times the proximity of something."""
+    """The map as bytes: 255 occupied, else 254 times the proximity to an obstacle."""
     place, cell = pose(info.origin[0], info.origin[1], 0.0), {"x": info.resolution, "y": info.resolution}
     shape = {"column_count": info.width, "cell_size": cell, "row_stride": info.width, "cell_stride": 1}
     fields = [{"name": "proximity", "offset": 0, "type": _UINT8}]
@@ -150,7 +150,7 @@ def path(points: Iterable[Sequence[float]], server_time: float, height: float = 
 
 
 def bodies(tick: bus.TickMessage) -> Json:
-    """Objects, agents and added obstacles as they truly are; whatever was there before is replaced."""
+    """True objects, agents and added obstacles; they replace the earlier ones."""
     listed, at = [], stamp(tick.server_time)
     for body in (*tick.objects, *tick.agents, *tick.obstacles):
         x, y, z = body.position
@@ -197,7 +197,7 @@ def _heading(points: list[list[float]], at: int) -> float:
 
 
 def _scale(part: float) -> Colour:
-    """0 (cheap) to 1 (expensive)."""
+    """Colour of a cost from 0 (cheap) to 1 (expensive)."""
     low, high, rest = (_CHEAP, _MIDDLE, 2.0 * part) if part < 0.5 else (_MIDDLE, _DEAR, 2.0 * part - 1.0)
     r, g, b, a = (round(one + (other - one) * rest, 3) for one, other in zip(low, high, strict=True))
     return r, g, b, a
@@ -213,7 +213,7 @@ def furniture(scene: Scene, server_time: float) -> Json:
 
 def robot_model(server_time: float) -> Json:
     """The light meshes of the links, as triangles, each in the frame of its link."""
-    entities = []  # no embedded models: viewers do not agree on which axis of a glTF file points up
+    entities = []  # no embedded models: viewers disagree about the axis of a glTF file that points up
     for link, name in _MESHES.items():
         points, indices = _ghost(name)
         tint = _DARK if link == "base_link" or "finger" in link else _WHITE
@@ -268,7 +268,7 @@ def _walls(prism: Prism, z_min: float, z_max: float, tint: Colour) -> Json:
 
 
 def _bin(item: Bin) -> list[Json]:
-    """Floor and four walls."""
+    """Floor and four walls of a bin."""
     (x, y), height, half = item.centre, item.rim_z - item.floor_z, 0.5 * (item.side - item.wall)
     c, s = math.cos(item.yaw), math.sin(item.yaw)
     found = [cube((x, y, item.floor_z), (item.side, item.side, item.wall), _BIN, item.yaw)]
@@ -289,7 +289,7 @@ class Drawer:
         self._placement: bus.PlacementMessage | None = None
 
     def tick(self, tick: bus.TickMessage) -> None:
-        """Bodies, paths, candidates and curves of a period."""
+        """Add bodies, paths, candidates and curves of a period."""
         now = tick.server_time
         if not self._frames_known and self._due(ch.DRAWN_FRAMES, now):
             self.put(ch.DRAWN_FRAMES, now, base_transform(tick))
@@ -308,7 +308,7 @@ class Drawer:
         return any(server_time >= self._next.get(channel.topic, 0.0) - _TOLERANCE for channel in _FROM_TICK)
 
     def robot(self, robot: bus.RobotStateMessage) -> None:
-        """The frames of the robot, and once its shape."""
+        """Add the frames of the robot, and once its shape."""
         self._frames_known = True
         if not self._robot_shown:
             self._robot_shown = True
@@ -317,23 +317,23 @@ class Drawer:
             self.put(ch.DRAWN_FRAMES, robot.server_time, transforms(robot))
 
     def scan(self, sweep: bus.ScanMessage) -> None:
-        """A sweep."""
+        """Add a sweep."""
         if self._due(ch.DRAWN_SCAN, sweep.server_time):
             self.put(ch.DRAWN_SCAN, sweep.server_time, scan(sweep))
 
     def event(self, event: bus.NumberedEvent) -> None:
-        """A line of the log."""
+        """Add a line of the log."""
         self.put(ch.DRAWN_LOG, event.server_time, log(event))
 
     def _due(self, channel: ch.Channel, now: float, interval: float = INTERVAL) -> bool:
         due = self._next.get(channel.topic, 0.0)
-        if due - 10.0 * interval < now < due - _TOLERANCE:  # farther back: the clock of another server
+        if due - 10.0 * interval < now < due - _TOLERANCE:  # even earlier: another server with its own clock
             return False
         self._next[channel.topic] = due + interval if due <= now < due + interval else now + interval
         return True
 
     def put(self, channel: ch.Channel, server_time: float, message: object) -> None:
-        """Add a message now, without asking whether it is due."""
+        """Add a message now, whether or not it is due."""
         self._add(channel, server_time, msgspec.json.encode(message))
 
 

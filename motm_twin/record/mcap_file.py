@@ -1,4 +1,4 @@
-"""MCAP files: written in small chunks that survive a crash, read when cut off or broken in part, and recovered."""
+"""MCAP files: written in small chunks that survive a crash; read even when truncated or damaged; recovered."""
 
 import os
 import struct
@@ -24,7 +24,7 @@ from motm_twin.sessions.session import SessionError
 
 CHUNK_BYTES = 1024 * 1024
 MAGIC = b"\x89MCAP0\r\n"
-_END = b"".join(  # of a file without an index: end of data, footer, and the magic
+_END = b"".join(  # end of a file without an index: end of data, footer, magic
     (struct.pack("<BQI", Opcode.DATA_END, 4, 0), struct.pack("<BQQQI", Opcode.FOOTER, 20, 0, 0, 0), MAGIC)
 )
 PROFILE = "motm"
@@ -38,20 +38,20 @@ class RecordingFailed(Exception):
 class _Raw:
     """The file below the writer: unbuffered; a write is complete or raises OSError.
 
-    A written chunk survives the end of this program; a thread forces it to the disk, so that it survives the end of the
+    A written chunk survives a crash of this program; a thread forces it to the disk, so that it survives a crash of the
     machine as well. A slow disk then delays nothing.
     """
 
     def __init__(self, path: Path) -> None:
         self._descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o644)
         self._position = 0
-        self._problem: OSError | None = None  # of the thread
+        self._problem: OSError | None = None  # error of the thread
         self._written, self._closing = threading.Event(), False
         self._thread = threading.Thread(target=self._sync, name="disk", daemon=True)
         self._thread.start()
 
     def write(self, data: bytes) -> int:
-        """Write all of it."""
+        """Write all of the data; the number of bytes."""
         if self._problem is not None:
             raise self._problem
         rest = memoryview(data)
@@ -66,21 +66,21 @@ class _Raw:
         return self._position
 
     def flush(self) -> None:
-        """Onto the disk, soon."""
+        """Have the thread force the data to the disk soon."""
         self._written.set()
 
     def cut(self, length: int) -> None:
-        """Forget what comes after, and go on there."""
+        """Truncate the file to a length [bytes] and continue there."""
         os.ftruncate(self._descriptor, length)
         os.lseek(self._descriptor, length, os.SEEK_SET)
         self._position = length
 
     def close(self) -> None:
-        """Close it, with all of it on the disk."""
+        """Close the file once all data is on the disk."""
         self._closing = True
         self._written.set()
         self._thread.join()
-        self._force()  # the thread may have been in the middle of it when the end was written
+        self._force()  # the thread may have started before the last write
         os.close(self._descriptor)
         if self._problem is not None:
             raise self._problem
@@ -141,12 +141,12 @@ class McapFile:
         self._do(lambda: self._writer.add_message(self._channel(channel), logged, data, published, number))
 
     def save(self) -> None:
-        """Close the chunk and hand it to the system: from now on no end of this program loses it."""
+        """Close the chunk and hand it to the system: from now on it survives any end of this program."""
         self._do(self._writer.flush)
         self.size = self._raw.tell()
 
     def close(self) -> None:
-        """Write the index and close the file; after a failure only what is whole stays, if anything is."""
+        """Write the index and close the file; after a failure only whole chunks are kept, or no file without any."""
         try:
             if not self._failed:
                 self._do(self._writer.finish)
@@ -183,7 +183,7 @@ class McapFile:
             raise RecordingFailed(f"{self.path}: {error.strerror or error}") from error
 
     def _end_early(self) -> None:
-        """Drop a half-written chunk, which also frees space on a full disk; a few bytes make the rest a whole file."""
+        """Drop a half-written chunk, which also frees space on a full disk, and end the file with a few bytes."""
         with suppress(OSError):
             self._raw.cut(self.size)
             if not self.size:
@@ -195,10 +195,10 @@ class McapFile:
                 self._raw.cut(self.size)
 
 
-MAX_RECORD = 64 * 1024 * 1024  # bytes; a longer one is a broken length
+MAX_RECORD = 64 * 1024 * 1024  # bytes; a larger length is corrupt
 MAX_CHUNK = 64 * 1024 * 1024  # bytes, decompressed
-# What a file may hold, by its size: a small one that unpacks to much was made to fill memory, or to take hours. A
-# recording has 16 bytes of index for each message, and unpacks to ten or twenty times its size.
+# Limits on the content of a file, by its size: a small file that unpacks to a lot was made to fill memory or to take
+# hours. A recording has 16 bytes of index for each message, and unpacks to ten or twenty times its size.
 FREE_MESSAGES, BYTES_PER_MESSAGE = 10_000, 16
 FREE_BYTES, MOST_UNPACKED = 64 * 1024 * 1024, 40
 MAX_NAMES = 1000  # schemas and channels
@@ -220,9 +220,9 @@ class Entry:
 
 @dataclass
 class Health:
-    """Findings of a reader about its file; complete only when it was read to its end."""
+    """Findings of a reader about its file; final only when it was read to its end."""
 
-    complete: bool = False  # the file ends as a whole one does
+    complete: bool = False  # the file ends properly
     chunks: int = 0
     broken_chunks: int = 0
     whole: int = 0  # bytes up to the end of the last whole record
@@ -235,7 +235,7 @@ class Health:
     described: int = 0  # bytes of schemas and channels
 
     def count(self, messages: int, unpacked: int) -> None:
-        """Take these into account. Raises Overfull when the file holds more than one of its size can."""
+        """Add to the counts. Raises Overfull when the file holds more than a file of its size can."""
         self.messages, self.unpacked = self.messages + messages, self.unpacked + unpacked
         if self.messages > FREE_MESSAGES + self.size // BYTES_PER_MESSAGE:
             raise Overfull(f"holds more than {self.messages - 1:,} messages in {_megabytes(self.size)}")
@@ -243,7 +243,7 @@ class Health:
             raise Overfull(f"unpacks to more than {_megabytes(self.unpacked)} from {_megabytes(self.size)}")
 
     def describe(self, size: int) -> None:
-        """Take a schema or channel of so many bytes into account. Raises Overfull."""
+        """Count a schema or channel of ``size`` bytes. Raises Overfull."""
         self.described += size
         if len(self.schemas) + len(self.channels) >= MAX_NAMES or self.described > MAX_DESCRIBED:
             raise Overfull(f"describes more than {MAX_NAMES} topics, or with more than {_megabytes(MAX_DESCRIBED)}")
@@ -261,7 +261,7 @@ def _megabytes(size: int) -> str:
 
 
 def read(path: str | Path, health: Health | None = None) -> Iterator[Entry]:
-    """Every message in the order of the file. Raises SessionError for what is no MCAP file or cannot be opened."""
+    """Every message in the order of the file. Raises SessionError for a file that is not MCAP or cannot be opened."""
     path, health = Path(path), health if health is not None else Health()
     try:
         with path.open("rb") as file:
@@ -291,7 +291,7 @@ def _records(file: BinaryIO, health: Health) -> Iterator[Entry]:
         body = file.read(length)
         if opcode == Opcode.CHUNK:
             yield from _chunk(body, health)
-        elif opcode in (Opcode.MESSAGE, Opcode.SCHEMA, Opcode.CHANNEL):  # outside of chunks, as others write them
+        elif opcode in (Opcode.MESSAGE, Opcode.SCHEMA, Opcode.CHANNEL):  # outside of chunks: from other programs
             yield from _loose(_HEAD.pack(opcode, length) + body, health)
         health.whole += _HEAD.size + length
         if opcode == Opcode.FOOTER:
@@ -315,7 +315,7 @@ def _loose(record: bytes, health: Health) -> Iterator[Entry]:
 
 
 def _chunk(body: bytes, health: Health) -> Iterator[Entry]:
-    """The messages of a chunk, one after the other; none of one that is broken: none of it can be trusted."""
+    """The messages of a chunk in order; none of a broken chunk, as nothing in it can be trusted."""
     try:
         chunk = Chunk.read(ReadDataStream(BytesIO(body)))
         if chunk.uncompressed_size > MAX_CHUNK:
@@ -333,7 +333,7 @@ def _chunk(body: bytes, health: Health) -> Iterator[Entry]:
         if len(data) > MAX_CHUNK:
             raise ValueError("too large")
         health.count(0, len(data))
-        for _ in _inside(data, health):  # all of it is read before any of it is given
+        for _ in _inside(data, health):  # the whole chunk is checked before its first message is yielded
             health.count(1, 0)
     except Overfull:
         raise
@@ -346,7 +346,7 @@ def _chunk(body: bytes, health: Health) -> Iterator[Entry]:
 
 
 def _inside(data: bytes, health: Health) -> Iterator[Entry]:
-    """Messages of bytes that are whole; schemas and channels are remembered. Raises Overfull for too many of those."""
+    """Messages in intact bytes; schemas and channels are stored. Raises Overfull for too many of these."""
     at = 0
     while at < len(data):
         opcode, length = _HEAD.unpack_from(data, at)
@@ -384,7 +384,7 @@ class Recovered:
 
 
 def recover(path: str | Path, out: str | Path | None = None) -> Recovered:
-    """Write the whole file beside the broken one. Raises SessionError, also when what was written cannot be read."""
+    """Write an intact copy beside a broken file. Raises SessionError, also when the copy cannot be read."""
     path = Path(path)
     target = Path(out) if out is not None else path.with_name(f"{path.stem}.recovered.mcap")
     health = Health()
@@ -416,7 +416,7 @@ def _copy(path: Path, file: BinaryIO, health: Health) -> tuple[int, int, int]:
     for entry in read(path, health):
         if entry.topic not in channels:
             found = next(channel for channel in health.channels.values() if channel.topic == entry.topic)
-            # A file may name one that it does not hold, and one topic may have several channels.
+            # A file may name a schema that it does not hold, and one topic may have several channels.
             schema = next((schema for schema in health.schemas.values() if schema.name == entry.schema), None)
             if schema is not None and entry.schema not in schemas:
                 schemas[entry.schema] = writer.register_schema(schema.name, schema.encoding, schema.data)
@@ -433,13 +433,13 @@ def _copy(path: Path, file: BinaryIO, health: Health) -> tuple[int, int, int]:
 
 
 def _verify(path: Path, messages: int) -> None:
-    """By our reader and by that of the mcap package, which uses the index."""
+    """Check a file with our reader and with that of the mcap package, which uses the index."""
     health = Health()
     ours = sum(1 for _ in read(path, health))
     try:
         with path.open("rb") as file:
             theirs = sum(1 for _ in make_reader(file, validate_crcs=True).iter_messages())
-    except Exception as error:  # whatever the package raises: the file is not good
+    except Exception as error:  # any exception of the package means a bad file
         raise SessionError(f"was written, but cannot be read again: {error}", file=str(path)) from error
     if not health.complete or not ours == theirs == messages:
         raise SessionError(

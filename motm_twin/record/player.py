@@ -1,4 +1,4 @@
-"""Plays a recording: sends its messages again on the bus, with new run numbers, as if a twin ran now.
+"""Plays a recording: sends its messages again on the bus, with new run numbers, as if a twin were running.
 
 It acts like a twin that refuses changes. A jump in time is a branch: readers keep the shared past.
 """
@@ -29,7 +29,7 @@ from motm_twin.record.recording import RunKey, TickPart
 from motm_twin.sessions.session import SessionError
 
 _LEVEL = 1  # of zlib
-MOST_AT_ONCE = 64 * 1024 * 1024  # bytes that come within one period
+MOST_AT_ONCE = 64 * 1024 * 1024  # bytes of the messages within one period
 
 Sent = tuple[str, bytes, bytes | None]  # topic, payload as on the bus, attachment
 
@@ -42,7 +42,7 @@ class _Timed(msgspec.Struct):
     time: float
 
 
-# What is stamped anew when it is played, as far as the player and its event log read it.
+# Messages that are stamped anew when played, with the fields that the player and its event log read.
 _STAMPED: dict[str, Any] = {
     ch.TICK.topic: TickPart, ch.ROBOT.topic: _Timed, ch.SCAN.topic: Any, ch.METRICS.topic: Any,
     ch.EVENT.topic: NumberedEvent,
@@ -75,7 +75,7 @@ class Frame:
     packed: bytes
 
     def sent(self) -> list[Sent]:
-        """Everything that was sent, the tick first."""
+        """All messages of the period, the tick first."""
         return msgspec.msgpack.decode(zlib.decompress(self.packed), type=list[Sent])
 
 
@@ -85,8 +85,8 @@ class Frames(list[Frame]):
     def __init__(self, path: str | Path) -> None:
         super().__init__()
         self._open: tuple[TickPart, list[Sent]] | None = None
-        self._before: list[Sent] = []  # what came before the first tick
-        self._held = 0  # bytes of what came since the last tick
+        self._before: list[Sent] = []  # messages before the first tick
+        self._held = 0  # bytes of the messages since the last tick
         self._scene = self._grid = -1
         self._method, self._methods = UNNAMED_METHOD, dict[RunKey, str]()
         self._decode = msgspec.json.Decoder(TickPart).decode
@@ -109,7 +109,7 @@ class Frames(list[Frame]):
         return self._methods.get(frame.run, UNNAMED_METHOD)
 
     def find(self, index: int, near: int) -> int | None:
-        """Number of the frame of period ``index`` that is nearest to frame ``near``: of its run if there is one."""
+        """Number of the frame of period ``index`` nearest to frame ``near``, preferably of a run with equal start."""
         began = self[near].run[0]
         found = [number for number, frame in enumerate(self) if frame.index == index]
         return min(found, key=lambda number: (self[number].run[0] != began, abs(number - near)), default=None)
@@ -151,12 +151,12 @@ class Frames(list[Frame]):
 
 
 def stamped(payload: bytes, about: dict[str, object]) -> bytes:
-    """A message that says ``about`` instead. Raises ValidationError or ValueError for what is no JSON object."""
+    """A message with the fields ``about`` replaced. Raises ValidationError or ValueError if it is no JSON object."""
     return msgspec.json.encode(msgspec.json.decode(payload, type=dict[str, Any]) | about)
 
 
 def _sent(entry: Entry) -> Sent | None:
-    """A message as it was on the bus; None for what is not played. Raises for one that cannot be."""
+    """A message as it was on the bus; None for one that is not played. Raises for one that cannot be decoded."""
     if entry.topic == ch.GRID.topic:
         grid = msgspec.json.decode(entry.data, type=ch.RecordedGrid)
         return entry.topic, grid.cells, msgspec.json.encode(grid.info)
@@ -171,9 +171,9 @@ def _sent(entry: Entry) -> Sent | None:
     return entry.topic, entry.data, None
 
 
-IDLE = 0.1  # [s] between looks at the clock while time stands
-LATE = 0.5  # [s] behind, it does not catch up
-FILLED = 600  # periods before its end that a leap forward sends, so that readers can look back 30 s
+IDLE = 0.1  # [s] between checks of the clock while time stands
+LATE = 0.5  # [s] beyond this lag it does not catch up
+FILLED = 600  # last periods of a forward jump that are sent, so that readers can look back 30 s
 _ALLOWED = "this is a recording: it takes play, pause, step, speed, reset (to its start) and branch (to a period)"
 
 Put = Callable[[str, bytes, bytes | None], None]  # topic of the recording, payload, attachment
@@ -182,7 +182,7 @@ Work = Callable[[], None]
 
 @dataclass(frozen=True, kw_only=True)
 class Playback:
-    """Speed and state in which a recording is played at first."""
+    """Initial speed and state of the playback."""
 
     speed: float = 1.0
     loop: bool = False  # begin again at the end
@@ -206,7 +206,7 @@ class Player:
         changed: Work,
         playback: Playback = AS_IT_WAS,
     ) -> None:
-        """``name``: of the file, for the status; ``now``: server time [s]; ``changed``: the status is another one."""
+        """``name`` of the file, for the status; ``now``: server time [s]; ``changed``: called when the status does."""
         self._frames, self._name, self._twin, self._put, self._now = frames, name, twin, put, now
         self._changed, self._loop = changed, playback.loop
         self._requests: queue.Queue[Work] = queue.Queue(maxsize=1000)
@@ -216,7 +216,7 @@ class Player:
         self._at = -1  # frame that was sent last
         self._of: RunKey | None = None  # its run in the file
         self._due = time.monotonic()
-        self._later: deque[tuple[float, Sent]] = deque()  # due [s], what is sent between two frames
+        self._later: deque[tuple[float, Sent]] = deque()  # due [s], message to send between two frames
         self._run, self._began, self._first, self._past = 0, 0.0, 0, -1
         self._scene: Scene | None = None
         self._choices = MethodLibrary().choices()
@@ -250,7 +250,7 @@ class Player:
         self._due = time.monotonic() + PERIOD / self._speed
 
     def _turn(self) -> None:
-        due = min(self._due, self._later[0][0]) if self._later else self._due  # [s] there is something to send
+        due = min(self._due, self._later[0][0]) if self._later else self._due  # [s] next time to send something
         wait = min(IDLE, due - time.monotonic()) if self._state == "playing" else IDLE
         with suppress(queue.Empty):
             work = self._requests.get(timeout=max(0.0, wait))
@@ -261,14 +261,14 @@ class Player:
             self._advance()
 
     def status(self) -> StatusMessage:
-        """As a twin would say it; from any thread."""
+        """The status, as of a twin; from any thread."""
         frame, scene, last = self._frames[max(self._at, 0)], self._scene, self._frames[len(self._frames) - 1]
         chosen = "" if scene is None else scene.name
         variant = "" if scene is None else scene.variant
         about = f"a recording: {self._name}, {frame.time:.1f} of {last.time:.1f} s"
         method = self._frames.method(frame)
         unknown = MethodChoice(name=method, title=method, summary="")  # the file is untrusted
-        # [s] that `branch` can go to: of the runs that share their beginning with this frame's
+        # Times [s] to which `branch` can go: in all runs that share their start with this frame's run.
         times = [other.time for other in self._frames if other.run[0] == frame.run[0]]
         return StatusMessage(
             version=STATUS_VERSION,
@@ -371,15 +371,15 @@ class Player:
             self._send(self._later.popleft()[1])
 
     def _spread(self, robot: list[Sent]) -> None:
-        """The states of the robot in one period, as far apart as they were."""
+        """Schedule the states of the robot in one period with their recorded spacing, divided by the speed."""
         now, times = time.monotonic(), [msgspec.json.decode(payload, type=_Timed).time for _, payload, _ in robot]
         for item, at in zip(robot, times, strict=True):
             self._later.append((now + min(PERIOD, max(0.0, at - times[0])) / self._speed, item))
         self._send_due(now)
 
     def _seek(self, number: int) -> None:
-        """Show another frame. Forward, all that lies between is sent at once; back, the past stays as it is."""
-        self._send_due(math.inf)  # under the number of its run
+        """Show another frame. Forward, the frames between are sent at once; backward, the past is kept."""
+        self._send_due(math.inf)  # still under the old run number
         if self._state in ("done", "error"):
             self._set("paused")
         first = number if number <= self._at else max(self._at + 1, number - FILLED)
@@ -391,24 +391,24 @@ class Player:
         else:
             same = frame.run[0] == self._frames[self._at].run[0]
             self._begin_run(frame, self._began if same else self._now(), frame.index, self._run)
-        if leap and frame.grid >= 0:  # the map that was in force in a frame that did not bring one
+        if leap and frame.grid >= 0:  # the map in force, which this frame does not contain
             grids = [item for item in self._frames[frame.grid].sent() if item[0] == ch.GRID.topic]
             self._send(grids[-1])
         for between in range(first, number + 1):
             self._show(between)
 
     def _follow(self, number: int) -> None:
-        """Begin a run when a frame is of another one than what was sent last."""
+        """Begin a run when a frame belongs to another run than the frame sent last."""
         frame, of = self._frames[number], self._of
         if of is None:
             self._begin_run(frame, self._now(), 0, -1)
         elif frame.run != of:
             same = frame.run[0] == of[0]
-            past = self._run if same and number == self._at + 1 else -1  # after a leap it may be the past of another
+            past = self._run if same and number == self._at + 1 else -1  # after a jump the past may be another run's
             self._begin_run(frame, self._began if same else self._now(), frame.first, past)
 
     def _begin_run(self, frame: Frame, began: float, first: int, past: int) -> None:
-        """A new run begins with this frame."""
+        """Begin a new run with this frame."""
         self._of = frame.run
         self._run, self._began, self._first, self._past = self._run + 1, began, first, past
         if frame.scene >= 0:
@@ -424,7 +424,7 @@ class Player:
         self._follow(number)
         frame, self._at = self._frames[number], number
         playing, sent = self._state == "playing", frame.sent()
-        later = (ch.SCENE.topic, ch.ROBOT.topic) if playing else (ch.SCENE.topic,)  # sent with its run, or spread
+        later = (ch.SCENE.topic, ch.ROBOT.topic) if playing else (ch.SCENE.topic,)  # sent with its run; spread
         for item in sent:
             if item[0] not in later:
                 self._send(item)

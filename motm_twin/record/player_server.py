@@ -24,7 +24,7 @@ from motm_twin.record import channels as ch
 from motm_twin.record.player import AS_IT_WAS, Frames, Playback, Player
 from motm_twin.sessions.session import SessionError
 
-WATCH = 0.1  # [s] between looks at the state for the report
+WATCH = 0.1  # [s] between checks of the state for the report
 
 
 class PlayerServer(Server):
@@ -45,7 +45,7 @@ class PlayerServer(Server):
         keys = self.keys = Keys(twin)
         self._session = open_server(self.port, LOOPBACK, keys.own, open_bus=open_bus)
         clock, self._encode = server_clock(), msgspec.json.encode
-        idle = Idle()  # always: nothing is computed here
+        idle = Idle()  # always set: nothing is computed here
         self._values = LatestValues(self._session, keys, idle)
         played = (ch.TICK, ch.GRID, ch.SCENE, ch.ROBOT, ch.SCAN, ch.EVENT, ch.METRICS)
         key_of = {channel.topic: getattr(keys, channel.topic.removeprefix("/motm/")) for channel in played}
@@ -67,7 +67,7 @@ class PlayerServer(Server):
         ]
 
     def close(self) -> bool:
-        """Withdraw everything."""
+        """Stop playing and withdraw all keys."""
         self._stop.set()
         self.player.stop()
         self._token.undeclare()
@@ -81,7 +81,7 @@ class PlayerServer(Server):
         return True
 
     def _put(self, key: str, payload: bytes, attachment: bytes | None) -> None:
-        """Events get numbers of this server: those of the file begin anew with every file, and come again."""
+        """Send a message; events get new numbers, because the file's may repeat."""
         if key == self.keys.event:
             self._log.tell_again(msgspec.json.decode(payload, type=NumberedEvent))
         else:

@@ -27,21 +27,21 @@ from motm_twin.record.foxglove import Add, Drawer, furniture, grid
 from motm_twin.record.mcap_file import McapFile, RecordingFailed
 from motm_twin.sessions.session import Session, SessionError
 
-SAVE_INTERVAL = 0.4  # [s] between two chunks on the disk: what a sudden end can cost
-WAIT = 0.05  # [s] between looks at what else is to be done
+SAVE_INTERVAL = 0.4  # [s] between two chunks on the disk: a crash loses at most this
+WAIT = 0.05  # [s] between checks for other work
 LAST_SESSION = 0.7  # [s] to wait for the session at the end
 SESSION_INTERVAL = 30.0  # [s] between two sessions, whose state hashes a rerun compares
-ASK_INTERVAL = 1.0  # [s] between two at least
+ASK_INTERVAL = 1.0  # [s] least time between two requests for a session
 ASK_TIMEOUT = 5.0  # [s]
 WAITING_MOST = 20_000  # payloads: half a minute at eight times real time; a longer backlog never shrinks
-_Message = tuple[str, bytes, bytes | None, bool]  # key, payload, attachment, asked for
-LISTENS = 1.0  # [s] limit until the twin knows of the recorder; messages until then are recorded too
+_Message = tuple[str, bytes, bytes | None, bool]  # key, payload, attachment; True: answer to a query
+LISTENS = 1.0  # [s] limit to wait until the twin knows of the recorder; earlier messages are recorded too
 Take = Callable[[bytes, bytes | None], None]  # payload, attachment
-STATUS_INTERVAL = 1.0  # [s] between two recorded status messages that say the same
+STATUS_INTERVAL = 1.0  # [s] between two recorded status messages with the same content
 
 
 class _TickPart(msgspec.Struct, frozen=True):
-    """The part that is needed of every tick."""
+    """The needed fields of every tick."""
 
     run: int
     server_time: float
@@ -59,9 +59,9 @@ class _OfRun(msgspec.Struct, frozen=True):
 
 
 class Stream:
-    """Sorts payloads of one twin into ``add`` (channel, server time, JSON): as they came, and as drawings for Foxglove.
+    """Sorts payloads of one twin into ``add`` (channel, server time, JSON): unchanged, and as drawings for Foxglove.
 
-    Knows no transport and no clock. ``wants_session``: the session should be asked for.
+    Knows no transport and no clock. ``wants_session``: the session should be queried.
     """
 
     def __init__(self, keys: Keys, add: Add) -> None:
@@ -80,34 +80,34 @@ class Stream:
             keys.observations: self._kept(ch.OBSERVATIONS, _Stamped),
         }
         self._grid_key, self._of_a_run = keys.grid, (keys.tick, keys.grid, keys.robot, keys.observations)
-        self._told_run: int | None = None  # of the newest status
+        self._told_run: int | None = None  # run in the newest status
         self.wants_session = False
         self.lost = 0  # periods that did not arrive
         self.now = 0.0  # [s] newest server time
-        self._earliest = 0.0  # [s] no message is logged before: what is taken may be older than the recording
-        self.run: tuple[float, int] | None = None  # began, number: of the newest tick
+        self._earliest = 0.0  # [s] earliest time to log: a last value may be older than the recording
+        self.run: tuple[float, int] | None = None  # of the newest tick: began, number
         self.index = -1
         self._grid, self._said, self._said_at = b"", (), 0.0
 
     @property
     def keys(self) -> tuple[str, ...]:
-        """Keys that it takes."""
+        """Keys whose payloads it takes."""
         return tuple(self._take)
 
     def take(self, key: str, payload: bytes, attachment: bytes | None, *, asked: bool = False) -> None:
-        """Sort one payload in. Raises msgspec.MsgspecError for one that is not of its key.
+        """Sort one payload in. Raises msgspec.MsgspecError for a payload that does not fit its key.
 
-        A last value that was ``asked`` for may be hours old, if the twin is paused. It is logged at the time at which
-        it arrived; otherwise the recording could seem to begin hours before it did.
+        A last value that was queried (``asked``) may be hours old if the twin is paused. It is logged at the time of
+        its arrival; otherwise the recording would seem to begin hours too early.
         """
         self._earliest = self.now if asked else 0.0
         self._take[key](payload, attachment)
 
     def is_past(self, key: str, payload: bytes, attachment: bytes | None) -> bool:
-        """True when a last value is of a run before the one that the status tells. Raises msgspec.MsgspecError.
+        """True when a last value belongs to a run before the one in the status. Raises msgspec.MsgspecError.
 
-        Until a robot in another program has begun its run, its twin still has the last period of the run before. That
-        is hours old at times, and may be of another scene: no part of what is recorded.
+        Until an external robot has begun its run, its twin still has the last period of the run before. That may be
+        hours old and of another scene: it does not belong into the recording.
         """
         if self._told_run is None or key not in self._of_a_run:
             return False
@@ -122,7 +122,7 @@ class Stream:
         self._add(ch.SESSION, self.now, msgspec.json.encode(recorded))
 
     def _kept(self, channel: ch.Channel, kind: Any, draw: Callable[[Any], None] = lambda message: None) -> Take:
-        """Messages of this kind are recorded as they come, and drawn."""
+        """A function that records messages of this kind unchanged, and draws them."""
         decode = msgspec.json.Decoder(kind).decode
 
         def take(payload: bytes, _: bytes | None) -> None:
@@ -145,7 +145,7 @@ class Stream:
             self._drawer.tick(self._tick(payload))
 
     def _follow(self, part: _TickPart) -> None:
-        """Notice another run, and periods that are missing."""
+        """Detect another run, and missing periods."""
         run, missing = (part.began, part.run), part.index - self.index - 1
         if run != self.run or missing > 0:
             self.wants_session = True
@@ -182,16 +182,16 @@ class Recorder:
     def __init__(self, session: zenoh.Session, twin: str, path: str | Path) -> None:
         """Raises SessionError when the file can not be made."""
         for channel in ch.CHANNELS.values():
-            _ = channel.json_schema  # made now: while messages wait, they would delay the first chunk
+            _ = channel.json_schema  # made now, because making them later would delay the first chunk
         self._zenoh, self._keys = session, Keys(twin)
         self._file = McapFile(path)
         self._stream = Stream(self._keys, self._file.add)
-        self._waiting: queue.Queue[_Message | None] = queue.Queue()  # None: all that was asked first is answered
-        self._early: list[_Message] | None = []  # what came by itself before that: written after it
+        self._waiting: queue.Queue[_Message | None] = queue.Queue()  # None: all first queries are answered
+        self._early: list[_Message] | None = []  # other messages before that, written after the answers
         self._declared = [session.declare_subscriber(key, direct(self._on_sample)) for key in self._stream.keys]
-        self._live: set[str] = set()  # keys of which something came by itself
+        self._live: set[str] = set()  # keys with a message that was not an answer
         keys, self._listened = self._keys, threading.Event()
-        # Late joiners get the last of each; the status comes first, which tells whether the others are of its run.
+        # Last values for a late joiner; the status comes first, as it tells the run to which the others must belong.
         first = (keys.status, keys.scene, keys.tick, keys.grid, keys.robot, keys.observations)
         self._unanswered = set(first)
         for key in first:
@@ -205,9 +205,9 @@ class Recorder:
         return {"file": str(self._file.path), "bytes": self._file.size, "lost_periods": self._stream.lost}
 
     def listens(self, timeout: float) -> bool:
-        """Wait until the twin knows that it is listened to: what it sends from now on is recorded. False: not known.
+        """Wait until the twin knows the subscriptions: all later messages are recorded. False after ``timeout`` [s].
 
-        It has answered what was asked after the subscriptions were declared, on the same link.
+        It knows them once it has answered queries that were sent after them on the same link.
         """
         return self._listened.wait(timeout)
 
@@ -229,7 +229,7 @@ class Recorder:
             self._file.close()
 
     def _write_rest(self) -> None:
-        """Write what still waits, and the session as it ends."""
+        """Write the waiting messages, and the final session."""
         self._file.save()
         deadline = time.monotonic() + LAST_SESSION
         while not self._waiting.empty() and time.monotonic() < deadline:
@@ -242,7 +242,7 @@ class Recorder:
             self._take(time.monotonic() + WAIT, ending=True)
 
     def _take(self, until: float, *, ending: bool = False) -> None:
-        """Write arriving messages for a short while, even in a flood: chunks must be closed and sessions requested."""
+        """Write arriving messages until a time [s], even in a flood: chunks must be closed and sessions queried."""
         while (left := min(WAIT, until - time.monotonic())) > 0.0:
             if not ending and self._stream.wants_session and time.monotonic() >= self._asked_at + ASK_INTERVAL:
                 return
@@ -257,14 +257,14 @@ class Recorder:
             if not asked:
                 self._live.add(key)
             elif key in self._live and key not in (self._keys.status, self._keys.scene):
-                continue  # older than what came since
+                continue  # a newer message has arrived
             if self._early is None or asked:
                 self._write(*message)
             else:
                 self._early.append(message)
 
     def _release(self) -> None:
-        """Write what came early: the run of a tick is only known after its scene and its status."""
+        """Write the early messages: the run of a tick is known only after its scene and status."""
         early, self._early = self._early or (), None
         for message in early:
             self._write(*message)
@@ -279,7 +279,7 @@ class Recorder:
             else:
                 self._stream.take(key, payload, attachment, asked=asked)
         except (msgspec.MsgspecError, UnicodeDecodeError, ValueError) as error:
-            if key not in self._refused:  # once: another version sends twenty a second
+            if key not in self._refused:  # reported once: another version may send twenty a second
                 self._refused.add(key)
                 print(f"record: what came on {key} is not recorded: {error}", file=sys.stderr)
 
@@ -290,7 +290,7 @@ class Recorder:
             self._ask(self._keys.session)
 
     def _ask(self, key: str, ended: Callable[[], None] = lambda: None) -> None:
-        """``ended`` is called once all answers have come, in Zenoh's thread."""
+        """Query a key; ``ended`` is called after the last answer, in Zenoh's thread."""
 
         def on_reply(reply: zenoh.Reply) -> None:
             if reply.ok is not None:
@@ -299,14 +299,14 @@ class Recorder:
         self._zenoh.get(key, zenoh.handlers.Callback(on_reply, ended, indirect=False), timeout=ASK_TIMEOUT)
 
     def _answered(self, key: str) -> None:
-        """In Zenoh's thread."""
+        """Note that a first query is answered; called in Zenoh's thread."""
         self._unanswered.discard(key)
         if not self._unanswered:
             self._waiting.put(None)
             self._listened.set()
 
     def _on_sample(self, sample: zenoh.Sample, asked: bool = False) -> None:
-        """In Zenoh's thread. What was sent to a wildcard is not the twin's."""
+        """Take a message; called in Zenoh's thread. One that was sent to a wildcard does not come from the twin."""
         if self._waiting.qsize() < WAITING_MOST and "*" not in str(sample.key_expr):
             attached = None if sample.attachment is None else sample.attachment.to_bytes()
             self._waiting.put((str(sample.key_expr), sample.payload.to_bytes(), attached, asked))

@@ -1,4 +1,4 @@
-"""The runs in a recording, enough to repeat them whatever part was recorded; its contents as numbers and as text."""
+"""The runs in a recording, with all that is needed to repeat them; its contents as numbers and as text."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -51,7 +51,7 @@ class TickPart(msgspec.Struct, frozen=True):
 
     @property
     def key(self) -> RunKey:
-        """Of its run."""
+        """Key of its run."""
         return self.began, self.run
 
 
@@ -62,31 +62,31 @@ class Run:
     key: RunKey
     first: int  # first period of the run: where it branched from another, else 0
     past: int
-    scene: Scene | None  # that was loaded when it began
+    scene: Scene | None  # loaded when the run began
     plant: str = "simulated"
     method: str = UNNAMED_METHOD
     indices: list[int] = field(default_factory=list)  # recorded periods, rising
     edits: list[LoggedEdit] = field(default_factory=list)
     cuts: list[Cut] = field(default_factory=list)
     session: Session | None = None  # the last one that was recorded
-    hashes: dict[int, str] = field(default_factory=dict)  # state hash after so many periods
+    hashes: dict[int, str] = field(default_factory=dict)  # number of periods: state hash after them
 
     @property
     def missing(self) -> int:
-        """Periods between the first and the last recorded one that are not there."""
+        """Number of missing periods between the first and the last recorded one."""
         return self.indices[-1] - self.indices[0] + 1 - len(self.indices) if self.indices else 0
 
 
 @dataclass
 class Recording:
-    """All runs of a file, in the order in which they began, and how the file is."""
+    """All runs of a file, in the order in which they began, and the condition of the file."""
 
     path: Path
     health: Health
     runs: list[Run]
 
     def session_of(self, run: Run) -> Session:
-        """The session that repeats a run up to the last period that is known. Raises SessionError."""
+        """The session that repeats a run up to the last known period. Raises SessionError."""
         root, *later = self._line(run)
         whole = root.session
         if whole is None:
@@ -103,10 +103,10 @@ class Recording:
         return whole
 
     def _line(self, run: Run) -> list[Run]:
-        """A run, and before it the runs that it came from, from one whose start is known. Raises SessionError."""
+        """The run and its ancestors, oldest first, from one whose start is known. Raises SessionError."""
         known, line = {other.key: other for other in self.runs}, [run]
         while line[0].session is None and (line[0].first != 0 or line[0].scene is None):
-            past = known.pop((run.key[0], line[0].past), None)  # each once: a file may name runs in a circle
+            past = known.pop((run.key[0], line[0].past), None)  # each run once: a file may name runs in a circle
             if past is None or past is run:
                 raise SessionError("the file does not tell how it began")
             line.insert(0, past)
@@ -114,13 +114,13 @@ class Recording:
 
 
 def _with_recorded(base: Session, run: Run) -> Session:
-    """A session with what was recorded of a run after it, up to the last period that is known."""
+    """A session continued with the recorded edits and cuts of a run, up to the last known period."""
     edits = [*base.edits, *(entry for entry in run.edits if entry.index >= base.periods)]
     cuts = [*base.cuts, *(cut for cut in run.cuts if cut.index >= base.periods)]
     end = base.periods
     for index in run.indices:
         if index > end:
-            break  # what was done in the periods between is not known
+            break  # the edits of the periods in between are unknown
         end = max(end, index + 1)
     whole = msgspec.structs.replace(base, edits=tuple(edits), cuts=tuple(cuts), parts={}, track=())
     return _until(end, whole, run.hashes.get(end, ""))
@@ -133,7 +133,7 @@ def _until(period: int, session: Session, state_hash: str) -> Session:
 
 
 def load_recording(path: str | Path) -> Recording:
-    """Everything but the ticks themselves. Raises SessionError for a file that is no recording of a twin."""
+    """Read a recording, without its ticks. Raises SessionError for a file that is no recording of a twin."""
     health, builder = Health(), _Builder()
     try:
         for entry in read(path, health):
@@ -148,7 +148,7 @@ def load_recording(path: str | Path) -> Recording:
 
 
 def ticks_of(path: str | Path, key: RunKey) -> Iterator[tuple[int, bytes]]:
-    """Index and payload of each recorded period of one run, each once, rising."""
+    """Index and payload of each recorded period of one run, once each, in rising order."""
     decode, last = msgspec.json.Decoder(TickPart).decode, -1
     for entry in read(path):
         if entry.topic == ch.TICK.topic:
@@ -159,11 +159,11 @@ def ticks_of(path: str | Path, key: RunKey) -> Iterator[tuple[int, bytes]]:
 
 
 def observations_of(path: str | Path, run: Run) -> Iterator[ObservationsMessage]:
-    """Reports of the robot of a run, each period once, rising.
+    """Reports of the robot of a run, each period once, in rising order.
 
     A report names its run by the number only, and a restarted server uses the same numbers again. So each report
-    belongs to the run of the tick before it. The first one may precede every tick: a recorder that starts between tick
-    and report receives the report, and asks for the tick that it missed.
+    belongs to the run of the tick before it. The first report may precede every tick: a recorder that starts between
+    tick and report receives the report, and queries the tick that it missed.
     """
     decode, tick = msgspec.json.Decoder(ObservationsMessage).decode, msgspec.json.Decoder(TickPart).decode
     last, now = -1, None
@@ -209,7 +209,7 @@ class _Builder:
             run = Run(tick.key, tick.first, tick.past, self._scene, self._plant, self._method)
             self.runs[tick.key] = run
         if run.indices and tick.index <= run.indices[-1]:
-            return  # sent again: something else was asked to be shown
+            return  # sent again with other explanations
         self._edits += len(tick.edits)
         if self._edits > MAX_EDITS:
             raise SessionError(f"has more than {MAX_EDITS:,} edits: it is no recording of a twin")
@@ -322,7 +322,7 @@ def _runs(path: str | Path) -> list[RunInfo]:
 
 
 def show(found: Info) -> None:
-    """Print it."""
+    """Print the contents of a recording."""
     console = table_console()
     console.print(found.file, style="bold", markup=False)
     console.print(

@@ -1,6 +1,6 @@
 """Repeats a session, and every run of a recording: the same scene, edits and searches give the same state, bit for bit.
 
-A rerun of a recording compares every recorded period. A `RecordedPlant` reports what was recorded of an external robot.
+A rerun of a recording compares every recorded period. A `RecordedPlant` repeats the reports of an external robot.
 """
 
 import math
@@ -46,10 +46,10 @@ class Rerun(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def begin(session: Session, plant: ExternalPlant | None = None, method: Method | None = None) -> Twin:
-    """A twin at the start of the session; ``plant``: the robot instead of the simulated one.
+    """A twin at the start of the session; ``plant``: a robot instead of the simulated one.
 
-    ``method``: the user's own, for a session that was made with it. Raises SessionError when a parameter is impossible,
-    or when the method is neither shipped nor given: a name in a session is never a file to run.
+    ``method``: a user's own method, for a session that was made with it. Raises SessionError when a parameter is
+    impossible, or when the method is neither shipped nor given: a name in a session is never a file to run.
     """
     if method is not None and method.name != session.method:
         raise SessionError(f"it was made with the method {session.method!r}, not with {method.name!r}")
@@ -78,7 +78,7 @@ def player(session: Session, *, until: int | None = None, method: Method | None 
 
 
 def rerun(session: Session, method: Method | None = None) -> Rerun:
-    """Run a session again and compare; ``method`` as of `begin`. Raises SessionError when it cannot be run."""
+    """Run a session again and compare; ``method`` as for `begin`. Raises SessionError when it cannot be run."""
     tracker, finish, twin, time = Tracker(), Completion(), None, 0.0
     for twin, tick in player(session, method=method):  # noqa: B007 - the last one is used
         tracker.add(tick)
@@ -138,8 +138,8 @@ def _first_sign(session: Session, track: Track, parts: dict[str, str]) -> str:
     return f"the base drove the same way; what differs at the end is the state of {', '.join(differ)}"
 
 
-# Of the wall clock, of the server, of what somebody asked to be explained, or what edits tell already: no part of the
-# run itself.
+# Fields that are no part of the run itself: of the wall clock, of the server, of requested explanations, or already
+# known from the edits.
 _NOT_COMPARED = (
     "server_time", "run", "began", "first", "past", "ended", "stage_ms", "inspected", "preview", "announced",
 )  # fmt: skip
@@ -151,16 +151,16 @@ Json = dict[str, Any]
 
 
 class RecordedPlant:
-    """A robot that reports what was recorded. Commands and edits of the world have no effect."""
+    """A robot that repeats recorded reports. Commands and edits of the world have no effect."""
 
     mirror = False
     shared = True
 
     def __init__(self, messages: Iterable[ObservationsMessage]) -> None:
-        """``messages``: of one run from its first period on, without a gap; ValueError else."""
-        self.periods = 0  # that it reports
+        """``messages``: of one run, from its first period on. Raises ValueError for a gap."""
+        self.periods = 0  # number of reported periods
         self._samples: list[Observation] = []
-        self._restarts: set[int] = set()  # first sample of each period before which control had been away
+        self._restarts: set[int] = set()  # first sample of each period after an interruption of control
         scan, detections = None, ()
         for expected, message in enumerate(messages):
             if message.index != expected:
@@ -177,48 +177,48 @@ class RecordedPlant:
         self._at = 0
 
     def begin(self, scene: Scene) -> None:
-        """From the first sample on."""
+        """Go back to the first sample."""
         self._at = 0
 
     def observe(self) -> Observation:
-        """The sample of now; ValueError after the last one."""
+        """The present sample. Raises ValueError after the last one."""
         if self._at >= len(self._samples):
             raise ValueError(f"the recording has {len(self._samples)} samples: there is no other")
         return self._samples[self._at]
 
     def command(self, *_: object, **__: object) -> None:
-        """No effect: the robot's motion is recorded, and the effects of edits with it. The truth is unknown."""
+        """No effect: the recorded motion includes the effects of commands and edits. The truth is unknown."""
 
     truth = accept = apply = expect_tasks = expect_map = command
 
     def step(self, dt: float) -> None:
-        """On to the next sample."""
+        """Go to the next sample."""
         self._at += 1
 
     def rehearsal(self) -> "RecordedPlant":
-        """Accepts every edit again."""
+        """A rehearsal that accepts every edit: this plant itself."""
         return self
 
     def ready(self) -> bool:
-        """There is another sample."""
+        """True when there is another sample."""
         return self._at < len(self._samples)
 
     def text(self) -> str:
-        """A few words about it."""
+        """A short description of the robot."""
         return f"a recorded robot: {len(self._samples)} samples"
 
     def interrupted(self) -> bool:
-        """True when control was away before the period that begins now."""
+        """True when control was interrupted before the period that begins now."""
         return self._at in self._restarts
 
 
 _LENGTHS = {"pose": 3, "odometry": 3, "twist": 2, "q": 7, "dq": 7}
 _LENGTHS_SEEN = {"p_base": 3, "odometry": 3}
-_LARGEST = 1e6  # of any number of a pose, a joint or a rate: what is more was not measured
+_LARGEST = 1e6  # bound of the numbers in poses, joints and rates: a larger one cannot be measured
 
 
 def _check(sample: Sample, period: int) -> None:
-    """Raise ValueError for numbers that no robot reports: a recording may come from anybody. Control checks scans."""
+    """Raise ValueError for impossible numbers: a recording may come from anybody. Control itself checks scans."""
     seen = [(part, _LENGTHS_SEEN) for part in sample.detections or ()]
     for part, lengths in [(sample, _LENGTHS), *seen]:
         for name, length in lengths.items():
@@ -235,20 +235,20 @@ class RunReport(msgspec.Struct, frozen=True, kw_only=True):
     run: int
     scene: str
     periods: int  # computed again
-    compared: int  # of them, with what was recorded
+    compared: int  # periods that were compared with recorded ones
     hashes: int  # states that were compared by their hash
     ok: bool
-    period: int = -1  # the first that differs; -1: none
-    fields: list[str] = []  # that differ there: "plan.expansions: recorded 12, now 14"
+    period: int = -1  # first period that differs; -1: none
+    fields: list[str] = []  # fields that differ in it: "plan.expansions: recorded 12, now 14"
     state_hash: str  # at the end
-    differences: tuple[str, ...] = ()  # what is not here as it was there
+    differences: tuple[str, ...] = ()  # differences from the origin of the session
     text: str = ""  # what could not be compared
 
 
 def rerun_run(recording: Recording, run: Run, method: Method | None = None) -> RunReport:
-    """Compute one run again; ``method`` of a user's file, for runs that were made with it.
+    """Compute one run again; ``method``: from a user's file, for runs that were made with it.
 
-    Raises SessionError when nothing of it can be computed and compared: the file does not tell how.
+    Raises SessionError when no part of it can be computed and compared with the data in the file.
     """
     robot = _robot_of(recording, run)
     session = recording.session_of(run)
@@ -263,7 +263,7 @@ def rerun_run(recording: Recording, run: Run, method: Method | None = None) -> R
     for index in range(end):
         try:
             tick = log.advance(twin, index)
-        except SessionError as error:  # an edit that was taken when the run was recorded
+        except SessionError as error:  # refused now, though accepted when the run was recorded
             period, fields = index, [error.problem]
             break
         while waiting is not None and waiting[0] < index:
@@ -294,7 +294,7 @@ def rerun_run(recording: Recording, run: Run, method: Method | None = None) -> R
 
 
 def _robot_of(recording: Recording, run: Run) -> RecordedPlant | None:
-    """The external robot of a run, as long as all that it reported is there; None: a simulated one.
+    """The external robot of a run, up to the first missing report; None for a simulated robot.
 
     Raises SessionError when not even its first period is known.
     """
@@ -317,7 +317,7 @@ def _robot_of(recording: Recording, run: Run) -> RecordedPlant | None:
 
 
 def _from_the_start(messages: Iterable[ObservationsMessage]) -> Iterator[ObservationsMessage]:
-    """Those from period 0 on up to the first that is missing."""
+    """The messages from period 0 up to the first missing one."""
     for expected, message in enumerate(messages):
         if message.index != expected:
             return
@@ -325,7 +325,7 @@ def _from_the_start(messages: Iterable[ObservationsMessage]) -> Iterator[Observa
 
 
 def _known_end(session: Session, robot: RecordedPlant | None) -> tuple[int, str]:
-    """The period up to which all inputs are known, and why no further."""
+    """The first period with unknown inputs, and the reason."""
     unknown = [(session.periods, "some before them are missing in the file")]
     if robot is not None:
         unknown.append((robot.periods, f"what the robot saw in period {robot.periods} is missing in the file"))
@@ -335,7 +335,7 @@ def _known_end(session: Session, robot: RecordedPlant | None) -> tuple[int, str]
 
 
 def _require_comparable(run: Run, end: int) -> None:
-    """Raise SessionError when nothing was recorded of what can be computed, the periods before ``end``."""
+    """Raise SessionError when no period before ``end``, which can be computed, was recorded."""
     if run.indices[0] >= end and not any(periods <= end for periods in run.hashes):
         known = f"only of the periods before {end}" if end else "nothing"
         raise SessionError(
@@ -351,12 +351,12 @@ def _not_compared(run: Run, end: int, why: str) -> str:
 
 
 def _differing(payload: bytes, tick: Tick, *, of_truth: bool) -> list[str]:
-    """The fields that are not as recorded; empty for an equal period. ``of_truth``: those of the ground truth too."""
+    """The fields that differ from the recorded ones. ``of_truth``: also those of the ground truth."""
     now = msgspec.json.decode(msgspec.json.encode(tick_message(tick, 0, 0.0)))
     found: list[str] = []
     try:
         then = msgspec.json.decode(payload)
-    except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:  # in what nobody has read until now
+    except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:  # in fields that were not read before
         return [f"what was recorded of it cannot be read: {error}"]
     _compare(_bare(then, of_truth), _bare(now, of_truth), "", found)
     return found
@@ -392,7 +392,7 @@ def _compare(then: Any, now: Any, place: str, found: list[str]) -> None:
 
 
 def _same_time(place: str, then: Any, now: Any) -> bool:
-    """True for one time: ticks that were recorded before times were rounded have all digits."""
+    """True for equal times: older recordings have times that were not rounded."""
     both = isinstance(then, float) and isinstance(now, float)
     return both and place.rpartition(".")[2] == "time" and seconds(then) == now
 

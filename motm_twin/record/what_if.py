@@ -42,7 +42,7 @@ from motm_twin.warm_up import compile_kernels, parts_of
 
 _SWITCH = {"true": True, "on": True, "yes": True, "false": False, "off": False, "no": False}
 Changes = dict[str, ParameterValue]
-MOVERS = ("temi", "person")  # kinds of bodies that drive or walk by themselves
+MOVERS = ("temi", "person")  # kinds of bodies that move by themselves
 SAMPLE_PERIODS = 2  # 10 Hz of simulated time
 PATIENCE = 30.0  # [s] without progress in the tasks, after the last recorded period
 
@@ -66,7 +66,7 @@ def parse_changes(texts: Iterable[str]) -> Changes:
 
 
 def start_period(session: Session, seconds: float) -> int:
-    """The period that begins at this time of the session. Raises SessionError when it has none."""
+    """The period of the session that begins at this time [s]. Raises SessionError when there is none."""
     recorded = session.periods / PERIODS_PER_SECOND
     if not (math.isfinite(seconds) and 0.0 <= seconds <= recorded):
         raise SessionError(f"--from {seconds:g}: the session has 0 to {recorded:g} s, choose a time in it")
@@ -79,7 +79,7 @@ def _value(name: str, text: str) -> ParameterValue:
     if entry.kind == "switch":
         value = _SWITCH.get(text.lower(), text)
     elif entry.kind == "number":
-        with contextlib.suppress(ValueError):  # what is no number is refused by `check`, which knows the range
+        with contextlib.suppress(ValueError):  # `check`, which knows the range, refuses a text that is no number
             value = float(text)
     return check(name, value)
 
@@ -87,12 +87,12 @@ def _value(name: str, text: str) -> ParameterValue:
 def run_one(
     session: Session, *, changes: Changes, start: int, method: Method | None = None
 ) -> Iterator[Sample | Outcome]:
-    """Samples at 10 Hz, then the Outcome. Without changes it is the run as it was. Raises SessionError.
+    """Samples at 10 Hz, then the Outcome. Without changes the recorded run is repeated. Raises SessionError.
 
     The run goes on after the recorded periods until its tasks are done, its time is over, or nothing is achieved for
-    30 s. From there on, and in the changed run from the change on, it is a forecast: every search may use all its
-    expansions, where a clock may have cut those of a live run. What was done within the recorded periods is done at
-    the recorded time, exactly. Edits that the recorded run took and this one cannot are left out and named in the
+    30 s. That part, and the changed run from the change on, is a forecast: every search may use all its expansions,
+    whereas the clock may have cut those of a live run. Work that was done within the recorded periods is done at
+    exactly the recorded time. Edits that the recorded run accepted but this one cannot are left out and named in the
     Outcome.
     """
     side = _WhatIfRun(session, changes, start, method)
@@ -150,7 +150,7 @@ class _WhatIfRun:
             self._skipped.append(said)
 
     def ended(self, tick: Tick) -> tuple[bool, str]:
-        """True when this was the last period, and the reason unless all is done."""
+        """True when this was the last period, and the reason unless all tasks are done."""
         if self._finish.over and tick.index >= self._last_insert:
             return True, ""
         limit = self._session.scene.time_limit
@@ -173,7 +173,7 @@ class _WhatIfRun:
             reason = f"dropped, and not picked up and placed again: {', '.join(truth.dropped)}"
         if not reason and caused:
             reason = f"{caused} contact(s) caused by the robot"
-        time, known = self._finish.time_s, self._session.periods  # those repeat the recording
+        time, known = self._finish.time_s, self._session.periods  # the first ``known`` periods repeat the recording
         known = min(self._start, known) if self._changes else known
         return Outcome(
             run=self.name,
@@ -215,7 +215,7 @@ def _sample(name: str, tick: Tick) -> Sample:
     )
 
 
-NICE = 10  # the live twin comes first
+NICE = 10  # the live twin has priority
 
 
 class _Broken(msgspec.Struct, frozen=True, kw_only=True):
@@ -227,16 +227,16 @@ class _Broken(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class RunBroke(RuntimeError):
-    """A process of a what-if died or met an error of the program."""
+    """A process of a what-if died, or the program failed in it."""
 
 
 Line = Sample | Outcome
 
 
 def compare(session: Session, changes: Changes, start: int, method: str | None = None) -> Iterator[Line]:
-    """The lines of both runs as they come; ``start`` is the period from which the changes apply.
+    """The lines of both runs as they are computed; ``start``: period from which the changes apply.
 
-    ``method``: FILE.py:NAME of a user's, for a session that was made with it.
+    ``method``: FILE.py:NAME of a user's method, for a session that was made with it.
 
     Raises SessionError when the session cannot be run, RunBroke when a process died. Ends its processes in any case.
     """
@@ -304,7 +304,7 @@ def _work(data: bytes, changes: Changes, start: int, name: str, method: str | No
 
 
 def stream(file: str, changes: list[str], seconds: float, method: str | None = None) -> int:
-    """Write the JSON lines of both runs to standard output; the exit code."""
+    """Write the JSON lines of both runs to standard output; returns the exit code."""
     _end_with_input()
     try:
         session = load_session(file)
@@ -324,7 +324,7 @@ def _print(line: Line | dict[str, str]) -> None:
     try:
         sys.stdout.buffer.write(msgspec.json.encode(line) + b"\n")
         sys.stdout.buffer.flush()
-    except BrokenPipeError:  # nobody reads any more; the processes of the runs end with this one
+    except BrokenPipeError:  # the reader has gone; the processes of the runs end with this one
         os._exit(OK)
 
 

@@ -1,4 +1,4 @@
-"""The lines that a what-if writes, as its program and its readers know them."""
+"""The lines that a what-if writes, shared by its program and its readers."""
 
 import msgspec
 
@@ -22,18 +22,18 @@ class Outcome(msgspec.Struct, frozen=True, kw_only=True):
 
     run: str
     done: bool = True  # the last line of this run
-    time_s: float  # [s] of the work, as of `motm-twin run`: until it was done, or until the run ended without that
+    time_s: float  # [s] of the work, as in `motm-twin run`: until it was done, or else until the run ended
     picks: int
     places: int
     contacts: int  # caused by the robot
-    all_contacts: int = 0  # whoever caused them
+    all_contacts: int = 0  # by the robot or by others
     path_length: float  # [m] driven by the base
     success: bool
     reason: str  # why not, one sentence; "" after success
-    skipped: tuple[str, ...] = ()  # recorded edits that the changed run could not take, and why
+    skipped: tuple[str, ...] = ()  # recorded edits that the changed run could not accept, and why
     forecast_from_s: float | None = None  # [s] `time_s` is a forecast that begins here; None: it is as recorded
 
     @property
     def clock(self) -> str:
-        """The time, with a word when it is a forecast."""
+        """The time, marked when it is a forecast."""
         return f"{self.time_s:.1f} s" + ("" if self.forecast_from_s is None else " (forecast)")

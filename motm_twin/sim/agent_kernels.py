@@ -13,16 +13,16 @@ from motm_twin.sim.kernels import Index, clearance, polygon_distance, put_rectan
 YAW_RATE = 1.5  # [rad/s]
 YAW_ACCELERATION = 4.0  # [rad/s^2]
 HEADING_GAIN = 4.0  # [1/s]
-TURN_FIRST = 0.6  # [rad] off its course from which an agent turns on the spot
-STRAIGHT = 0.1  # [rad] off its course up to which looking straight ahead is enough
+TURN_FIRST = 0.6  # [rad] heading error from which an agent turns on the spot
+STRAIGHT = 0.1  # [rad] heading error up to which checking straight ahead is enough
 CORNERING = 0.1  # [m/s] always allowed in a bend
 
 _BETTER = 0.002  # [m] of distance gained that counts as moving away, per 0.02 m
-_NEAR = 0.4  # [m] from a tight start within which a way round must first lead away
+_NEAR = 0.4  # [m] from a tight start: within this a detour must first lead away
 _AWAY = 0.3  # [m] of distance gained per m that counts as leading away
-_SQUEEZE = 0.02  # [m] that a motion past something within the margin may come nearer to it, and must keep
-_TOWARDS = 0.5  # [m of distance lost per m] from which a motion within the margin leads towards something, not past it
-_LEFT = 1.3  # cost of a way on the left of the straight one
+_SQUEEZE = 0.02  # [m] by which a motion past an obstacle within the margin may near it; it must keep as much
+_TOWARDS = 0.5  # [m of distance lost per m] from which a motion leads towards an obstacle, not past it
+_LEFT = 1.3  # cost factor of cells on the left of the straight line
 _SAME = 1e-6  # [m] of distance lost that counts as none
 
 
@@ -53,7 +53,7 @@ def steer(
     dt: float,
     acceleration: float,
 ) -> tuple[Array, float, float, float]:
-    """One substep towards (x, y): pose, forward speed, yaw rate, and what is left of ``free`` [m].
+    """One substep towards (x, y): pose, forward speed, yaw rate, and the rest of ``free`` [m].
 
     Its speed lets it stop within ``free`` straight ahead and, in bends and on detours, within ``gap`` on any side.
     """
@@ -111,8 +111,8 @@ def look_about(
 ) -> tuple[float, float]:
     """Free distance [m] straight ahead of agent ``own``, at most ``reach``, and the gap [m] on its tightest side.
 
-    It keeps ``margin`` from everything but the robot, from which it keeps ``keep``. ``fixed`` discs, (d, 3), and those
-    predicted for each agent, shape (agents, times, 3).
+    The agent keeps ``margin`` from everything but the robot, and ``keep`` from the robot. ``fixed``: discs, shape
+    (d, 3); ``expected``: predicted discs of each agent, shape (agents, times, 3).
     """
     count, others = fixed.shape[0], expected.shape[0] - 1
     discs = np.empty((count + others * expected.shape[1], 3))
@@ -134,7 +134,7 @@ def look_about(
 
 @njit(cache=True)
 def _put(some: Array, discs: Array, begin: int) -> None:
-    """Write some discs, (k, 3), from place ``begin`` on."""
+    """Write some discs, shape (k, 3), from index ``begin`` on."""
     for i in range(some.shape[0]):
         for k in range(3):
             discs[begin + i, k] = some[i, k]
@@ -146,8 +146,8 @@ def free_ahead(
 ) -> float:
     """Distance [m] that a disc of radius ``body`` can drive straight on with a margin, at most ``reach``.
 
-    Something already within the margin does not stop a motion that passes it. Something within the body, or predicted
-    there, only lets a motion pass that clearly leads away.
+    An obstacle that is already within the margin does not stop a motion that passes it. One that overlaps the body, now
+    or as predicted, stops every motion except one that clearly leads away.
     """
     free = reach
     for i in range(first.shape[0] - 1 + discs.shape[0]):
@@ -168,7 +168,7 @@ def _gap_to(x: float, y: float, i: int, corners: Array, first: Index, discs: Arr
 def _free_of(
     pose: Array, body: float, margin: float, reach: float, i: int, corners: Array, first: Index, discs: Array
 ) -> float:
-    """`free_ahead` for obstacle i alone: a nearer one on another side must not hide it."""
+    """`free_ahead` for obstacle i only: a nearer one on another side must not mask it."""
     radius = body + margin
     c, s = math.cos(pose[2]), math.sin(pose[2])
     gap = _gap_to(pose[0], pose[1], i, corners, first, discs)
@@ -195,8 +195,8 @@ def way_round(
     """Points [m] of a shortest path on a grid for a disc, shape (n, 2); empty when there is none.
 
     The grid is a square of half width ``window`` about the start; a goal outside is replaced by the free cell nearest
-    to it. Dijkstra over eight neighbours; the left of the way to the goal costs more, so that two who meet both pass
-    on their right. Near a start within ``radius`` of an obstacle, cells that lead away from it are free, too.
+    to it. Dijkstra over eight neighbours; cells left of the line to the goal cost more, so that two agents that meet
+    both pass on their right. Near a start within ``radius`` of an obstacle, cells that lead away from it are free, too.
     """
     half = int(window / cell)
     n = 2 * half + 1
@@ -250,7 +250,7 @@ def way_round(
 def free_cells(
     start: Array, radius: float, cell: float, half: int, corners: Array, first: Index, discs: Array
 ) -> NDArray[np.bool_]:
-    """Cells of the grid of `way_round` in which the disc may be: each obstacle forbids those near it, shape (n, n)."""
+    """Cells of the grid of `way_round` that the disc may enter; each obstacle blocks those near it, shape (n, n)."""
     n = 2 * half + 1
     free = np.ones((n, n), dtype=np.bool_)
     here = clearance(start[0], start[1], corners, first, discs)

@@ -1,7 +1,7 @@
 """Temis, persons and other dynamic obstacles on endless rounds of waypoints. Deterministic.
 
-Behaviours: `yield` and `blind` drive as a Temi does; those in `WALKS` go in any direction, all choosing at once. Agents
-that a person adds stand still until they are sent to a point.
+Behaviours: `yield` and `blind` drive as a Temi does; those in `WALKS` move in any direction and choose simultaneously.
+Agents added by a person stand still until they are sent to a point.
 """
 
 import math
@@ -23,22 +23,22 @@ WALKS: dict[str, Callable[[Crowd], Array]] = {"orca": orca, "social_force": soci
 
 MARGIN = 0.10  # [m] kept from everything ahead
 ROBOT_KEEP = 0.2  # [m] kept from the robot in addition
-MARGIN_ROUND = 0.07  # [m] the same on a detour, which was searched with a larger margin
-MARGINS_SEARCHED = (0.16, 0.10)  # [m] a way round is searched with the first, else the second
-MARGINS_WALKED = (0.40, 0.10)  # [m] the same of one that walks: others and walls push it aside
+MARGIN_ROUND = 0.07  # [m] the same on a detour, which is searched with a larger margin
+MARGINS_SEARCHED = (0.16, 0.10)  # [m] a detour is searched with the first margin, else with the second
+MARGINS_WALKED = (0.40, 0.10)  # [m] the same for a walking agent: others and walls push it aside
 EXPECT = (0.0, 0.4, 0.8)  # [s] ahead at which other agents are predicted
 LOOK_AHEAD = 1.2  # [m]
-ARRIVED = 0.15  # [m] from a waypoint
-AT_REST = 0.03  # [m] from a point where an agent is to stand
-PATH_STEP, PATH_STEP_WALKED = 0.15, 0.4  # [m] within which a point of a way round is passed
+ARRIVED = 0.15  # [m] distance at which a waypoint is reached
+AT_REST = 0.03  # [m] the same for a point where the agent stops
+PATH_STEP, PATH_STEP_WALKED = 0.15, 0.4  # [m] distance at which a point of a detour is reached
 PATIENCE = 2.5  # [s] of waiting before the first detour; +0.7 s per agent, so that two do not mirror each other
 STAGGER = 0.7  # [s]
 GIVE_UP = 15.0  # [s] of waiting after which an agent gives up the point it was sent to
 AGAIN = 1.5  # [s] between further attempts
-GRID = 0.1  # [m] of the search for a way round
-WINDOW = 3.0  # [m] about the agent that the search covers
-DECISION_STEPS = 5  # substeps between two looks at the world
-FACING = 0.5  # [rad] off its course within which an agent that stands is waiting, not turning
+GRID = 0.1  # [m] cell size of the search for a detour
+WINDOW = 3.0  # [m] half width of the searched area about the agent
+DECISION_STEPS = 5  # substeps between two observations of the world
+FACING = 0.5  # [rad] heading error up to which a standing agent is waiting, not turning
 CREEP = 0.03  # [m/s] below which an agent that wants to drive counts as waiting
 STUCK = 0.1  # share of its speed below which a walking agent counts as waiting
 _NO_DISCS = np.zeros((0, 4))
@@ -55,18 +55,18 @@ class AgentState:
     w: float = 0.0  # [rad/s]
     waypoint: int = 0
     free: float = math.inf  # [m] ahead
-    gap: float = math.inf  # [m] to the nearest thing on any side, at the last look
+    gap: float = math.inf  # [m] to the nearest obstacle on any side, at the last look
     waiting: float = 0.0  # [s]
-    next_attempt: float = 0.0  # [s] of waiting at which a detour is searched
+    next_attempt: float = 0.0  # [s] waiting time at which a detour is searched
     detour: Array = field(default_factory=lambda: np.zeros((0, 2)))  # points of a detour still to pass
     squeezing: bool = False  # the detour was found only close to the robot
     added: bool = False  # by a person
     held: bool = False  # by a person
     frozen: bool = False
-    errand: Point | None = None  # where a person sent it
+    errand: Point | None = None  # point to which a person sent it
     mode: str = "standing"  # standing | driving | waiting | going round | held | frozen | sliding
-    wanted: Point | None = field(default=None, metadata=LATER)  # velocity [m/s] chosen by one who walks
-    pausing: float = field(default=0.0, metadata=LATER)  # [s] that it still stands at a waypoint
+    wanted: Point | None = field(default=None, metadata=LATER)  # velocity [m/s] chosen by a walking agent
+    pausing: float = field(default=0.0, metadata=LATER)  # [s] left of its pause at a waypoint
 
     @property
     def points(self) -> tuple[Point, ...]:
@@ -75,7 +75,7 @@ class AgentState:
 
     @property
     def walks(self) -> bool:
-        """It goes in any direction."""
+        """True for an agent that moves in any direction."""
         return self.agent.behaviour in WALKS
 
     @property
@@ -84,12 +84,12 @@ class AgentState:
         return len(self.points) == 1 or self.agent.pause > 0.0
 
     def velocity(self, slides: Mapping[str, Point]) -> Point:
-        """Velocity [m/s]; that of a throw where there is one."""
+        """Velocity [m/s]; that of a throw while it slides."""
         heading = float(self.pose[2])
         return slides.get(self.agent.name) or (self.v * math.cos(heading), self.v * math.sin(heading))
 
     def stop(self) -> None:
-        """Stand still at once, and look about before driving on."""
+        """Stand still at once; it drives on only after the next look."""
         self.v = self.w = self.free = self.gap = self.waiting = 0.0
         self.next_attempt = PATIENCE + STAGGER * self.rank
         self.detour = np.zeros((0, 2))
@@ -103,7 +103,7 @@ def start_agent(agent: Agent, rank: int, *, added: bool) -> AgentState:
 
 
 class _Sight(NamedTuple):
-    """All that agents look at: each other now and predicted, the robot, obstacles, and velocities [m/s] of throws."""
+    """All that agents see: each other now and predicted, the robot, obstacles, and velocities [m/s] of throws."""
 
     discs: Array
     expected: Array
@@ -118,7 +118,7 @@ class Agents:
     def __init__(self, dt: float) -> None:
         """Substeps of dt [s]."""
         self.dt = dt
-        # compiled now, not at the first meeting
+        # compile now, not at the first encounter
         nothing = np.zeros((0, 2)), np.zeros(1, dtype=np.int64), np.zeros((0, 3))
         way_round(np.zeros(2), np.ones(2), 0.1, GRID, GRID, *nothing)
         look_about(np.zeros(3), 0.1, MARGIN, MARGIN, LOOK_AHEAD, *nothing, np.zeros((1, 1, 3)), 0, *nothing)
@@ -135,7 +135,7 @@ class Agents:
     ) -> None:
         """One substep; on a ``look`` the agents see the robot's shadow, the obstacles and each other.
 
-        ``slides`` are velocities [m/s] of those that slide as a person threw them.
+        ``slides``: velocities [m/s] of agents that slide because a person threw them.
         """
         discs, expected = (self.discs(states), self._expected(states, slides)) if look else (_NO_DISCS, _NO_DISCS)
         sight = _Sight(discs, expected, robot, obstacles, slides)
@@ -170,14 +170,14 @@ class Agents:
         return np.array(expected).reshape(-1, len(EXPECT), 3)
 
     def _stand(self, state: AgentState) -> None:
-        """Brake, where it still rolls; then stand."""
+        """Brake while it still rolls; then stand."""
         state.mode = "standing"
         if state.v != 0.0 or state.w != 0.0:
             x, y = float(state.pose[0] + math.cos(state.pose[2])), float(state.pose[1] + math.sin(state.pose[2]))
             self._steer(state, (x, y), 0.0, 0.0, rounding=False)
 
     def _steer(self, state: AgentState, goal: Point, free: float, gap: float, *, rounding: bool) -> float:
-        """Drive towards a point; what is left of ``free`` [m]."""
+        """Drive towards a point; returns the rest of ``free`` [m]."""
         speed, acceleration = state.agent.speed, state.agent.acceleration
         state.pose, state.v, state.w, left = steer(
             state.pose, state.v, state.w, *goal, speed, free, gap, rounding, self.dt, acceleration
@@ -185,7 +185,7 @@ class Agents:
         return left
 
     def _choose(self, states: Sequence[AgentState], behaviour: str, sight: _Sight) -> None:
-        """Choose the velocities of all agents of a behaviour that walks."""
+        """Choose the velocities of all agents with a walking behaviour."""
         preferred = np.zeros((len(states), 2))
         for i, state in enumerate(states):
             if state.walks and state.points and not (state.held or state.frozen or state.pausing):
@@ -207,7 +207,7 @@ class Agents:
                 state.wanted = (velocity[0], velocity[1])
 
     def _walk(self, state: AgentState) -> None:
-        """Go on with the chosen velocity."""
+        """Walk on with the chosen velocity."""
         wanted = np.array(state.wanted or (0.0, 0.0))
         state.pose, state.v = walk(state.pose, state.v, wanted, state.agent.acceleration, self.dt)
         state.w = 0.0
@@ -217,7 +217,7 @@ class Agents:
             state.mode = "going round" if len(state.detour) else "driving"
 
     def _look(self, state: AgentState, own: int, sight: _Sight) -> None:
-        """Look ahead and to the sides, and wait or search a detour; ``own``: index among the agents."""
+        """Check the space ahead and at the sides, and wait or search a detour; ``own``: index among the agents."""
         agent, rounding = state.agent, len(state.detour) > 0
         margin = MARGIN_ROUND if rounding else MARGIN
         keep = margin if rounding and state.squeezing else margin + ROBOT_KEEP
@@ -296,7 +296,7 @@ class Agents:
 
     def _drive(self, state: AgentState) -> None:
         agent, goal = state.agent, self._goal(state)
-        if not state.points:  # arrived where it was sent to stand
+        if not state.points:  # arrived at the end of its errand
             self._stand(state)
             return
         yielding, rounding = agent.behaviour == "yield", len(state.detour) > 0

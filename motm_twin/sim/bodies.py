@@ -1,7 +1,7 @@
 """Bodies that a person can add, hold, throw and put down, as convex outlines on the floor.
 
-A thrown body slides over the floor with friction, and stops short of furniture and of other bodies. It stops where it
-has touched the robot, so that the referee sees the contact. Nothing is pushed.
+A thrown body slides over the floor with friction, and stops before furniture and other bodies. At the robot it stops
+only after touching it, so that the referee sees the contact. Nothing is pushed.
 """
 
 import math
@@ -39,7 +39,7 @@ class Outline:
     height: float  # [m]
 
     def shifted(self, way: Array) -> "Outline":
-        """Moved by a way [m], shape (2,)."""
+        """The outline moved by a displacement [m], shape (2,)."""
         return Outline(corners=self.corners + way, radius=self.radius, height=self.height)
 
 
@@ -89,7 +89,7 @@ def robot_outline(foot: Footprint, pose: Array) -> Outline:
     return Outline(corners=rectangle((x, y, pose[2]), (foot.length, foot.width)), height=foot.height)
 
 
-FRICTION = 2.0  # [m/s^2] by which a sliding body gets slower
+FRICTION = 2.0  # [m/s^2] deceleration of a sliding body
 FASTEST = 3.0  # [m/s] cap on the speed of a throw
 STRIDE = 0.002  # [m] between two collision checks of a sliding body
 
@@ -118,7 +118,7 @@ class Obstruction:
 
 
 class RobotObstruction:
-    """The robot as a sliding body meets it, with the referee's own shapes."""
+    """The robot as an obstacle for a sliding body, with the referee's own shapes."""
 
     def __init__(self, robot: RobotShapes, placed: Array) -> None:
         """Shapes and their transforms, shape (n, 4, 4); the slot of a held cube, last, is left out."""
@@ -126,14 +126,14 @@ class RobotObstruction:
         self._placed, self._gauge = list(zip(robot.shapes[:-1], transforms, strict=True)), Gauge()
 
     def gaps(self, body: Outline, way: Array) -> Array:
-        """Distance [m] of each shape to a body that has gone a way (2,); negative where they overlap."""
+        """Distance [m] of each shape to a body after a displacement (2,); negative where they overlap."""
         shape, place = _solid(body)
         other = shape, coal.Transform3s(np.eye(3), place + np.append(way, 0.0))
         return np.array([self._gauge(own, other) for own in self._placed])
 
 
 def _free(gaps_at: Callable[[Array], Array], ways: Sequence[Array]) -> int:
-    """Number of displacements [m] in a row (each from the start) by which a body enters nothing."""
+    """Number of successive displacements [m] (each from the start) up to which a body enters no obstacle."""
     before = gaps_at(np.zeros(2))
     if not ways or before.min(initial=math.inf) > math.hypot(*ways[-1]):
         return len(ways)
@@ -171,7 +171,7 @@ def slide(
 
 
 def slide_body(state: PlantState, solids: Solids, name: str, robot: RobotObstruction, dt: float) -> list[str]:
-    """Move a sliding body for dt [s], with what stands on it: its names. ``solids`` are those of the state's layout."""
+    """Move a sliding body for dt [s], with the objects on it, whose names are returned. ``solids`` of the layout."""
     agent, item = state.agent(name), state.layout.obstacle(name)
     if agent is not None:
         body = disc_outline(*agent.pose[:2].tolist(), agent.agent.radius, agent.agent.height)

@@ -1,4 +1,4 @@
-"""Agents that walk: they go in any direction, and choose a velocity from where all others are and how they move.
+"""Agents that walk: they move in any direction, and choose a velocity from positions and motions of all others.
 
 Two behaviours: `orca` (`model.rvo`), and social forces (Helbing and Molnar, Social force model for pedestrian dynamics,
 Phys. Rev. E 51, 1995).
@@ -16,23 +16,23 @@ from motm_twin.model.rvo import Neighbours
 from motm_twin.sim.kernels import Index
 from motm_twin.sim.solids import Solids
 
-ARRIVAL_GAIN = 1.0  # [1/s] speed per metre of remaining distance, of a walker that stops at its goal
-KEEP_RIGHT = math.radians(3.0)  # [rad] to the right of the goal: two that met head-on would block each other for ever
-FACES = 0.02  # [m/s] from which an agent that walks looks where it goes
+ARRIVAL_GAIN = 1.0  # [1/s] speed per metre of remaining distance, for a walker that stops at its goal
+KEEP_RIGHT = math.radians(3.0)  # [rad] to the right of the goal: else two meeting head-on would block each other
+FACES = 0.02  # [m/s] from which a walker faces its direction of motion
 
 
 @dataclass(frozen=True, kw_only=True)
 class RobotShadow:
     """The robot in the plane as agents see it: its base now and predicted, and its arm."""
 
-    corners: Array  # rectangles [m], the base as it stands first, shape (4 k, 2)
+    corners: Array  # rectangles [m], the present base first, shape (4 k, 2)
     first: NDArray[np.int64]  # shape (k + 1,)
     discs: Array  # of the arm, shape (d, 3)
     velocity: tuple[float, float] = (0.0, 0.0)  # [m/s] of the base frame
 
     @property
     def seen(self) -> bool:
-        """There is a robot."""
+        """True when there is a robot."""
         return len(self.corners) > 0
 
     @property
@@ -41,14 +41,14 @@ class RobotShadow:
         return self.corners, self.first, self.discs
 
     def base(self, grown: float) -> Array:
-        """Corners of the base as it stands, moved out by ``grown`` [m] along both axes, shape (4, 2)."""
+        """Corners of the present base, moved outwards by ``grown`` [m] along both axes, shape (4, 2)."""
         corners = self.corners[:4]
         along, across = corners[1] - corners[0], corners[3] - corners[0]
         out = grown * along / math.hypot(*along), grown * across / math.hypot(*across)
         return corners + np.array([-out[0] - out[1], out[0] - out[1], out[0] + out[1], out[1] - out[0]])
 
     def round(self) -> Array:
-        """Discs over base and arm, shape (k, 3); the arm's only where it reaches beyond the base's."""
+        """Discs that cover base and arm, shape (k, 3); those of the arm only beyond the disc of the base."""
         middle = self.corners[:4].mean(axis=0)
         radius = math.dist(middle.tolist(), self.corners[0].tolist())
         reach = np.hypot(*(self.discs[:, :2] - middle).T) + self.discs[:, 2]
@@ -60,12 +60,12 @@ NO_ROBOT = RobotShadow(corners=np.zeros((0, 2)), first=np.zeros(1, dtype=np.int6
 
 @dataclass(frozen=True, kw_only=True)
 class Crowd:
-    """All agents at one instant, and what is about them."""
+    """All agents at one instant, and their surroundings."""
 
     positions: Array  # [m], shape (n, 2)
     velocities: Array  # [m/s], shape (n, 2)
     radii: Array  # [m], shape (n,)
-    preferred: Array  # velocity that each would have alone [m/s], shape (n, 2)
+    preferred: Array  # preferred velocity of each without others [m/s], shape (n, 2)
     speeds: Array  # largest [m/s], shape (n,)
     sees_robot: NDArray[np.bool_]  # shape (n,)
     robot: RobotShadow
@@ -73,7 +73,7 @@ class Crowd:
 
 
 def preferred_velocity(position: Array, goal: tuple[float, float], speed: float, *, stays: bool) -> Array:
-    """Velocity [m/s] towards a goal [m], a little to the right, shape (2,); slower where one stays."""
+    """Velocity [m/s] towards a goal [m], a little to the right, shape (2,); slower near a goal to stay at."""
     way = np.array(goal) - position
     distance = math.hypot(*way)
     if distance == 0.0:
@@ -85,9 +85,9 @@ def preferred_velocity(position: Array, goal: tuple[float, float], speed: float,
 
 @njit(cache=True)
 def walk(pose: Array, v: float, wanted: Array, acceleration: float, dt: float) -> tuple[Array, float]:
-    """One substep of an agent that goes in any direction, at an acceleration up to that given: pose and speed.
+    """One substep of an agent that moves in any direction, with at most this acceleration: pose and speed.
 
-    Its heading is the direction in which it goes; ``wanted``: velocity [m/s], shape (2,).
+    Its heading is its direction of motion; ``wanted``: velocity [m/s], shape (2,).
     """
     vx, vy = v * math.cos(pose[2]), v * math.sin(pose[2])
     dx, dy = wanted[0] - vx, wanted[1] - vy
@@ -105,7 +105,7 @@ def walk(pose: Array, v: float, wanted: Array, acceleration: float, dt: float) -
     return there, speed
 
 
-STEP = 0.05  # [s] a look: the time in which overlapping bodies are to be apart, and over which forces act
+STEP = 0.05  # [s] between two looks: overlapping bodies separate within it, forces act over it
 
 
 def orca(crowd: Crowd) -> Array:
@@ -118,7 +118,7 @@ def orca(crowd: Crowd) -> Array:
 
 
 def _choices(crowd: Crowd, *, with_robot: bool) -> Array:
-    """Velocities when all see the robot, or none."""
+    """Velocities if all agents see the robot, or if none does."""
     around = Neighbours(STEP)
     bodies = (crowd.positions, crowd.velocities, crowd.radii, crowd.speeds, crowd.preferred)
     for position, velocity, radius, speed, preferred in zip(*(part.tolist() for part in bodies), strict=True):
@@ -132,21 +132,21 @@ def _choices(crowd: Crowd, *, with_robot: bool) -> Array:
     return around.chosen(len(crowd.positions))
 
 
-RELAXATION = 0.5  # [s] tau, in which one takes up the speed that one wants
-STRENGTH, RANGE = 2.1, 0.3  # [m^2/s^2] V0 and [m] sigma: of others
-WALL_STRENGTH, WALL_RANGE = 10.0, 0.2  # [m^2/s^2] U0 and [m] R: of walls
-STRIDES = 2.0  # [s] Delta t: time of the other's next step, which stretches its repulsion ellipse
+RELAXATION = 0.5  # [s] tau: time to reach the wanted velocity
+STRENGTH, RANGE = 2.1, 0.3  # [m^2/s^2] V0 and [m] sigma: repulsion by others
+WALL_STRENGTH, WALL_RANGE = 10.0, 0.2  # [m^2/s^2] U0 and [m] R: repulsion by walls
+STRIDES = 2.0  # [s] Delta t: duration of the other's next step, which stretches its repulsion ellipse
 SIGHT = math.cos(math.radians(100.0))  # cosine of phi: half of the field of view of 200 deg
-BEHIND = 0.5  # c: weight of what one does not see
-FASTEST = 1.3  # times the speed that one wants
-CLOSEST = 0.01  # [m] at least between bodies: where they overlap the force stays finite
+BEHIND = 0.5  # c: weight of unseen bodies
+FASTEST = 1.3  # largest speed, as a multiple of the wanted one
+CLOSEST = 0.01  # [m] least distance between bodies: the force stays finite when they overlap
 
 
 def social_force(crowd: Crowd) -> Array:
     """Velocity [m/s] that each agent chooses, shape (n, 2).
 
-    The forces of the paper, but between bodies: ours have radii, theirs are points. The robot is the nearest point of
-    its base and arm, and moves as its base does.
+    The forces of the paper, but between bodies with radii instead of points. The robot is represented by the nearest
+    point of its base and arm, which moves as its base does.
     """
     robot, walls = crowd.robot, crowd.obstacles
     base = robot.corners[:4] if robot.seen else np.zeros((0, 2))
@@ -200,7 +200,7 @@ def _repulsion(dx: float, dy: float, gap: float, velocity: Array) -> tuple[float
 
 @njit(cache=True)
 def _seen(fx: float, fy: float, want: Array) -> float:
-    """Weight of a force by where it comes from: w(e, f) = 1 when e f >= |f| cos phi, else c."""
+    """Weight of a force by its direction: w(e, f) = 1 when e f >= |f| cos phi, else c."""
     size, wants = math.hypot(fx, fy), math.hypot(want[0], want[1])
     if size == 0.0 or wants == 0.0:
         return 1.0

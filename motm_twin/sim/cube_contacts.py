@@ -15,9 +15,9 @@ from motm_twin.sim.referee_geometry import cube, set_upright
 from motm_twin.sim.responsibility import Gauge
 
 FINGERS = ("panda_leftfinger", "panda_rightfinger")
-SIDE_BY_SIDE = 2e-4  # [m] by which cubes that lie side by side may overlap: the simulation parts them to half of that
-EDGE = 0.003  # [m] of a cube below a fingertip, from which it does not slide off
-_STEEP_NORMAL = math.sqrt(0.5)  # part of the normal along the tool axis, above which a fingertip touches, not a pad
+SIDE_BY_SIDE = 2e-4  # [m] largest overlap of cubes side by side: the simulation separates them to half of it
+EDGE = 0.003  # [m] of a cube below a fingertip, from which the tip does not slide off
+_STEEP_NORMAL = math.sqrt(0.5)  # component of the normal along the tool axis, from which a fingertip touches, not a pad
 
 Pose = tuple[float, float, float, float]  # x, y, z [m], yaw [rad]
 
@@ -28,7 +28,7 @@ def poses_of(objects: Sequence[ObjectState]) -> tuple[Pose, ...]:
 
 
 def between_pads(hand: Array, width: float, cube: Array) -> bool:
-    """A touching finger is grasping or releasing this cube: the cube's centre is between the pads.
+    """True when a touching finger grasps or releases this cube: the cube's centre is between the pads.
 
     ``hand``: its transform; ``width`` [m] between the pads; ``cube``: x, y, z, yaw, shape (4,).
     """
@@ -36,9 +36,9 @@ def between_pads(hand: Array, width: float, cube: Array) -> bool:
 
 
 def stands_on(hand: Array, width: float, cube: Array, side: float, normal: Array) -> bool:
-    """A fingertip presses on a cube between the pads from above, too far in to slide off.
+    """True when a fingertip presses on a cube between the pads from above, too far inside its edge to slide off.
 
-    ``normal`` of the touch, shape (3,).
+    ``normal``: of the contact, shape (3,).
     """
     steep = abs(float(transposed_times(hand[:3, :3], normal)[2]))
     misfit = math.atan2(float(hand[1, 1]), float(hand[0, 1])) - float(cube[3])
@@ -54,15 +54,15 @@ def _offset_along_closing(hand: Array, cube: Array) -> float:
 class Shove(NamedTuple):
     """Objects displaced in a substep, and the poses at which overlaps of all objects are tested."""
 
-    places: tuple[Pose, ...]  # where overlaps are tested: now, or, for pushed objects, before the push
+    places: tuple[Pose, ...]  # places for the test of overlaps: present, or for pushed objects before the push
     pushed: tuple[str, ...]
-    moved: tuple[str, ...]  # those that lie or fall elsewhere than before, the pushed ones included
+    moved: tuple[str, ...]  # objects that lie or fall at another place than before, including the pushed ones
 
 
 def shoved(
     objects: Sequence[ObjectState], now: tuple[Pose, ...], before: tuple[Pose, ...], loose: Collection[str]
 ) -> Shove:
-    """Displacement of objects since the last substep; ``loose``: those that were held or falling then."""
+    """Displacement of objects since the last substep; ``loose``: objects that were held or falling then."""
     if now == before:
         return Shove(now, (), ())
     if len(now) != len(before):
@@ -98,7 +98,7 @@ class CubePairs:
     ) -> Iterator[Meeting]:
         """Overlaps of each moved cube, at its place now, with every other at its place to check.
 
-        ``piled``: bins in which cubes press on each other: one that has been let go there may lie against another.
+        ``piled``: bins in which cubes press on each other: a released cube may lie against another there.
         """
         for i, comes in enumerate(objects):
             if comes.name not in shove.moved or comes.state == "held":

@@ -1,8 +1,8 @@
 """Faults of a scene: of sensors, wheels and joints for a while (`model.faults`), of grasps, and cubes that are moved.
 
-A temporary fault, requested by a person, a scene or a test, changes reports or obedience only: the noise drawn is the
-same as without it. Grasps fail or take longer, and somebody moves cubes as the robot comes near, as
-`model.scene.Faults` says. The robot sees what a real one would: fingers that still move, fingers that end up closed, a
+A temporary fault, requested by a person, a scene or a test, changes only reports, or how commands are followed: the
+drawn noise is the same as without it. Grasps fail or take longer, and cubes are moved as the robot comes near, as in
+`model.scene.Faults`. The robot sees the same as a real one: fingers that still move or end up closed, a
 cube that lies where it was pushed or dropped, a cube that is elsewhere.
 """
 
@@ -26,7 +26,7 @@ from motm_twin.sim.solids import Solids
 
 _RNG_FAULT, _RNG_NOISE = 0xFA1C0DE, 0xFA1C0015E
 _PLAIN_NOISE = 0.01  # [m] base value for a noise-free lidar
-_GHOST_SD = 0.005  # [m] reported for a ghost
+_GHOST_SD = 0.005  # [m] reported sd of a ghost (false detection)
 _OF_CAMERA = frozenset(("camera_swap", "camera_lost", "camera_ghost"))
 _MOTION = ("pose", "odometry", "twist", "q", "dq", "gripper_width", "gripper_moving")
 Reported = tuple[int, Array, Array, Array, Array, Array, float, bool]  # substep, and `_MOTION` reported for it
@@ -40,7 +40,7 @@ class ActiveFault:
     until: int  # substep at which it is over
     value: float  # its number
     joint: int
-    angle: float  # [rad] direction, of the kinds that have one; of the seed and the substep
+    angle: float  # [rad] direction, for kinds with one; drawn from seed and substep
 
 
 @dataclass
@@ -48,11 +48,11 @@ class FaultState:
     """Active faults, and the reports they hold back."""
 
     on: dict[str, ActiveFault] = field(default_factory=dict)
-    reports: list[Reported] = field(default_factory=list)  # of a state that comes late, oldest first
+    reports: list[Reported] = field(default_factory=list)  # delayed reports, oldest first
     told: Reported | None = None  # the robot's report of its motion while reports are late
 
     def active(self, fault: str) -> bool:
-        """This fault is active."""
+        """True when this fault is active."""
         return fault in self.on
 
 
@@ -73,7 +73,7 @@ def expire(state: FaultState, now: int) -> None:
 
 
 def phrases(state: FaultState, now: int, substep: float) -> tuple[str, ...]:
-    """One phrase for each fault: its kind, and how long it lasts still."""
+    """One phrase for each fault: its kind and its remaining time."""
     return tuple(
         f"{KINDS[fault].phrase.format(one.value)} for {(one.until - now) * substep:.1f} s"
         for fault, one in sorted(state.on.items())
@@ -142,7 +142,7 @@ class FaultEffects:
         late = state.on.get("lidar_delay")
         if late is not None:
             arrival = now + round(late.value / self._substep)
-            lidar.late = [*(entry for entry in lidar.late if entry[0] < arrival), (arrival, scan)]  # others: overtaken
+            lidar.late = [*(entry for entry in lidar.late if entry[0] < arrival), (arrival, scan)]  # drop overtaken
             lidar.scan = previous
         elif lidar.late:
             lidar.late = []  # overtaken
@@ -165,7 +165,7 @@ class FaultEffects:
         return found if ghost is None else (_ghost(ghost, near[0], frame), *found)
 
     def base(self, state: FaultState, twist: Array) -> tuple[Array, float, float]:
-        """The twist (2,) that the wheels track, their additional lag [s], and the share that moves the base."""
+        """Twist (2,) that the wheels track, their additional lag [s], and the share of it that moves the base."""
         lag, slip = state.on.get("base_lag"), state.on.get("wheel_slip")
         told = np.zeros(2) if state.active("base_stuck") else twist
         return told, 0.0 if lag is None else lag.value, 1.0 if slip is None else 1.0 - slip.value
@@ -245,12 +245,12 @@ class FaultyGripperState(GripperState):
 class FaultyGripper(Gripper):
     """Makes grasps fail or take longer as the scene says.
 
-    Slow fingers reach the cube in the usual time and then take longer to hold it firmly. Until they do, the rule of
-    `grasp` has to hold.
+    Slow fingers reach the cube in the usual time and then take longer to hold it firmly. Until then the rule of `grasp`
+    must be kept.
     """
 
     def __init__(self, faults: Faults, seed: int, *usual: Any) -> None:
-        """``seed`` of the scene; ``usual``: as of `Gripper`."""
+        """``seed`` of the scene; ``usual``: arguments of `Gripper`."""
         super().__init__(*usual)
         self.faults, self._seed = faults, seed
 
@@ -271,7 +271,7 @@ class FaultyGripper(Gripper):
                 self._draw_fault(state)
 
     def _draw_fault(self, state: FaultyGripperState) -> None:
-        """Draw the fault of the grasp that begins; every grasp draws as many numbers, so none shifts another."""
+        """Draw the fault of a grasp that begins; every grasp draws equally many numbers, so none affects another."""
         faults, name = self.faults, state.candidate
         state.tries[name] = tried = state.tries.get(name, 0) + 1
         chance, more = state.rng.random(2)
@@ -285,13 +285,13 @@ class FaultyGripper(Gripper):
             state.slid = True
 
     def _closing_duration(self, state: GripperState) -> float:
-        """As of `Gripper`, with the additional time to a firm hold."""
+        """As in `Gripper`, with the additional time to a firm hold."""
         assert isinstance(state, FaultyGripperState)
         return self.spec.closing_time + state.delay
 
 
 _RNG_MEDDLING = 0x3EDD1E
-_DIRECTIONS = 16  # tried, beginning with a random one
+_DIRECTIONS = 16  # directions tried, beginning with a random one
 _LEVEL = 1e-6  # [m] by which the support heights may differ
 
 
@@ -299,7 +299,7 @@ class CubeMover:
     """Moves each cube once, and only while it stands exactly where the scene has it."""
 
     def __init__(self, scene: Scene) -> None:
-        """Does nothing for a scene without moved cubes."""
+        """``scene`` may have no moved cubes; then nothing happens."""
         self._by, self._within = scene.faults.cube_moved_by, scene.faults.cube_moved_within
         self._starts = {item.name: item.position for item in scene.objects}
         self._order = [task.object for task in scene.tasks if isinstance(task, Pick)]
@@ -307,7 +307,7 @@ class CubeMover:
         self._angles = dict(zip(self._order, drawn.tolist(), strict=True))
 
     def attempts(self, objects: Sequence[ObjectState], pose: Array, solids: Solids) -> Iterator[MoveObject]:
-        """Candidate places for the cube that is picked next, in order of preference; none when it is left alone."""
+        """Candidate places for the cube that is picked next, in order of preference; none if it must not move."""
         if self._by <= 0.0:
             return
         states = {item.name: item for item in objects}
@@ -325,7 +325,7 @@ class CubeMover:
 
 
 def _carried_whole(objects: Sequence[ObjectState], solids: Solids, edit: MoveObject, item: ObjectState) -> bool:
-    """All four corners would be supported at the cube's present height."""
+    """True when all four corners would be supported at the cube's present height."""
     half = 0.5 * item.side * math.sqrt(2.0)
     for dx, dy in ((half, half), (half, -half), (-half, half), (-half, -half)):
         corner = MoveObject(name=edit.name, x=edit.x + dx, y=edit.y + dy)

@@ -23,14 +23,14 @@ TILT = math.radians(30.0)  # of the tool axis from straight down
 # that pushes beside the cube's middle, or at a corner, turns the cube away: the moment of such a push is its path times
 # its lever arm.
 SWEPT, STRICT = GRASP_RULES
-FLAT = 0.002  # [m] from its middle up to which a pad pushes a cube without turning it
+FLAT = 0.002  # [m] from the cube's middle, up to which a pad pushes without turning it
 LEVER = 0.0005  # [m] smallest lever arm: that of a push within `FLAT`
-LEVER_PER_TURN = 0.012  # [m/rad] more, for a cube that is not parallel to the pads
-BOTH_TOUCH = 0.04  # [s] before the fingers are firm: from then on the cube moves with the hand
+LEVER_PER_TURN = 0.012  # [m/rad] additional lever arm of a cube that is not parallel to the pads
+BOTH_TOUCH = 0.04  # [s] before the firm hold: from then on the cube moves with the hand
 MOST_ALONG = 0.027  # [m] largest offset of a held cube along the pads, when both touch it
-MOST_MOMENT = 5e-4  # [m^2] of a cube in the middle of the pads
+MOST_MOMENT = 5e-4  # [m^2] allowed for a cube in the middle of the pads
 STEEP = 4  # power of the offset along the pads, with which the allowed moment falls to 0 at `MOST_ALONG`
-HIGH = 0.015  # [m] of the cube's centre over or under the tool centre point
+HIGH = 0.015  # [m] largest height of the cube's centre over or under the tool centre point
 
 EDGE = 0.003  # [m] of cube under a descending fingertip beyond which the tip does not slide off
 FROM_ABOVE = 2e-4  # [m] of tolerance between a finger's depth below a cube's top and its descent in this substep
@@ -41,7 +41,7 @@ QUARTER_TURN = 0.5 * math.pi
 # Finger boxes in the frame of the hand: inner face from the pad plane outwards, half depth along x, z from, z to [m]
 PAD_HALF_DEPTH = 0.0105  # [m]
 FINGER_BOXES = ((0.0, 0.0168, PAD_HALF_DEPTH, 0.0884, 0.1124), (0.0028, 0.0264, 0.011, 0.0584, 0.0884))
-NEARBY = 0.12  # [m] from the tool centre point beyond which no finger reaches a cube
+NEARBY = 0.12  # [m] from the tool centre point; beyond, no finger reaches a cube
 
 
 def yaw_misfit(rotation: Array, item: ObjectState) -> float:
@@ -51,7 +51,7 @@ def yaw_misfit(rotation: Array, item: ObjectState) -> float:
 
 
 def violation(tcp: Array, rotation: Array, item: ObjectState) -> str:
-    """Which geometric part of the grasp rule is broken: 'offset' | 'yaw' | 'tilt', '' for none."""
+    """The violated geometric part of the grasp rule: 'offset' | 'yaw' | 'tilt', '' for none."""
     offset = transposed_times(rotation, item.position - tcp)
     if np.max(np.abs(offset)) > OFFSET_PER_AXIS:
         return "offset"
@@ -63,9 +63,9 @@ def violation(tcp: Array, rotation: Array, item: ObjectState) -> str:
 
 
 def swept_violation(tcp: Array, rotation: Array, item: ObjectState, width: float) -> str:
-    """Which part of the rule `SWEPT` is broken while pads ``width`` [m] apart close, as of `violation`."""
+    """The violated part of the rule `SWEPT` while pads ``width`` [m] apart close; names as in `violation`."""
     offset = transposed_times(rotation, item.position - tcp)
-    room = 0.5 * max(width - item.side, 0.0) + OFFSET_PER_AXIS  # pads that come to an edge push it
+    room = 0.5 * max(width - item.side, 0.0) + OFFSET_PER_AXIS  # pads that meet an edge push the cube
     if abs(offset[1]) > room or abs(offset[2]) > HIGH or abs(offset[0]) > NEARBY:
         return "offset"
     return "tilt" if rotation[2, 2] > -math.cos(TILT) else ""
@@ -77,7 +77,7 @@ def moment_of_push(way: float, along: float, misfit: float) -> float:
 
 
 def slips_out(along: float, moment: float) -> bool:
-    """A cube this far [m] along the pads, pushed with this moment [m^2], is not held by them, by the rule `SWEPT`."""
+    """True when pads do not hold a cube this far [m] along them after this moment [m^2], by the rule `SWEPT`."""
     share = min(abs(along) / MOST_ALONG, 1.0)
     return moment >= MOST_MOMENT * (1.0 - share**STEEP)
 
@@ -88,7 +88,7 @@ def width_across(side: float, misfit: float) -> float:
 
 
 def between_pads(tcp: Array, rotation: Array, item: ObjectState) -> bool:
-    """The pads overlap the cube along their plane, so that they touch it when they close."""
+    """True when the pads overlap the cube along their plane, so that they touch it when they close."""
     reach = PAD_HALF_DEPTH + 0.5 * width_across(item.side, yaw_misfit(rotation, item))
     return abs(dot(rotation[:, 0], item.position - tcp)) < reach
 
@@ -110,7 +110,7 @@ def centre_between_pads(tcp: Array, rotation: Array, item: ObjectState, width: f
 
 
 def near(tcp: Sequence[float], position: Array) -> bool:
-    """A finger may reach a cube at this position [m], shape (3,)."""
+    """True when a finger may reach a cube at this position [m], shape (3,)."""
     x, y, z = position.tolist()
     return max(abs(x - tcp[0]), abs(y - tcp[1]), abs(z - tcp[2])) <= NEARBY
 
@@ -136,7 +136,7 @@ def push(rotation: Array, hand: Array, item: ObjectState, width: float) -> bool:
 
 
 def under(rotation: Array, hand: Array, item: ObjectState, width: float, *, sunk: float) -> bool:
-    """A finger stands on a cube after coming down by ``sunk`` [m] in this substep; inf: it stood there already."""
+    """True when a finger stands on a cube after descending ``sunk`` [m] in this substep (inf: it stood already)."""
     local = transposed_times(rotation, item.position - hand)
     for out, deep in _overlaps(rotation, local, item, width):
         if deep < sunk + FROM_ABOVE and (sunk == math.inf or math.hypot(out[0], out[1]) > EDGE):
@@ -145,7 +145,7 @@ def under(rotation: Array, hand: Array, item: ObjectState, width: float, *, sunk
 
 
 def _overlaps(rotation: Array, local: Array, item: ObjectState, width: float) -> Iterator[tuple[Array, float]]:
-    """For each finger that overlaps a cube at ``local`` of the hand: the way out (2,), and its depth below the top."""
+    """Per finger that overlaps a cube at ``local`` in the hand: shift (2,) that parts them, depth below the top."""
     face = transposed_times(rotation, item.rotation[:, 0])
     face = face[:2] / math.hypot(face[0], face[1])
     for side in (1.0, -1.0):
@@ -183,13 +183,13 @@ def separation(offset: Array, half_x: float, half_y: float, half: float, face: A
 
 
 _LEVEL = 0.1  # [m] between the centres of cubes that may touch each other
-_MOST = 40  # cubes moved by one push: more are wedged
-_ROUNDING = 1e-9  # [m] of overlap that is none
+_MOST = 40  # most cubes moved by one push: more are wedged
+_ROUNDING = 1e-9  # [m] smaller overlaps count as none
 _CONTACT = 1e-4  # [m] by which touching cubes may overlap
 
 
 def make_room(item: ObjectState, objects: Sequence[ObjectState], solids: Solids) -> list[ObjectState] | None:
-    """Push aside cubes that a shifted cube overlaps, recursively; the moved ones, or None when furniture blocks them.
+    """Push aside cubes that a shifted cube overlaps, recursively; returns the moved ones, or None if furniture blocks.
 
     In that case only the shifted cube has moved.
     """
@@ -229,7 +229,7 @@ def _aside(item: ObjectState, mover: ObjectState) -> Array | None:
 
 
 def _in_solid(item: ObjectState, solids: Solids) -> bool:
-    """The cube overlaps furniture beside it."""
+    """True when the cube overlaps furniture beside it."""
     half, low, high = 0.5 * item.side - _CONTACT, item.bottom + SUPPORT_SLACK, item.bottom + item.side - SUPPORT_SLACK
     frame = np.array([item.position[0], item.position[1], item.yaw])
     points = rectangle(frame, (2.0 * half, 2.0 * half))

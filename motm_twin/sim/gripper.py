@@ -1,4 +1,4 @@
-"""The parallel gripper: pads that take time to close and open, and the cube they may hold."""
+"""The parallel gripper: pads that take time to close and open, and the cube between them."""
 
 import math
 from collections.abc import Sequence
@@ -17,26 +17,26 @@ from motm_twin.sim.grasp import RELATIVE_SPEED, STRICT
 from motm_twin.sim.objects import ObjectState, ObjectWorld
 from motm_twin.sim.solids import Solids
 
-SLIP_HEIGHT = 0.01  # [m] of lifting after which a cube that slid between the closing pads slips out
+SLIP_HEIGHT = 0.01  # [m] lift after which a cube that slid between the closing pads slips out
 EPSILON = 1e-9  # [s]
 
 
 @dataclass
 class GripperState:
-    """Pads and what is between them."""
+    """Pads, and the cube between them."""
 
     width: float  # [m]
     phase: str = "open"  # open | closing | closed | opening
     opening: float | None = field(default=None, metadata=LATER)  # [m] when open; None: all the way
     began: float = 0.0  # [s] when the phase began
-    start_width: float = 0.0  # [m] then
+    start_width: float = 0.0  # [m] width at that time
     candidate: str = ""  # cube that has met the grasp rule since closing began
-    slid: bool = False  # the candidate moved too fast relative to the hand at some time
+    slid: bool = False  # the candidate has moved too fast relative to the hand
     held: str = ""
-    held_from_z: float = 0.0  # [m] height at which the cube was taken
+    held_from_z: float = 0.0  # [m] height at which the cube was grasped
     outcome: str = ""  # newest closing: held | slipping | nothing | offset | yaw | tilt | no room | dropped | taken
     under: tuple[str, ...] = field(default=(), metadata=LATER)  # cubes that a finger stands on or wedges
-    moment: float = field(default=0.0, metadata=LATER)  # [m^2] of pushes by one pad alone while closing
+    moment: float = field(default=0.0, metadata=LATER)  # [m^2] of pushes by a single pad while closing
     along: float = field(default=0.0, metadata=LATER)  # [m] of the candidate along the pads, until both touch it
     position_in_hand: Array = field(default_factory=lambda: np.zeros(3))  # of the held cube
     rotation_in_hand: Array = field(default_factory=lambda: np.eye(3))
@@ -52,7 +52,7 @@ class Hand(NamedTuple):
 
     tcp: Array  # tool centre point [m], shape (3,)
     rotation: Array  # shape (3, 3)
-    place: Array  # of its frame [m], shape (3,)
+    place: Array  # position of its frame [m], shape (3,)
     velocity: Array  # of the tool centre point [m/s], shape (3,)
 
 
@@ -67,7 +67,7 @@ class Gripper:
     ) -> None:
         """Gripper of the profile; substeps of dt [s].
 
-        ``rule``: one of `model.scene.GRASP_RULES`; ``slides`` [m/s]: speed beyond which the strict one loses a cube.
+        ``rule``: one of `model.scene.GRASP_RULES`; ``slides`` [m/s]: speed beyond which the strict rule loses a cube.
         """
         self._strict, self._slides_from = rule == STRICT, slides
         self.spec = spec
@@ -75,7 +75,7 @@ class Gripper:
         self.dt = dt
 
     def start(self) -> GripperState:
-        """Open and empty."""
+        """State of an open, empty gripper."""
         return GripperState(width=self.spec.max_width)
 
     @staticmethod
@@ -121,7 +121,7 @@ class Gripper:
         *,
         stuck: bool = False,
     ) -> None:
-        """One substep that ends at ``now`` [s] with the arm's frames (11, 4, 4); ``stuck`` fingers do not move."""
+        """One substep that ends at ``now`` [s] with the arm's ``frames`` (11, 4, 4); ``stuck`` fingers do not move."""
         hand = Hand(frames[TCP, :3, 3], frames[TCP, :3, :3], frames[HAND, :3, 3], tcp_velocity)
         by_name = {item.name: item for item in cubes} if state.held or self.moving(state) else {}
         if state.held:
@@ -145,7 +145,7 @@ class Gripper:
     def _touch(
         self, state: GripperState, hand: Hand, item: ObjectState, cubes: Sequence[ObjectState], solids: Solids
     ) -> None:
-        """Let a finger stand on a cube or push it with the cubes behind it; nothing moves when furniture is behind."""
+        """Let a finger stand on a cube, or push it and the cubes behind it; nothing moves if furniture blocks them."""
         stood = item.name in state.under
         sunk = math.inf if stood else max(0.0, -float(hand.velocity[2]) * self.dt)
         if grasp.under(hand.rotation, hand.place, item, state.width, sunk=sunk):
@@ -172,7 +172,7 @@ class Gripper:
 
     @staticmethod
     def lose(state: GripperState, name: str) -> None:
-        """A person takes this cube out of the fingers, which then close on nothing unless they are opening."""
+        """Let a person take this cube out of the fingers, which then close on nothing unless they are opening."""
         if name not in (state.held, state.candidate):
             return
         state.held = state.candidate = ""
@@ -220,7 +220,7 @@ class Gripper:
                 self._centre(state, hand, item, list(cubes.values()), solids)
             if not state.candidate:
                 return
-            if not self._strict and passed < lasts - grasp.BOTH_TOUCH + EPSILON:  # one pad alone turns it
+            if not self._strict and passed < lasts - grasp.BOTH_TOUCH + EPSILON:  # a single pad turns it
                 state.along = dot(hand.rotation[:, 0], item.position - hand.tcp)
                 state.moment += grasp.moment_of_push(norm(item.position - before), state.along, misfit)
         if done and state.candidate and not self._strict and grasp.slips_out(state.along, state.moment):
@@ -276,7 +276,7 @@ class Gripper:
 
     @staticmethod
     def _release(state: GripperState, velocity: Array, item: ObjectState) -> None:
-        """Free flight from here, upright, with the gripper's velocity."""
+        """Release the cube into free flight, upright, with the gripper's velocity."""
         item.state = "falling"
         item.velocity = velocity.copy()
         item.turn_to(item.yaw)

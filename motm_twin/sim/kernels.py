@@ -44,7 +44,7 @@ def put_rectangle(corners: Array, first: int, x: float, y: float, heading: float
 
 @njit(cache=True)
 def clearance(x: float, y: float, corners: Array, first: Index, discs: Array) -> float:
-    """Plane distance [m] from a point to the nearest polygon or disc, all taken as tall; 0 inside, inf if none."""
+    """Plane distance [m] from a point to the nearest polygon or disc, whatever their heights; 0 inside, inf if none."""
     best = np.inf
     for i in range(first.shape[0] - 1):
         best = min(best, polygon_distance(x, y, corners, first[i], first[i + 1]))
@@ -58,7 +58,7 @@ def cast_rays(origin: Array, angle: float, step: float, n: int, segments: Array,
     """Ranges [m] of n rays from origin at ``angle + i * step``; inf beyond reach; shape (n,)."""
     ranges = np.empty(n)
     ox, oy = origin[0], origin[1]
-    edges = np.empty((segments.shape[0], 5))  # start from the origin, way to the end, and their cross product
+    edges = np.empty((segments.shape[0], 5))  # start relative to the origin, vector to the end, and their cross product
     for k in range(segments.shape[0]):
         ax, ay = segments[k, 0] - ox, segments[k, 1] - oy
         ex, ey = segments[k, 2] - segments[k, 0], segments[k, 3] - segments[k, 1]
@@ -90,7 +90,7 @@ def cast_rays(origin: Array, angle: float, step: float, n: int, segments: Array,
 
 @njit(cache=True)
 def _segments_cross(a: Array, b: Array, corners: Array, begin: int, end: int) -> bool:
-    """The plane segment a-b touches a convex polygon (Cyrus-Beck)."""
+    """True when the plane segment a-b touches a convex polygon (Cyrus-Beck)."""
     enter, leave = 0.0, 1.0
     dx, dy = b[0] - a[0], b[1] - a[1]
     for i in range(begin, end):
@@ -122,7 +122,7 @@ def _clip_heights(a: Array, b: Array, low: float, high: float) -> tuple[float, f
 
 @njit(cache=True)
 def sight_blocked(a: Array, b: Array, corners: Array, first: Index, z: Array, discs: Array, disc_z: Array) -> bool:
-    """A prism or cylinder stands between the points a and b, shapes (3,)."""
+    """True when a prism or cylinder stands between the points a and b, shapes (3,)."""
     for i in range(first.shape[0] - 1):
         t0, t1 = _clip_heights(a, b, z[i, 0], z[i, 1])
         if t0 <= t1 and _segments_cross(a + t0 * (b - a), a + t1 * (b - a), corners, first[i], first[i + 1]):
@@ -162,12 +162,12 @@ def segment_distance(a: Array, b: Array, c: Array, d: Array) -> float:
     return best
 
 
-_GRAZE = 1e-9  # [m] of overlap that rounding makes
+_GRAZE = 1e-9  # [m] overlap due to rounding
 
 
 @njit(cache=True)
 def _between(a: Array, b: Array) -> float:
-    """Largest gap [m] along an edge normal of convex polygon a; negative: overlap along every one of them."""
+    """Largest gap [m] along an edge normal of convex polygon a; negative if they overlap along all normals."""
     best = -np.inf
     for i in range(a.shape[0]):
         j = (i + 1) % a.shape[0]
@@ -207,11 +207,11 @@ def gaps(body: Array, radius: float, corners: Array, first: Index, discs: Array)
 
 
 def entered(before: Array, after: Array) -> NDArray[np.int64]:
-    """Indices of things that a motion makes a body overlap, or overlap more than before; shape (k,)."""
+    """Indices of obstacles that a body overlaps after a motion, and did not or less before; shape (k,)."""
     return np.flatnonzero((after < -_GRAZE) & (after < before - _GRAZE))
 
 
 def compile_gaps() -> None:
-    """Compile at start-up, not at the first throw."""
+    """Compile `gaps` at start-up instead of at the first throw."""
     square = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
     gaps(square, 0.0, square, np.array([0, 4], dtype=np.int64), np.zeros((1, 3)))

@@ -1,4 +1,4 @@
-"""Motion of robot, objects and agents in a substep: by kinematics here, by contact dynamics in the room `physics`.
+"""Motion of robot, objects and agents in a substep: by kinematics here, by contact dynamics in package `physics`.
 
 Base and arm have limits, a first-order lag, and errors between command and motion.
 """
@@ -44,7 +44,7 @@ class Base:
     def step(self, state: BaseState, twist: Array, *, more_lag: float = 0.0, grip: float = 1.0) -> None:
         """One substep towards the commanded forward speed and yaw rate, shape (2,).
 
-        ``more_lag`` [s] of the velocity loop; ``grip``: share of the wheels' motion that moves the base.
+        ``more_lag`` [s]: added to the velocity loop; ``grip``: share of the wheels' motion that moves the base.
         """
         limits, dt = self.limits, self.dt
         factor = self._factor if more_lag == 0.0 else lag_share(limits.velocity_lag + more_lag, dt)
@@ -85,7 +85,7 @@ def _follow(q: Array, dq: Array, command: Array, factor: float, dt: float) -> tu
 
 @njit(cache=True)
 def _stoppable(room: float, speed: float, a: float, dt: float) -> float:
-    """Largest next speed from which a joint still stops within the room [rad] that is left.
+    """Largest next speed from which a joint can still stop within the remaining room [rad].
 
     Solves v dt / 2 + v' dt / 2 + v'^2 / (2 a) + a dt^2 / 8 = room for v'; the last term covers the final, partial
     braking step. Never negative: at a limit the joint stands still.
@@ -140,10 +140,10 @@ Frames = Callable[[Array, Array], Array]  # pose (3,), q (7,) -> transforms of `
 
 
 class DriveCommand(NamedTuple):
-    """Command of the drives for a substep, with what is wrong with them."""
+    """Command of the drives for a substep, with the faults of the drives."""
 
     twist: Array  # forward speed and yaw rate, shape (2,)
-    more_lag: float  # [s] of the base
+    more_lag: float  # [s] additional lag of the base
     grip: float  # share of the wheels' motion that moves the base
     rates: Array  # of the joints [rad/s], shape (7,)
     stuck: bool  # the fingers do not move
@@ -151,15 +151,15 @@ class DriveCommand(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class Moved:
-    """Result of a substep, beside what it left in the state."""
+    """Result of a substep, in addition to the changed state."""
 
     frames: Array  # of the arm in the world, shape (11, 4, 4)
     mean_twist: tuple[float, float]  # by the wheels, over the substep
     twist: Array  # true forward speed and yaw rate of the base at its end, shape (2,)
     slides: Mapping[str, Point] = field(default_factory=lambda: NO_SLIDES)  # velocities [m/s] of thrown bodies
-    riding: tuple[str, ...] = ()  # objects on them
-    links: Mapping[str, Array] | None = None  # transforms of the links in the world; None: those of a level base
-    faults: tuple[tuple[str, str], ...] = ()  # kind and text of what the simulation itself broke
+    riding: tuple[str, ...] = ()  # objects on thrown bodies
+    links: Mapping[str, Array] | None = None  # transforms of the links in the world; None: as of a level base
+    faults: tuple[tuple[str, str], ...] = ()  # kind and text of limits that the simulation itself broke
 
 
 class Surroundings(Protocol):
@@ -170,7 +170,7 @@ class Surroundings(Protocol):
         ...
 
     def drive_agents(self, frames: Array, slides: Mapping[str, Point]) -> None:
-        """Let the agents go on, given the frames of the arm."""
+        """Move the agents on, given the frames of the arm."""
         ...
 
     @property
@@ -185,7 +185,7 @@ class Mechanics(Protocol):
     solid: bool  # bodies press on each other, and may rest against each other
 
     def begin(self, state: PlantState, scenery: Scenery) -> tuple[Array, Mapping[str, Array] | None]:
-        """Bring the state to rest at the start; the frames of the arm and the links."""
+        """Bring the state to rest at the start; returns frames of the arm, and the links."""
         ...
 
     def grip(self, state: PlantState, now: float, frames: Array) -> None:
@@ -193,7 +193,7 @@ class Mechanics(Protocol):
         ...
 
     def frames(self, state: PlantState) -> Array:
-        """Frames of the arm as the state has them."""
+        """Frames of the arm in this state."""
         ...
 
     def substep(self, state: PlantState, told: DriveCommand, around: Surroundings) -> Moved:
@@ -209,7 +209,7 @@ class Mechanics(Protocol):
         ...
 
     def edited(self, state: PlantState, scenery: Scenery) -> Mapping[str, Array] | None:
-        """A person has changed the state; the links as they are now."""
+        """Adapt to a person's change of the state; returns the present links."""
         ...
 
 
@@ -223,11 +223,11 @@ class Kinematics:
         self._dt = base.dt
 
     def begin(self, state: PlantState, scenery: Scenery) -> tuple[Array, Mapping[str, Array] | None]:
-        """The state is at rest already."""
+        """Return the frames of the arm: the state is already at rest."""
         return self.frames(state), None
 
     def frames(self, state: PlantState) -> Array:
-        """Frames of the arm as the state has them."""
+        """Frames of the arm in this state."""
         return self._frames(state.base.pose, state.arm.q)
 
     def grip(self, state: PlantState, now: float, frames: Array) -> None:
@@ -265,9 +265,9 @@ class Kinematics:
         """Do nothing: kinematics keep no data outside the state."""
 
     def felt(self, state: PlantState, judged: Sequence[Contact]) -> PhysicsTruth | None:
-        """Kinematics have no forces."""
+        """None: kinematics have no forces."""
         return None
 
     def edited(self, state: PlantState, scenery: Scenery) -> Mapping[str, Array] | None:
-        """No links to report: kinematics keep no data outside the state."""
+        """None, as there are no links to report: kinematics keep no data outside the state."""
         return None

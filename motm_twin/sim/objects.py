@@ -15,7 +15,7 @@ from motm_twin.sim.kernels import polygon_distance
 from motm_twin.sim.solids import Solids
 
 GRAVITY = 9.81  # [m/s^2]
-FLOOR_LEVEL = 0.05  # [m] a support below this is the floor: what lies there is "dropped"
+FLOOR_LEVEL = 0.05  # [m] a lower support is the floor: objects there are "dropped"
 BESIDE = 1e-4  # [m] by which cubes that lie side by side may overlap
 SUPPORT_SLACK = 0.005  # [m] by which a support may penetrate an object from below and still carry it
 
@@ -56,7 +56,7 @@ class Support(NamedTuple):
     """Support of an object from below."""
 
     height: float  # [m] of its top
-    bin: str  # bin that the support belongs to, '' for none
+    bin: str  # bin to which the support belongs, '' for none
     carrier: str  # solid, bin or object, 'floor' for none
 
 
@@ -69,7 +69,7 @@ class ObjectWorld:
 
     @staticmethod
     def support(item: ObjectState, objects: Sequence[ObjectState], solids: Solids, *, firm: bool = False) -> Support:
-        """Support of the object from below; ``firm``: not merely a corner of another object."""
+        """Support of the object from below; ``firm``: a mere corner of another object does not count."""
         x, y = float(item.position[0]), float(item.position[1])
         limit = item.bottom + SUPPORT_SLACK
         best, where, carrier = 0.0, "", "floor"
@@ -120,9 +120,9 @@ class ObjectWorld:
 
 
 def over_each_other(one: ObjectState, other: ObjectState, *, firm: bool) -> bool:
-    """Two upright cubes overlap in plan by more than cubes side by side may.
+    """True when two upright cubes overlap in plan by more than cubes side by side may.
 
-    ``firm``: the circles in them do.
+    ``firm``: their inscribed circles must overlap.
     """
     dx, dy = float(one.position[0] - other.position[0]), float(one.position[1] - other.position[1])
     away, reach = math.hypot(dx, dy), 0.5 * (one.side + other.side)
@@ -138,13 +138,13 @@ def over_each_other(one: ObjectState, other: ObjectState, *, firm: bool) -> bool
 
 
 def over(box: Bin, item: ObjectState) -> bool:
-    """The centre of an object is over a bin."""
+    """True when the centre of an object is over a bin."""
     local = to_frame(np.array([*box.centre, box.yaw]), item.position)
     return max(abs(local[0]), abs(local[1])) <= 0.5 * box.side
 
 
 def keep_inside(box: Bin, item: ObjectState) -> None:
-    """Slide an object down the walls: one over the rim ends up inside and stops moving sideways."""
+    """Keep an object within the walls of a bin: one over the rim slides inside and stops moving sideways."""
     frame = np.array([*box.centre, box.yaw])
     local = to_frame(frame, item.position)
     turn = item.yaw - box.yaw
@@ -157,7 +157,7 @@ def keep_inside(box: Bin, item: ObjectState) -> None:
 
 
 def riders(objects: Sequence[ObjectState], solids: Solids, names: Collection[str]) -> list[ObjectState]:
-    """Objects that stand on one of these solids or lie in one of these bins, or on one another there."""
+    """Objects that stand on one of these solids or lie in one of these bins, also those on top of others."""
     resting = [item for item in objects if item.state not in ("held", "falling")]
     carriers = {item.name: ObjectWorld.support(item, objects, solids).carrier for item in resting}
     riding: set[str] = set()
@@ -169,7 +169,7 @@ def riders(objects: Sequence[ObjectState], solids: Solids, names: Collection[str
 
 
 def carry(riding: Sequence[ObjectState], before: Array, after: Array) -> None:
-    """Take objects along with a body that goes from one planar pose to another, shapes (3,)."""
+    """Carry objects along with a body that moves from one planar pose to another, shapes (3,)."""
     for item in riding:
         item.position = from_frame(after, to_frame(before, item.position))
         item.turn_to(item.yaw + float(after[2] - before[2]))
@@ -194,7 +194,7 @@ def put_down(objects: Sequence[ObjectState], solids: Solids, edit: MoveObject) -
 
 
 def right_bins(tasks: Sequence[Task]) -> dict[str, tuple[str, ...]]:
-    """Bins in which each object belongs: the one of the first place task after each of its picks."""
+    """Right bins of each object: for each of its picks, the bin of the next place task."""
     right: dict[str, tuple[str, ...]] = {}
     picked = ""
     for task in tasks:

@@ -1,7 +1,7 @@
-"""The simulated robot and its world as a Plant: sensors, edits and the referee about a `Mechanics` that moves things.
+"""The simulated robot and its world as a Plant: sensors, edits and the referee around a `Mechanics` that moves bodies.
 
-Kinematic unless it is given another: contact stops or pushes nothing except cubes at the fingers and thrown bodies. A
-base that is driven into a box goes on through it, and the referee records the contact.
+By default it is kinematic: contact stops or pushes nothing except cubes at the fingers and thrown bodies. A
+base that is driven into a box passes through it, and the referee records the contact.
 """
 
 import math
@@ -35,10 +35,10 @@ from motm_twin.sim.verdict import NOT_JUDGED, World
 from motm_twin.sim.world_edits import Effects, Rehearsal, check_edit
 
 SUBSTEP = 0.01  # [s]
-_RNG = 0x11DA2, 0xCA3E2A, 0x10CA7E  # of lidar, camera, localisation
+_RNG = 0x11DA2, 0xCA3E2A, 0x10CA7E  # seeds of lidar, camera, localisation
 _SHADOW_TIMES = np.array([0.0, 0.4, 0.8])  # [s] ahead at which agents expect the base
 _SHADOW_FIRST = 4 * np.arange(len(_SHADOW_TIMES) + 1)
-_SHADOW_LINKS = np.array([2, 4, 5, 7, HAND, TCP])  # frames
+_SHADOW_LINKS = np.array([2, 4, 5, 7, HAND, TCP])  # frames of discs that stand for the arm
 _SHADOW_RADII = np.array([0.10, 0.10, 0.10, 0.10, 0.11, 0.06])  # [m]
 
 
@@ -166,7 +166,7 @@ class SimulatedPlant(Stateful[PlantState]):
             self._substep()
         s = self._state
         for edit in self._cube_mover.attempts(s.objects, s.base.pose, self._scenery.solids):
-            with suppress(ValueError):  # the world refuses it
+            with suppress(ValueError):  # the world may refuse it
                 self.apply(edit)
                 break
 
@@ -192,11 +192,11 @@ class SimulatedPlant(Stateful[PlantState]):
             self._referee.pushed(s.referee, world)
 
     def expect_tasks(self, tasks: Sequence[Task]) -> None:
-        """Give the referee the current task list: it counts objects that end up where this list puts them."""
+        """Give the referee the current task list: it counts objects that end up in the bins of this list."""
         self._referee.expect(self._state.referee, tasks)
 
     def expect_map(self, announced: Mapping[str, PlanarPose]) -> None:
-        """Give the referee the announced places of furniture, where the robot's map has it."""
+        """Give the referee the announced places of furniture, which are those in the robot's map."""
         s = self._state
         s.layout = msgspec.structs.replace(s.layout, announced=tuple(announced.items()))
         self._refresh_caches(self._effects.scenery(s, self._scenery), s.agents)
@@ -241,7 +241,7 @@ class SimulatedPlant(Stateful[PlantState]):
         return slides, tuple(riding)
 
     def drive_agents(self, frames: Array, slides: Mapping[str, Point]) -> None:
-        """Let the agents go on for a substep."""
+        """Move the agents on for a substep."""
         s = self._state
         if s.agents:
             look = s.substep % DECISION_STEPS == 0
@@ -293,7 +293,7 @@ class SimulatedPlant(Stateful[PlantState]):
         s.camera.picture = s.camera.picture._replace(detections=found)
         late = s.faults.on.get("camera_delay")
         latency = self._camera_latency + (0 if late is None else round(late.value / SUBSTEP))
-        s.camera.late = [entry for entry in s.camera.late if entry[0] < s.substep + latency]  # others are overtaken
+        s.camera.late = [entry for entry in s.camera.late if entry[0] < s.substep + latency]  # drop overtaken ones
         if latency:
             s.camera.delay(s.substep + latency, previous)
 
@@ -305,12 +305,12 @@ class SimulatedPlant(Stateful[PlantState]):
         return RobotShadow(corners=corners, first=_SHADOW_FIRST, discs=discs, velocity=velocity)
 
     def _refresh_caches(self, scenery: Scenery, agents: Sequence[AgentState]) -> None:
-        """Update what is derived from the state: a cache, not part of it."""
+        """Update the data derived from the state, which is a cache and no part of it."""
         self._scenery = scenery
         self._bodies = tuple((item.agent.name, item.agent.radius, item.agent.height) for item in agents)
 
     def _world(self, moved: Moved | None = None, *, links: Mapping[str, Array] | None) -> World:
-        """The world for the referee, after a substep or as the state has it."""
+        """The world for the referee, after a substep or, without ``moved``, in the present state."""
         s = self._state
         return World(
             time=self.time,

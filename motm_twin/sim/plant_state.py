@@ -1,4 +1,4 @@
-"""State of the simulated plant, and the ground truth that readers of Ticks get of it."""
+"""State of the simulated plant, and the ground truth derived from it for readers of Ticks."""
 
 import copy
 import dataclasses
@@ -22,7 +22,7 @@ from motm_twin.sim.verdict import RefereeState
 
 @dataclass
 class BaseState:
-    """True pose of the base, and the speeds of its wheels, which are its own unless they slip."""
+    """True pose of the base, and its speeds by the wheels, which are true unless they slip."""
 
     pose: Array  # world, shape (3,)
     v: float = 0.0  # [m/s]
@@ -58,7 +58,7 @@ class PlantState:
     slides: dict[str, Point] = field(default_factory=dict)  # velocity [m/s] of obstacles and agents that were thrown
     faults: FaultState = field(default_factory=FaultState)
     path_length: float = 0.0  # [m] driven by the base
-    commands: tuple[tuple[int, Actuation], ...] = field(default=(), metadata=LATER)  # late ones, and when they act
+    commands: tuple[tuple[int, Actuation], ...] = field(default=(), metadata=LATER)  # late ones: substep, command
     physics: Any = field(default=None, metadata=LATER)  # state of the room `physics`; None: kinematic
 
     def agent(self, name: str) -> AgentState | None:
@@ -66,7 +66,7 @@ class PlantState:
         return next((item for item in self.agents if item.agent.name == name), None)
 
     def rehearsal(self) -> "PlantState":
-        """A copy that edits can be tried on, but no time: sensors and referee are shared with the original."""
+        """A copy for trying edits, not for passing time: sensors and referee are shared with the original."""
         return dataclasses.replace(
             self,
             base=copy.copy(self.base),
@@ -80,7 +80,7 @@ class PlantState:
 
 
 def truth_of(state: PlantState, furnishings: Furnishings, referee: Referee, substep: float) -> Truth:
-    """Everything true of a state; substep [s]. Agents that a person added are among the obstacles."""
+    """Ground truth of a state; ``substep`` [s]. Agents added by a person are among the obstacles."""
     judged, layout = state.referee, state.layout
     return Truth(
         pose=state.base.pose.copy(),

@@ -1,6 +1,6 @@
 """Ground truth at every substep: contacts, clearances, picks, places, drops, and whether the plant kept its limits.
 
-Everything is looked at: the robot against the world and against itself, what it holds, cubes, and cubes against each
+It checks the robot against the world and against itself, the held cube, all cubes, and cubes against each
 other. Shares no code with perception, planning or control.
 """
 
@@ -56,7 +56,7 @@ from motm_twin.sim.verdict import (
 )
 
 SLACK = 1e-6  # by which a limit may be exceeded
-OBJECT_JUMP = 0.08  # [m] per axis and substep that only a teleported object moves
+OBJECT_JUMP = 0.08  # [m] per axis and substep; only a teleported object moves farther
 KINDS = (
     "forward speed",
     "reverse speed",
@@ -90,11 +90,11 @@ class PlantCheck:
 
     @staticmethod
     def edited(state: PlantCheckState, world: World) -> None:
-        """A person moved the base or objects between two substeps: motion is judged from where they are now."""
+        """Take an edit of base or objects between two substeps: motion is judged from their new places."""
         state.pose, state.objects = world.pose, _positions(world)
 
     def step(self, state: PlantCheckState, world: World) -> None:
-        """Compare with the substep before and go on."""
+        """Compare with the previous substep, and store this one."""
         objects = _positions(world)
         before = (state.pose, state.twist, state.q, state.dq, state.objects)
         now = (world.pose, world.twist, world.q, world.dq, objects)
@@ -121,9 +121,9 @@ def _excess(
     limits: Array,
     dt: float,
 ) -> tuple[Array, bool]:
-    """By how much each of `KINDS` is exceeded, and whether all are kept.
+    """Excess over each of `KINDS`, and True when all limits are kept.
 
-    Limits are speeds forward, back, yaw, accelerations linear, yaw.
+    ``limits``: speeds forward, reverse, yaw; accelerations linear, yaw.
     """
     excess = np.full(13, -np.inf)
     v, w, v0, w0 = twist[0], twist[1], twist0[0], twist0[1]
@@ -151,15 +151,15 @@ def _positions(world: World) -> Array:
     return np.array(positions) if positions else np.zeros((0, 3))
 
 
-SUPPORT_CLEAR = 0.005  # [m] away from its old support, or deep in it: then a held cube no longer rests there
-NEVER_SELF = ("base", "panda_link0", "panda_link1")  # fixed to the own base, or always beside it
-_NEVER, _CONTACT, _ARM, _BASE, _HELD = range(5)  # kinds of pairs: which distance makes an exact measurement worth it
+SUPPORT_CLEAR = 0.005  # [m] away from its old support, or deep in it, a held cube no longer rests there
+NEVER_SELF = ("base", "panda_link0", "panda_link1")  # fixed to the base, or always beside it
+_NEVER, _CONTACT, _ARM, _BASE, _HELD = range(5)  # kinds of pairs: below which distance they are measured exactly
 
 
 class Referee:
     """Watches one scene. Clearances: base body and arm (links, hand, fingers) to all but floor, cubes and itself.
 
-    The distance of the gripper centre to what is not in the map is taken in the plane, the other as tall, as in the
+    The distance of the gripper centre to unmapped bodies is taken in the plane, as if they were tall, as in the
     paper (Sec. V).
     """
 
@@ -184,7 +184,7 @@ class Referee:
         self._pairs_of_held = self._self_pairs[:, 0] == len(bodies) - 1
 
     def start(self, world: World) -> RefereeState:
-        """State before the first substep; the start itself is judged too, as nobody's doing."""
+        """State before the first substep; contacts at the start are judged too, as nobody's doing."""
         state = RefereeState(check=self.check.start(world), counts=Counts(right_bins=right_bins(self._tasks)))
         state.placed_before = self._place(world)
         state.agents_before = world.agents.copy()
@@ -197,16 +197,16 @@ class Referee:
         return state
 
     def expect(self, state: RefereeState, tasks: Sequence[Task]) -> None:
-        """The task list is another one now: objects belong where it says."""
+        """Take a new task list, which says where objects belong."""
         state.counts.right_bins = right_bins(tasks)
 
     def edited(
         self, state: RefereeState, world: World, *, moved: Mapping[str, Shift], disturbed: Collection[str]
     ) -> None:
-        """A person changed the world between two substeps: distances are measured anew, jumps are no fault.
+        """Take a person's edit of the world between two substeps: distances are measured anew, jumps are no fault.
 
-        Contacts that bodies make because they were ``moved`` are the person's for a while; what ``disturbed`` objects
-        do next is not the robot's doing.
+        Contacts that bodies make because they were ``moved`` are the person's doing for a while; the next motion of
+        ``disturbed`` objects is not the robot's doing.
         """
         state.edits = remembered(state.edits, world.time)
         for name, shift in moved.items():
@@ -221,7 +221,7 @@ class Referee:
         self.check.edited(state.check, world)
 
     def pushed(self, state: RefereeState, world: World) -> None:
-        """A person pushed the robot, between two substeps."""
+        """Take a person's push of the robot between two substeps."""
         self.edited(state, world, moved={}, disturbed=())
         placed = self._place(world)
         before, after = (_planar(bodies[self._base_shape]) for bodies in (state.placed_before, placed))
@@ -233,7 +233,7 @@ class Referee:
         counts = state.counts
         for name in (*world.slides, *world.riders):
             state.edits[name] = appeared(world.time)
-        if not world.solid:  # only kinematics must keep the limits: bodies that collide may exceed them
+        if not world.solid:  # only kinematics must keep the limits: colliding bodies may exceed them
             self.check.step(state.check, world)
         for kind, text in world.faults:
             state.check.faults.setdefault(kind, text)
@@ -243,7 +243,7 @@ class Referee:
             if name in counts.falling_from:
                 state.edits[name] = appeared(world.time)
         if counts.step(world.objects, world.held):
-            state.resting_on = (HELD,) if world.held else ()  # to be replaced by names at the first look
+            state.resting_on = (HELD,) if world.held else ()  # replaced by names at the next measurement
         placed = self._place(world)
         if world.agent_states and round(world.time / self.dt) % LOOKS == 0:
             self._watch_agents(state, world, placed)
@@ -251,7 +251,7 @@ class Referee:
         state.placed_before, state.agents_before, state.cubes_seen = placed, world.agents, now
 
     def contacts(self, state: RefereeState) -> tuple[Contact, ...]:
-        """All contacts so far, those that go on included, by time."""
+        """All contacts so far, including ongoing ones, by time."""
         going_on = [contact_of(other, episode) for other, episode in state.episodes.items()]
         return tuple(sorted([*state.contacts, *going_on], key=lambda contact: contact.time))
 
@@ -346,7 +346,7 @@ class Referee:
             self.robot.shapes[-1], self.robot.radii[-1] = cube(item.side), 0.5 * item.side * math.sqrt(3.0)
 
     def _base_motion(self, state: RefereeState, placed: Array) -> float:
-        """Upper bound [m] on the motion of any point of the base body in the last substep."""
+        """Upper bound [m] of the motion of any point of the base body in the last substep."""
         old, new = state.placed_before[self._base_shape], placed[self._base_shape]
         (old_c, _, _, old_x), (old_s, _, _, old_y) = old[:2].tolist()
         (c, _, _, x), (s, _, _, y) = new[:2].tolist()
@@ -377,7 +377,7 @@ class Referee:
     def _rest(
         self, state: RefereeState, world: World, placed: Array, around: Surroundings, held: list[tuple[int, float]]
     ) -> None:
-        """Contacts of the held cube, except with the support that it was taken from.
+        """Judge contacts of the held cube, except with the support from which it was taken.
 
         The exception for a support ends when the cube is `SUPPORT_CLEAR` away from it, or as deep in it.
         """
@@ -401,7 +401,7 @@ class Referee:
     def _touch(
         self, state: RefereeState, world: World, placed: Array, around: Surroundings, i: int, j: int, distance: float
     ) -> None:
-        """A part overlaps something: an encounter, unless it is a finger at the cube between the pads."""
+        """Judge a part that overlaps something, unless it is a finger that handles the cube between the pads."""
         self._distance(placed, around, i, j)
         normal, other, falls = self._gauge.result.normal, around.names[j], False
         if around.first_cube <= j < around.floor:
@@ -416,20 +416,20 @@ class Referee:
     def _encounter(
         self, i: int, other: str, against: Placed, distance: float, frame: int, velocity: Array, *, falls: bool = False
     ) -> Encounter:
-        """The encounter of part i that was measured last."""
+        """The encounter of part i, from the last measurement."""
         result, robot = self._gauge.result, (self.robot.shapes[i], self._transform)
         point = 0.5 * (result.getNearestPoint1() + result.getNearestPoint2())
         return Encounter(i, other, robot, against, distance, result.normal, point, frame, velocity, falls)
 
     def _handles(self, world: World, placed: Array, cube: Array, item: ObjectState, normal: Array) -> bool:
-        """A finger that touches a cube grasps it, or lets it go."""
+        """True when a finger that touches a cube is grasping or releasing it."""
         hand = placed[self._hand]
         if not between_pads(hand, world.width, cube):
             return False
         return item.state == "falling" or not stands_on(hand, world.width, cube, item.side, normal)
 
     def _measure_itself(self, state: RefereeState, world: World, placed: Array) -> None:
-        """The arm, and what it holds, against parts of the arm that are not beside it."""
+        """Measure the arm and the held cube against parts of the arm that are not their neighbours."""
         below = update_self_gaps(
             state.self_gaps, self._self_pairs, placed, state.placed_before, self.robot.centres, self.robot.radii
         )
@@ -446,7 +446,7 @@ class Referee:
 
 
 def _velocity(world: World, around: Surroundings, j: int) -> Array:
-    """Velocity [m/s] of what is in column j, shape (3,)."""
+    """Velocity [m/s] of the body in column j, shape (3,)."""
     slide = world.slides.get(around.names[j])
     if slide is not None:
         return np.append(slide, 0.0)

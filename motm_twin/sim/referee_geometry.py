@@ -38,7 +38,7 @@ class RobotShapes:
                 geometry.removeGeometryObject(item)
         self._data, self._geometry, self._geometry_data = self._model.createData(), geometry, geometry.createData()
         placements = self._geometry_data.oMg
-        self._rotations = _row([T.rotation for T in placements])  # views, which pinocchio keeps up to date
+        self._rotations = _row([T.rotation for T in placements])  # a view that pinocchio keeps up to date
         self._translations = _row([T.translation for T in placements])
         self._configuration = pin.neutral(self._model)
         bodies = [self._model.frames[item.parentFrame].name for item in geometry.geometryObjects]
@@ -51,7 +51,7 @@ class RobotShapes:
             self.centres[i], self.radii[i] = shape.aabb_center, shape.aabb_radius
         self.shapes.append(cube(1.0))
         self._unplaced = np.tile(np.eye(4), (len(self.bodies), 1, 1))
-        self._in_links = []  # link and place in it of each shape
+        self._in_links = []  # for each shape its link, and its transform in the link
         for item in geometry.geometryObjects:
             frame = self._model.frames[item.parentFrame]
             local = (frame.placement.inverse() * item.placement).homogeneous
@@ -71,7 +71,7 @@ class RobotShapes:
         return T
 
     def place_links(self, links: Mapping[str, Array]) -> Array:
-        """The same where the links are known, transforms (4, 4) in the world: of a robot that is not level, say."""
+        """The same from given transforms (4, 4) of the links in the world, for example of a tilted robot."""
         T = self._unplaced.copy()
         for i, (link, local) in enumerate(self._in_links):
             T[i] = product(links[link], local)
@@ -85,9 +85,9 @@ def cube(side: float) -> coal.Box:
 
 
 def _row(items: Sequence[Array]) -> Array:
-    """One view of arrays that lie at equal distances in memory.
+    """A single view of arrays at equal distances in memory.
 
-    To ask pinocchio for each placement takes a hundred times as long as the kinematics does.
+    Asking pinocchio for each placement takes a hundred times as long as the kinematics.
     """
     if len(items) == 1:
         return items[0][None]
@@ -117,7 +117,7 @@ class Surroundings:
     ) -> None:
         """The world as it stands; agents are name, radius, height [m], cubes name and side [m].
 
-        ``base``: its shape and its top [m]. Shapes of ``previous`` are used again where they are the same.
+        ``base``: its shape and its top [m]. Shapes of ``previous`` are reused where they are equal.
         """
         base_shape, base_top = base
         self.solids = solids
@@ -158,13 +158,13 @@ class Surroundings:
         self._agent_discs, self._agent_motion = self.discs[discs:first], self.motion[self.first_agent : self.first_cube]
         self._cube_discs, self._cube_z = self.discs[first:], self.disc_z[first:]
         self._cube_motion = self.motion[self.first_cube : self.floor]
-        self._cube_discs[:, 2] = [side * _ROOT_HALF for _, side in cubes]  # round it, however it is turned
+        self._cube_discs[:, 2] = [side * _ROOT_HALF for _, side in cubes]  # circumscribed, for any orientation
         self._sides = np.array([side for _, side in cubes])
 
     def move(
         self, pose: Array, foot: Footprint, base_motion: float, agents: tuple[Array, Array], cubes: tuple[Array, Array]
     ) -> None:
-        """Put the base, agents and cubes where they are, and note how far they came [m].
+        """Update the places of base, agents and cubes, and store how far they moved [m].
 
         Agents and cubes: now and before, x, y, radius, height and x, y, z, yaw, shapes (n, 4).
         """
@@ -177,7 +177,7 @@ class Surroundings:
             place_cubes(self._cube_discs, self._cube_z, self._cube_motion, self._sides, *cubes)
 
     def settle(self, j: int, base: Array) -> None:
-        """Bring the shape of column j to where it is now; base is the transform of the base body (4, 4)."""
+        """Move the shape of column j to its present place; ``base``: transform of the base body (4, 4)."""
         if j == self.own_base:
             self.transforms[j].setTransform(base[:3, :3], base[:3, 3])
         elif self.first_agent <= j < self.first_cube:
@@ -188,12 +188,12 @@ class Surroundings:
 
 
 def set_upright(transform: coal.Transform3s, pose: Sequence[float]) -> None:
-    """Put a transform to x, y, z [m] and yaw [rad]."""
+    """Set a transform to x, y, z [m] and yaw [rad]."""
     transform.setTransform(about_z(pose[3]), np.array(pose[:3]))
 
 
 def prism(corners: Array, low: float, high: float) -> coal.Convex:
-    """A convex prism from its corners and faces; no hull library, which may crash on a flat one."""
+    """A convex prism from its corners and faces, without a hull library, which may crash on flat prisms."""
     n = len(corners)
     points, faces = coal.StdVec_Vec3s(), coal.StdVec_Triangle()
     for z in (low, high):
@@ -211,14 +211,14 @@ def prism(corners: Array, low: float, high: float) -> coal.Convex:
 
 @njit(cache=True)
 def place_base(corners: Array, pose: Array, length: float, width: float, offset_x: float) -> None:
-    """The rectangle of the base body [m] at a pose, shape (3,), as the last four of the corners, counter-clockwise."""
+    """Write the rectangle of the base body [m] at a pose (3,) to the last four corners, counter-clockwise."""
     x, y = pose[0] + offset_x * math.cos(pose[2]), pose[1] + offset_x * math.sin(pose[2])
     put_rectangle(corners, corners.shape[0] - 4, x, y, pose[2], length, width)
 
 
 @njit(cache=True)
 def place_agents(discs: Array, unmapped: Array, motion: Array, agents: Array, before: Array) -> None:
-    """Agents [m], shape (n, 4), as discs, as the last n of the unmapped ones, and how far each came [m], shape (n,)."""
+    """Write agents [m], shape (n, 4), as discs, as the last n unmapped discs, and their motion [m], shape (n,)."""
     n = agents.shape[0]
     for i in range(n):
         for k in range(3):
@@ -230,7 +230,7 @@ def place_agents(discs: Array, unmapped: Array, motion: Array, agents: Array, be
 
 @njit(cache=True)
 def place_cubes(discs: Array, z: Array, motion: Array, sides: Array, cubes: Array, before: Array) -> None:
-    """Cubes as x, y, z [m] and yaw, shape (n, 4), as upright cylinders round them, and how far each came [m]."""
+    """Write cubes (x, y, z [m], yaw; shape (n, 4)) as circumscribed upright cylinders, and their motion [m]."""
     for i in range(cubes.shape[0]):
         discs[i, 0], discs[i, 1] = cubes[i, 0], cubes[i, 1]
         z[i, 0], z[i, 1] = cubes[i, 2] - 0.5 * sides[i], cubes[i, 2] + 0.5 * sides[i]
@@ -258,7 +258,7 @@ def update_gaps(
 ) -> Index:
     """Lower bounds of all distances [m] after one substep, in place, shape (shapes, columns).
 
-    A bound shrinks by what shape and column can have moved; where it falls below the pair's limit,
+    A bound shrinks by the largest possible motion of shape and column; where it falls below the pair's limit,
     ``limits[kind[i, j]]``, the distance of the shape's bounding sphere replaces it if that is larger. ``motion`` of the
     columns [m], transforms (shapes, 4, 4). Returns the pairs that are still below and must be measured, shape (k, 2).
     """
@@ -305,8 +305,8 @@ _CHAIN = {f"panda_link{k}": k for k in range(8)} | {"panda_hand": 8, "panda_left
 def self_pairs(bodies: tuple[str, ...]) -> NDArray[np.int64]:
     """Pairs of shapes of the arm that are not neighbours, the one nearer to the hand first, shape (k, 2).
 
-    Neighbours are joined by a joint. Hand, fingers and what they hold are one part; the base is a thing like any other
-    to the arm.
+    Neighbours are joined by a joint. Hand, fingers and the held cube are one part; the base counts as part of the
+    surroundings.
     """
     rank = [_CHAIN.get(body, -1) for body in bodies]
     pairs = []
@@ -333,8 +333,8 @@ def update_self_gaps(
 ) -> NDArray[np.int64]:
     """Lower bounds [m] of the distances of pairs after one substep, in place; the indices of those below 0.
 
-    Motion counts as seen from the base, whose transform is the first of ``now`` and ``before``, shapes (n, 4, 4): a
-    robot that only drives comes no nearer to itself.
+    Motion is relative to the base, whose transform is the first of ``now`` and ``before``, shapes (n, 4, 4): driving
+    alone does not change these distances.
     """
     n = now.shape[0]
     moved, middle = np.empty(n), np.empty((n, 3))

@@ -1,13 +1,13 @@
 """Responsibility for a contact: the robot's, or that of a person who moved the other body or pushed the robot.
 
-A person's motion excuses a contact that it explains: had the body (or the robot) stayed where it was, the two would be
-apart now. A hand that trembles, or puts a body back where it was, explains nothing.
+A person's motion excuses a contact that it explains: had the body (or the robot) stayed in its place, the two would be
+apart now. Trembling of a hand, or putting a body back in its place, explains nothing.
 
-The robot's own motion is judged at the touching point, in all directions, with the other body where it is now. The
-normal of the shallowest overlap is not used: it points sideways where a body scrapes, and backwards deep inside one.
+The robot's own motion is judged at the touching point, in all directions, with the other body in its present place. The
+normal of the shallowest overlap is not used: it points sideways when a body scrapes, and backwards deep inside one.
 
-Cutting in: the robot moves into the area that an agent needs to stop. A contact that follows is the robot's. The area
-is what the agent sweeps going straight on until it stands: as wide and tall as it is, and v t + v^2 / 2a long.
+Cutting in: the robot moves into the area that an agent needs to stop. A contact that follows is the robot's doing. The
+agent sweeps it going straight on until it stands: it has the width and height of the agent, and length v t + v^2 / 2a.
 """
 
 import math
@@ -26,13 +26,13 @@ from motm_twin.model.scene import AGENT_MOVES, AGENT_REACTION, PlanarPose
 from motm_twin.sim.agents import AgentState
 from motm_twin.sim.referee_geometry import RobotShapes
 
-PERSON = 0.5  # [s] after a person moved a body or the robot within which a new contact may be their doing
+PERSON = 0.5  # [s] after a person moved a body or the robot: a new contact within it may be their doing
 REACTION = 0.1  # [s] reaction time: from a scan to a command that acts
 FORGOTTEN = 10.0  # [s] after which a motion is irrelevant; longer than any base takes to stop
-OWN_MOTION = 0.03  # [m] of gap without the person's motion that surely explains a contact
-JITTER = 0.01  # [m] least such gap, as a hand trembles; between the two: the robot's own approach in `PERSON`
-TURN_REACH = 0.3  # [m] from its centre: how far a turn moves a body
-MERGED = 0.1  # [s] of a drag that make one step
+OWN_MOTION = 0.03  # [m] a gap this large without the person's motion explains a contact in any case
+JITTER = 0.01  # [m] least such gap, as hands tremble; in between the robot's own approach within `PERSON` counts
+TURN_REACH = 0.3  # [m] lever arm by which a turn counts as a displacement
+MERGED = 0.1  # [s] parts of a drag within this make one step
 NOT_BY_PUSH = ("base", "floor")  # contacts with these are never excused by a push of the robot
 
 
@@ -41,11 +41,11 @@ class Shift(NamedTuple):
 
     before: PlanarPose | None
     after: PlanarPose | None
-    kind: tuple[float | str, ...] = ()  # shape and size of what came or went
+    kind: tuple[float | str, ...] = ()  # shape and size of a body that appeared or vanished
 
 
 class Step(NamedTuple):
-    """Part of a drag: when it began and ended [s], from where to where."""
+    """Part of a drag: its begin and end [s], and the poses before and after."""
 
     began: float
     time: float
@@ -54,7 +54,7 @@ class Step(NamedTuple):
 
 
 class Gone(NamedTuple):
-    """A body that a person took out of the world: when [s], where it stood, shape and size."""
+    """A body that a person took out of the world: time [s], last pose, shape and size."""
 
     time: float
     pose: PlanarPose
@@ -64,10 +64,10 @@ class Gone(NamedTuple):
 class Motion(NamedTuple):
     """Recent moves by persons of a body or of the robot."""
 
-    came: float = -math.inf  # [s] when it was added or slid as thrown: no earlier place
+    came: float = -math.inf  # [s] when it was added or thrown: it has no earlier place
     steps: tuple[Step, ...] = ()
     anchor: PlanarPose | None = None  # its place when it last moved by more than jitter
-    moved: float = -math.inf  # [s] then
+    moved: float = -math.inf  # [s] that time
     gone: Gone | None = None
 
 
@@ -88,7 +88,7 @@ def shifted(motion: Motion, time: float, shift: Shift) -> Motion:
         gone = motion.gone
         if gone is None or time - gone.time > PERSON or gone.kind != shift.kind:
             return appeared(time)
-        before = gone.pose  # put back before anybody could have made use of its absence
+        before = gone.pose  # put back before its absence could matter
     steps = tuple(step for step in motion.steps if time - step.time <= FORGOTTEN)
     last = steps[-1] if steps else None
     follows = last is not None and last.after == before
@@ -117,14 +117,14 @@ def _last(motion: Motion) -> float:
 
 
 def in_time(now: float, when: float) -> bool:
-    """A contact that begins now may be due to a person who moved something at ``when`` [s]."""
+    """True when a contact that begins now may be due to a person who moved something at ``when`` [s]."""
     return now - when <= PERSON
 
 
 def undone(motion: Motion, now: float) -> Iterator[Array]:
-    """Planar transforms, world frame, shape (3,), that take a body back to where it stood before it was moved.
+    """Planar transforms, world frame, shape (3,), that take a body back to its places before it was moved.
 
-    One for each step of its way that is recent enough (`in_time`), the newest first.
+    One for each recent step of its way (`in_time`), the newest first.
     """
     back = np.zeros(3)
     for step in reversed(motion.steps):
@@ -134,7 +134,7 @@ def undone(motion: Motion, now: float) -> Iterator[Array]:
 
 
 def explains(gap: float, closing: float) -> bool:
-    """A motion explains a contact if without it there would be this gap [m].
+    """True when a motion explains a contact, because without it there would be this gap [m].
 
     ``closing`` [m/s]: speed at which the robot itself approaches the other.
     """
@@ -142,13 +142,13 @@ def explains(gap: float, closing: float) -> bool:
 
 
 def braking_time(limits: BaseLimits) -> float:
-    """Time [s] a base takes to stop from its full speed; so long a contact stays the person's doing while it lasts."""
+    """Time [s] that a base takes to stop from full speed; an excused contact that lasts stays excused for this long."""
     straight = limits.full_speed / limits.linear_acceleration
     return min(max(straight, limits.yaw_rate / limits.yaw_acceleration) + limits.velocity_lag + REACTION, FORGOTTEN)
 
 
 def still_persons_doing(motion: Motion, began: float, now: float, braking: float) -> bool:
-    """A contact that began [s] as the person's doing still is, shortly after the body was moved."""
+    """True while a contact that ``began`` [s] as a person's doing still is, shortly after the body was moved."""
     before = max((step.time for step in motion.steps if step.time <= began), default=-math.inf)
     return now - max(motion.moved, motion.came, before) <= braking
 
@@ -171,7 +171,7 @@ class Gauge:
 def persons_doing(
     gauge: Gauge, motions: tuple[Motion, Motion], now: float, *, robot: Placed, other: Placed, closing: float
 ) -> bool:
-    """A contact that begins now [s] is due to a person who moved the other body or the robot.
+    """True when a contact that begins now [s] is due to a person who moved the other body or the robot.
 
     ``motions``: of the other body, and of the robot; ``closing`` [m/s]: the robot's approach speed.
     """
@@ -190,20 +190,20 @@ def _transformed(planar: Array, transform: coal.Transform3s) -> coal.Transform3s
 
 
 TOUCH = 1e-5  # [m] of penetration that counts as contact
-MOVES = 1e-3  # [m/s] of the touching point from which a part of the robot moves
+MOVES = 1e-3  # [m/s] of the touching point, from which a part of the robot counts as moving
 PARTS = 0.2  # share of a motion that must increase the distance for it to count as parting
-FURTHEST = 3.0  # [m] up to which a way out of an overlap is searched
-STRIDE = 0.005  # [m] at least, between two looks along such a way
+FURTHEST = 3.0  # [m] limit of the search for a way out of an overlap
+STRIDE = 0.005  # [m] least step of that search
 NO_TRAIL = np.zeros((0, 13))
 
 
 @dataclass(frozen=True, kw_only=True)
 class Touch:
-    """A part of the robot and another thing that overlap, at the end of a substep."""
+    """A part of the robot and another body that overlap at the end of a substep."""
 
     robot: Placed
     other: Placed
-    unmoved: coal.Transform3s  # where the part would be, had the robot not moved in this substep
+    unmoved: coal.Transform3s  # place of the part if the robot had not moved in this substep
     distance: float  # [m] of the two, negative
     velocity: Array  # [m/s] of the touching point by the robot's own motion, shape (3,)
     other_velocity: Array  # [m/s] of the other there, shape (3,)
@@ -219,10 +219,10 @@ class Responsibility:
         self._shifted = coal.Transform3s()
 
     def by_own_motion(self, touch: Touch, *, begins: bool) -> bool:
-        """The robot's motion in this substep causes a contact, or leads along it or further into it.
+        """True when the robot's motion in this substep causes a contact, or leads along it or further into it.
 
-        Motion that parts the two does not count, nor does the shortest way out of an existing overlap. Nor
-        does motion that does not gain on the other, which follows the robot or drives away.
+        Motion that separates the two does not count, nor does the shortest way out of an existing overlap, nor
+        motion that does not gain on another body that follows the robot or drives away.
         """
         speed = norm(touch.velocity)
         apart = self._gap((touch.robot[0], touch.unmoved), touch.other)
@@ -234,11 +234,11 @@ class Responsibility:
         return begins or not self._leads_out(touch, touch.velocity / speed)
 
     def touches(self, robot: Placed, other: Placed) -> bool:
-        """The two overlap."""
+        """True when the two overlap."""
         return self._gap(robot, other) < -TOUCH
 
     def _leads_out(self, touch: Touch, direction: Array) -> bool:
-        """Moving on in this direction clears the other sooner than moving back."""
+        """True when moving on in this direction ends the overlap sooner than moving back."""
         ahead = behind = 0.0
         while max(ahead, behind) < FURTHEST:
             forward = ahead <= behind
@@ -266,7 +266,7 @@ def stopping_time(limits: BaseLimits, twist: Array, dq: Array) -> float:
 
 
 def followed(trail: Array, now: Array) -> Array:
-    """The trail with one more place, minus those from which the robot could have stopped before now.
+    """The trail with a place added, and without those from which the robot could have stopped before now.
 
     A place: time [s], pose (3,), joints (7,), width between the pads [m], stopping time [s]; shape (k, 13).
     """
@@ -277,7 +277,7 @@ def followed(trail: Array, now: Array) -> Array:
 
 
 def carried_along(shape: Array, frame: Array, earlier: Array) -> Array:
-    """Transform of a shape fixed to a frame that was elsewhere earlier; all (4, 4)."""
+    """Present transform of a shape that is fixed to a frame with another transform earlier; all (4, 4)."""
     local = product(frame[:3, :3].T, shape[:3, :3])
     offset = times(frame[:3, :3].T, shape[:3, 3] - frame[:3, 3])
     T = np.eye(4)
@@ -286,7 +286,7 @@ def carried_along(shape: Array, frame: Array, earlier: Array) -> Array:
     return T
 
 
-DEEPER = 0.02  # [m] deeper into an agent's first stopping area, by the robot's motion, that makes a cut-in after all
+DEEPER = 0.02  # [m] deeper into an agent's first stopping area, by own motion: then it is a cut-in after all
 PARTED = 1.0  # [s] outside the area after which a new entry counts separately
 LOOKS = 5  # substeps between two looks
 _UPRIGHT = np.eye(3)
@@ -304,19 +304,19 @@ class Area(NamedTuple):
 class InWay(NamedTuple):
     """The robot in an agent's stopping area."""
 
-    cut_in: bool  # by its own motion
-    last: float  # [s] when it was seen there
+    cut_in: bool  # the robot came there by its own motion
+    last: float  # [s] last time when it was seen there
     chance: Area  # stopping area of the agent when the robot was first seen in it
-    depth: float  # [m] of the robot in that area then
+    depth: float  # [m] depth of the robot in that area at that time
 
 
 def stopping_way(speed: float, braking: float) -> float:
-    """Way [m] of an agent from a speed [m/s] to rest: reaction, and braking [m/s^2]."""
+    """Stopping distance [m] of an agent from a speed [m/s], with reaction and braking [m/s^2]."""
     return speed * AGENT_REACTION + speed * speed / (2.0 * braking)
 
 
 def cuts_in(ways: dict[str, InWay], agent: str, now: float) -> bool:
-    """The robot has cut in on this agent, and is still in its way or was just now."""
+    """True when the robot has cut in on this agent, and is in its way or was just now."""
     way = ways.get(agent)
     return way is not None and way.cut_in and now - way.last <= PARTED
 
@@ -336,8 +336,8 @@ class StoppingAreas:
     ) -> list[CutIn]:
         """Update the agents that have the robot in their way; returns the cut-ins that begin now [s].
 
-        Transforms of the robot's shapes now and at the last look, shape (n, 4, 4); None: what it did since is not its
-        own motion. The robot cuts in when it moves into the area, or into what was the area when the agent came near.
+        Transforms of the robot's shapes now and at the last look, shape (n, 4, 4); None: its motion since is not its
+        own. The robot cuts in when it moves into the area, or into the area as it was when the agent came near.
         """
         found = []
         for agent in agents:
@@ -384,9 +384,9 @@ class StoppingAreas:
         return deepest
 
     def _near(self, placed: Array, line: tuple[float, float, float, float], way: float, radius: float) -> list[int]:
-        """Parts of the robot that may reach an area ``way`` long and twice ``radius`` wide [m].
+        """Parts of the robot that may reach an area of length ``way`` and half width ``radius`` [m].
 
-        It begins at x, y and leads along a course, given by its cosine and sine.
+        ``line``: x, y of its begin, and cosine and sine of its course.
         """
         x, y, c, s = line
         dx, dy = placed[:-1, 0, 3] - x, placed[:-1, 1, 3] - y

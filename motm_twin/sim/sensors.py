@@ -27,7 +27,7 @@ from motm_twin.sim.solids import Solids
 
 
 def _arrived(late: list[tuple[int, Any]], now: int, newest: Any) -> tuple[Any, list[tuple[int, Any]]]:
-    """The newest of what has arrived by substep ``now``, and what is still on its way."""
+    """The newest item that has arrived by substep ``now``, and those that are still on their way."""
     here = [item for arrival, item in late if arrival <= now]
     return here[-1] if here else newest, [entry for entry in late if entry[0] > now]
 
@@ -81,7 +81,7 @@ NEAR, FAR = 0.1, 1.0  # [m] distances between which the noise grows linearly
 YAW_SD_NEAR, YAW_SD_FAR = math.radians(1.0), math.radians(5.0)
 QUARTER_TURN = 0.5 * math.pi
 
-# Arm links as capsules between frames of `fk_arm` (index, index, radius [m]); the wrist behind the lens is left out.
+# Arm links as capsules between frames of `fk_arm` (index, index, radius [m]), without the wrist behind the lens.
 LINK_CAPSULES = ((0, 1, 0.09), (2, 3, 0.09), (4, 5, 0.075))
 
 
@@ -116,7 +116,7 @@ class CameraState:
 
 @njit(cache=True)
 def _hidden(eye: Array, point: Array, frames: Array) -> bool:
-    """The arm is between the eye and a point; ``frames`` of the arm (n, 4, 4)."""
+    """True when the arm is between the eye and a point; ``frames`` of the arm (n, 4, 4)."""
     for i, j, radius in LINK_CAPSULES:
         begin, end = np.ascontiguousarray(frames[i, :3, 3]), np.ascontiguousarray(frames[j, :3, 3])
         if segment_distance(eye, point, begin, end) < radius:
@@ -137,7 +137,7 @@ class Camera:
     """Reports objects in the view cone, in range, in sight and not held; with misses and false detections."""
 
     def __init__(self, spec: GripperCamera, noise: Noise, *, named: bool = True, bias: Array = _NO_BIAS) -> None:
-        """Sensor of the profile and noise of the scene; ``bias`` (3,) [m] of what it reports, in the hand's frame.
+        """Sensor of the profile and noise of the scene; ``bias`` (3,) [m] of its reports, in the hand's frame.
 
         ``named``: it reads markers, so there are no false detections.
         """
@@ -148,7 +148,7 @@ class Camera:
         self._noisy = max(self._sd_near, self._sd_far) > 0.0
         self._cos_half_cone = math.cos(spec.half_cone)
         ends = np.zeros((4, 3))
-        _hidden(ends[0], ends[1], np.zeros((6, 4, 4)))  # compiled now, not when the first object comes into view
+        _hidden(ends[0], ends[1], np.zeros((6, 4, 4)))  # compile now, not when the first object comes into view
         none = np.zeros((0, 2))
         sight_blocked(ends[0], ends[1], none, np.zeros(1, dtype=np.int64), none, np.zeros((0, 3)), none)
 
@@ -260,7 +260,7 @@ class Localisation:
 
     @staticmethod
     def relocate(state: LocalisationState, pose: Array) -> None:
-        """The base was displaced: localisation follows, odometry does not notice."""
+        """Take a displacement of the base: localisation follows, odometry does not notice."""
         state.pose = _moved(pose, state.error, state.drift)
 
     def step(self, state: LocalisationState, pose: Array, mean_twist: Twist, twist: Twist) -> None:
@@ -280,7 +280,7 @@ class Localisation:
 
 
 def _kept(dt: float, correlation: float) -> float:
-    """Share of an error that is left after dt [s]; none without a time over which it is correlated."""
+    """Share of an error that remains after dt [s]; 0 without a correlation time."""
     return math.exp(-dt / correlation) if correlation > 0.0 else 0.0
 
 

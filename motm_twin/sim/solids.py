@@ -1,8 +1,8 @@
 """The solid world: every solid is a vertical prism over a convex polygon or a disc; and the layout of furniture.
 
-Three kinds of bodies stand on the floor and do not drive. *Obstacles* were added by a person. *Loose* ones are single
-boxes and cylinders of the scene that no map knows; once moved they are obstacles too. Everything else that stands on
-the floor is *furniture*, moved as whole pieces with their bins.
+Three kinds of bodies stand on the floor and do not drive. *Obstacles* were added by a person. *Loose* bodies are single
+boxes and cylinders of the scene that are in no map; once moved they are obstacles too. Everything else on the floor
+is *furniture*, moved as whole pieces with their bins.
 """
 
 import math
@@ -34,12 +34,12 @@ class Solids:
     disc_z: Array  # shape (d, 2)
     disc_names: tuple[str, ...]
     disc_mapped: NDArray[np.bool_]  # shape (d,)
-    bins: tuple[Bin, ...] = ()  # whose plates are among the polygons
+    bins: tuple[Bin, ...] = ()  # bins whose plates are among the polygons
     bin_names: frozenset[str] = frozenset()
 
     @property
     def plan(self) -> tuple[Array, NDArray[np.int64], Array]:
-        """Corners, the first of each polygon, and discs: all solids as tall ones, for kernels."""
+        """Corners, index of the first corner of each polygon, and discs, for kernels that ignore heights."""
         return self.corners, self.first, self.discs
 
     def polygon(self, i: int) -> Array:
@@ -99,7 +99,7 @@ def obstacle_disc(obstacle: AddObstacle) -> tuple[float, float] | None:
 
 @dataclass(frozen=True, kw_only=True)
 class Parts:
-    """Furniture and bins as polygons and discs, each with name, heights [m] and whether the map knows it."""
+    """Furniture and bins as polygons and discs, each with name, heights [m] and a flag for those in the map."""
 
     polygons: list[Part]
     discs: list[Part]
@@ -196,7 +196,7 @@ class Layout(msgspec.Struct, frozen=True, kw_only=True):
     """Changes by persons to furniture and loose bodies; empty at the start."""
 
     obstacles: tuple[AddObstacle, ...] = ()  # boxes and cylinders: added, or loose ones that were moved
-    taken: tuple[str, ...] = ()  # loose solids of the scene that are among the obstacles now
+    taken: tuple[str, ...] = ()  # loose solids of the scene that have become obstacles
     moved: tuple[tuple[str, PlanarPose], ...] = ()  # pieces of furniture: x, y of the reference, turn
     removed: tuple[str, ...] = ()  # pieces, loose solids and agents of the scene that are gone
     announced: tuple[tuple[str, PlanarPose], ...] = ()  # announced places of furniture
@@ -214,7 +214,7 @@ class Layout(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Furnishings:
-    """The furniture of one scene in pieces, and what a `Layout` makes of it."""
+    """The furniture of one scene in pieces, and its state under a `Layout`."""
 
     def __init__(self, scene: Scene) -> None:
         self.scene = scene
@@ -224,11 +224,11 @@ class Furnishings:
         self._fixed: tuple[tuple[object, ...], Parts] | None = None
 
     def pose(self, layout: Layout, name: str) -> PlanarPose:
-        """Reference point and turn of a piece as it stands now."""
+        """Present reference point and turn of a piece."""
         return dict(layout.moved).get(name, (*self.pieces[name].centre, 0.0))
 
     def present(self, layout: Layout) -> list[str]:
-        """Loose solids that stand where the scene has them, and pieces that were not removed."""
+        """Loose solids that have not been moved or removed, and pieces that have not been removed."""
         return [name for name in (*self.loose, *self.pieces) if name not in (*layout.taken, *layout.removed)]
 
     def moved(self, layout: Layout, name: str, pose: PlanarPose) -> Layout:
@@ -248,7 +248,7 @@ class Furnishings:
         for name, pose in layout.moved:
             piece = self.pieces[name]
             transforms |= dict.fromkeys((*piece.solids, *piece.bins), rigid(piece, pose))
-            if announced.get(name, (*piece.centre, 0.0)) != pose:  # it stands where no map has it
+            if announced.get(name, (*piece.centre, 0.0)) != pose:  # it is not where the map has it
                 unmapped.update(piece.solids)
         solids = [
             moved_solid(transforms[solid.name], solid) if solid.name in transforms else solid
@@ -260,12 +260,12 @@ class Furnishings:
         return solids, tuple(bins)
 
     def parts(self, name: str) -> tuple[str, ...]:
-        """Names under which the solids and bins of a body of any kind appear among the solids of the world."""
+        """Names of the solids and bins of a body of any kind, as among the solids of the world."""
         piece = self.pieces.get(name)
         return (name,) if piece is None else (*piece.solids, *piece.bins)
 
     def truth(self, layout: Layout) -> tuple[BodyTruth, ...]:
-        """Pieces that were moved and are still there: reference point, turn, extents as the scene has them."""
+        """Pieces that were moved and not removed: reference point, turn, and extents from the scene."""
         return tuple(
             BodyTruth(name=name, kind="furniture", position=(x, y, 0.0), yaw=turn, size=self._size(self.pieces[name]))
             for name, (x, y, turn) in layout.moved
@@ -298,7 +298,7 @@ def as_obstacle(solid: Solid) -> AddObstacle:
 
 
 def same_pose(a: PlanarPose, b: PlanarPose) -> bool:
-    """The poses are equal up to the jitter of a hand that only keeps holding the body."""
+    """True when the poses are equal up to the jitter of a hand that holds the body still."""
     turn = math.remainder(a[2] - b[2], 2.0 * math.pi)
     return math.hypot(a[0] - b[0], a[1] - b[1]) < STILL and abs(turn) < STILL_TURN
 

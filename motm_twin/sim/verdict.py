@@ -1,4 +1,4 @@
-"""Verdicts of the referee and its memory: the world that it looks at, contact episodes, picks, places and drops.
+"""Verdicts of the referee and its memory: the world that it judges, contact episodes, picks, places and drops.
 
 Each episode gets one verdict: caused by the robot, a person, an agent or nobody.
 """
@@ -39,28 +39,28 @@ from motm_twin.sim.responsibility import (
 )
 from motm_twin.sim.solids import Solids
 
-EPISODE_END = 0.1  # [s] apart after which a contact episode has ended
+EPISODE_END = 0.1  # [s] without contact, after which an episode has ended
 
 
 @dataclass
 class Episode:
-    """A contact with one thing that goes on."""
+    """An ongoing contact with one body."""
 
     began: float
     last: float
-    bodies: tuple[str, ...]  # that touch it, in order
+    bodies: tuple[str, ...]  # bodies that have touched it, in order
     closing_speed: float
     other_speed: float
     by_person: bool
     was_excused: bool  # it has been a person's doing
-    excused_from: float  # [s] when it became that
-    gone_on: float = 0.0  # [m] of the robot's own motion in this contact since the excuse ended
+    excused_from: float  # [s] when it became a person's doing
+    gone_on: float = 0.0  # [m] own motion of the robot in this contact since the excuse ended
     depth: float = 0.0
     caused: bool = False
     base_towards: bool = field(default=False, metadata=LATER)  # when it began, the base moved towards the other
 
     def touched(self, body: str, now: float, depth: float) -> None:
-        """A body touches the thing now [s], to a depth [m]."""
+        """Note that a body touches it now [s], to a depth [m]."""
         if body not in self.bodies:
             self.bodies = (*self.bodies, body)
         self.last = now
@@ -68,7 +68,7 @@ class Episode:
 
 
 def contact_of(other: str, episode: Episode) -> Contact:
-    """The contact of the robot with something else as far as it has gone: one verdict for the whole episode."""
+    """The contact with another body so far: one verdict for the whole episode."""
     return Contact(
         time=episode.began,
         body=episode.bodies[0],
@@ -84,13 +84,13 @@ def contact_of(other: str, episode: Episode) -> Contact:
 
 
 def take_ended(episodes: dict[str, Episode], now: float) -> list[Contact]:
-    """Those that have ended, taken out."""
+    """Contacts of the ended episodes, which are removed."""
     ended = [other for other, episode in episodes.items() if now - episode.last > EPISODE_END]
     return [contact_of(other, episodes.pop(other)) for other in ended]
 
 
-LIFTED = 0.02  # [m] above where it was taken: the cube counts as picked
-DROP_HEIGHT = 0.01  # [m] of fall that makes a drop
+LIFTED = 0.02  # [m] above its height when grasped: the cube counts as picked
+DROP_HEIGHT = 0.01  # [m] a longer fall is a drop
 
 
 @dataclass
@@ -98,14 +98,14 @@ class Counts:
     """Objects picked, placed and dropped so far, and the state needed to count the next ones."""
 
     right_bins: dict[str, tuple[str, ...]] = field(default_factory=dict)  # where each object belongs
-    disturbed: tuple[str, ...] = ()  # objects that lie or fall where they do by a person's doing: no place, no drop
+    disturbed: tuple[str, ...] = ()  # objects moved by a person: they count neither as placed nor as dropped
     held: str = ""
     held_from_z: float = 0.0
     picked: bool = False  # the held cube has been counted
     falling_from: dict[str, float] = field(default_factory=dict)
     inside: tuple[str, ...] = ()  # objects counted as placed, until they are picked again
     placed: tuple[str, ...] = ()
-    dropped: tuple[str, ...] = ()  # and not picked up and placed since
+    dropped: tuple[str, ...] = ()  # not picked up and placed since
     picks: int = 0
     drops: int = 0
 
@@ -127,7 +127,7 @@ class Counts:
             self.picked = True
             self.picks += 1
             self.inside = tuple(name for name in self.inside if name != held)
-            if held not in self.right_bins:  # nowhere to be placed: in the hand again is all there is
+            if held not in self.right_bins:  # without a bin, holding it again puts the drop right
                 self._put_right(held)
         return False
 
@@ -155,7 +155,7 @@ class Counts:
 
 @dataclass
 class World:
-    """The world as the referee sees it after a substep."""
+    """The world for the referee after a substep."""
 
     time: float
     pose: Array
@@ -170,16 +170,16 @@ class World:
     agents: Array  # x, y, radius, height, shape (n, 4)
     agent_states: list[AgentState]
     agent_bodies: tuple[tuple[str, float, float], ...]  # name, radius, height; the same object while nothing changes
-    slides: Mapping[str, tuple[float, float]]  # velocity [m/s] in this substep of bodies that a person threw
-    riders: tuple[str, ...] = ()  # objects that went along with those
-    links: Mapping[str, Array] | None = None  # transforms of the robot's links; None: of a level base at the pose
-    solid: bool = False  # bodies press on each other: what falls may touch what lies there
-    faults: tuple[tuple[str, str], ...] = ()  # kind and text of what the simulation itself broke in this substep
+    slides: Mapping[str, tuple[float, float]]  # velocity [m/s] in this substep of thrown bodies
+    riders: tuple[str, ...] = ()  # objects carried along by thrown bodies
+    links: Mapping[str, Array] | None = None  # transforms of the robot's links; None: as of a level base at the pose
+    solid: bool = False  # bodies press on each other: a falling one may touch one that lies there
+    faults: tuple[tuple[str, str], ...] = ()  # kind and text of limits that the simulation itself broke
 
 
 @dataclass
 class PlantCheckState:
-    """The substep before."""
+    """Motion in the previous substep."""
 
     pose: Array
     twist: Array  # forward speed and yaw rate, shape (2,)
@@ -191,25 +191,25 @@ class PlantCheckState:
 
 @dataclass
 class RefereeState:
-    """Everything the referee remembers."""
+    """Memory of the referee."""
 
     check: PlantCheckState
     counts: Counts
     gaps: Array = field(default_factory=lambda: np.zeros((0, 0)))  # lower bounds of distances [m]
-    self_gaps: Array = field(default_factory=lambda: np.zeros(0))  # the same of the robot's parts from each other
+    self_gaps: Array = field(default_factory=lambda: np.zeros(0))  # the same between parts of the robot
     placed_before: Array = field(default_factory=lambda: np.zeros((0, 4, 4)))
     agents_before: Array = field(default_factory=lambda: np.zeros((0, 4)))
-    cubes_seen: tuple[Pose, ...] = ()  # where the objects were
-    cubes_at: Array = field(default_factory=lambda: np.zeros((0, 4)))  # and where they were looked for
-    carried: str = ""  # the object whose column is out of use
-    episodes: dict[str, Episode] = field(default_factory=dict)  # by what is touched
-    contacts: list[Contact] = field(default_factory=list)  # ended
+    cubes_seen: tuple[Pose, ...] = ()  # last places of the objects
+    cubes_at: Array = field(default_factory=lambda: np.zeros((0, 4)))  # last places at which overlaps were tested
+    carried: str = ""  # held object, whose column is unused
+    episodes: dict[str, Episode] = field(default_factory=dict)  # by the touched body
+    contacts: list[Contact] = field(default_factory=list)  # ended ones
     cut_ins: list[CutIn] = field(default_factory=list)
     in_way: dict[str, InWay] = field(default_factory=dict)  # agents that have the robot in their stopping area
-    trail: Array = field(default_factory=lambda: NO_TRAIL)  # where the robot was, as far as it matters
-    edits: dict[str, Motion] = field(default_factory=dict)  # body: how persons moved it lately
-    pushed: Motion = UNMOVED  # how persons pushed the robot lately
-    resting_on: tuple[str, ...] = ()  # what the held cube touched when it was taken, until clear of it
+    trail: Array = field(default_factory=lambda: NO_TRAIL)  # recent places of the robot, see `followed`
+    edits: dict[str, Motion] = field(default_factory=dict)  # body: its recent moves by persons
+    pushed: Motion = UNMOVED  # recent pushes of the robot by persons
+    resting_on: tuple[str, ...] = ()  # bodies that touched the held cube when it was grasped, until it is clear of them
     min_base_clearance: float = math.inf
     min_arm_clearance: float = math.inf
     min_ee_obstacle: float = math.inf
@@ -219,12 +219,12 @@ class RefereeState:
 NOT_JUDGED = RefereeState(check=PlantCheckState(*(np.zeros(0) for _ in range(5))), counts=Counts())
 
 
-AGAINST = 0.2  # minus the cosine of the angle between two motions from which one opposes the other
-ROLLS_OUT = 0.002  # [m] that a base may roll on, by drive lag, after braking because of a person
+AGAINST = 0.2  # two motions are opposed when the cosine of their angle is below minus this
+ROLLS_OUT = 0.002  # [m] that a base may roll on, by drive lag, while it brakes for a person
 
 
 class Encounter(NamedTuple):
-    """Part i of the robot overlaps something."""
+    """An overlap of part i of the robot with another body."""
 
     i: int
     other: str
@@ -232,10 +232,10 @@ class Encounter(NamedTuple):
     against: Placed
     distance: float  # [m], negative
     normal: Array  # from the part to the other, shape (3,)
-    point: Array  # between the nearest points of the two [m], shape (3,)
-    frame: int  # part of the robot that the other is fixed to; -1: none
+    point: Array  # middle between the nearest points of the two [m], shape (3,)
+    frame: int  # part of the robot to which the other is fixed; -1: none
     other_velocity: Array  # [m/s] of the other at the point, shape (3,)
-    falls: bool  # an object that falls because of the robot
+    falls: bool  # the other is an object that falls because of the robot
 
 
 class Verdicts:
@@ -251,7 +251,7 @@ class Verdicts:
         self._hand = robot.bodies.index("panda_hand") if "panda_hand" in robot.bodies else -1
 
     def touched(self, state: RefereeState, world: World, placed: Array, met: Encounter) -> None:
-        """A part of the robot, all of which is ``placed`` (n, 4, 4), overlaps something after a substep."""
+        """Judge an overlap of the robot after a substep; ``placed``: transforms of all its parts (n, 4, 4)."""
         body = self._robot.bodies[met.i]
         body = f"held:{world.held}" if body == HELD else body
         touch = self._touch(state, placed, met)
@@ -268,7 +268,7 @@ class Verdicts:
             state.episodes[met.other] = episode
         elif person and not episode.by_person:
             episode.by_person, episode.was_excused, episode.excused_from = True, True, world.time
-        elif episode.by_person:  # until the robot could have stopped; after that it pushes on into something at rest
+        elif episode.by_person:  # until the robot could have stopped; a longer contact is its own
             since, now, motions = episode.excused_from, world.time, _motions(state, met)
             episode.by_person = any(still_persons_doing(each, since, now, self._braking) for each in motions)
         episode.touched(body, world.time, -met.distance)
@@ -279,7 +279,7 @@ class Verdicts:
 
     @staticmethod
     def met(state: RefereeState, now: float, meeting: Meeting, *, by_robot: bool) -> None:
-        """One cube overlaps another that it has come to."""
+        """Judge an overlap of a moved cube with another one."""
         episode = state.episodes.get(meeting.lies)
         if episode is None:
             episode = Episode(now, now, (meeting.comes,), 0.0, 0.0, False, False, now)
@@ -288,7 +288,7 @@ class Verdicts:
         episode.caused |= by_robot and not episode.by_person
 
     def _touch(self, state: RefereeState, placed: Array, met: Encounter) -> Touch:
-        """The touch, with the part's motion relative to the frame that the other is fixed to."""
+        """The touch, with the part's motion relative to the frame to which the other is fixed."""
         before = state.placed_before[met.i]
         if met.frame >= 0:
             before = carried_along(before, state.placed_before[met.frame], placed[met.frame])
@@ -310,7 +310,7 @@ class Verdicts:
     def _by_robot(
         self, state: RefereeState, world: World, placed: Array, met: Encounter, touch: Touch, *, begins: bool
     ) -> bool:
-        """The robot caused the contact: now, by its earlier motion, or by an object that it dropped.
+        """True when the robot caused the contact: now, by its earlier motion, or by an object that it dropped.
 
         While a body that hit the robot passes through it, only the robot's motion against that body counts.
         """
@@ -324,7 +324,7 @@ class Verdicts:
         return cuts_in(state.in_way, met.other, world.time) or self._came_just_now(state, world, placed, met)
 
     def _came_just_now(self, state: RefereeState, world: World, placed: Array, met: Encounter) -> bool:
-        """The other moves, but they would not touch had the robot stopped at its last chance."""
+        """True when the two would not touch if the robot had stopped at its last chance; the other moves."""
         trail = state.trail
         if not len(trail) or world.time - trail[0, 0] > trail[0, -1] + 1e-9 or trail[0, -1] == 0.0:
             return False
@@ -337,13 +337,13 @@ class Verdicts:
 
 
 def _way(point: Array, before: Array, now: Array) -> Array:
-    """Way [m] of a point in the last substep that is fixed to a body, whose transforms (4, 4) are given."""
+    """Displacement [m] in the last substep of a point fixed to a body with these transforms (4, 4)."""
     local = transposed_times(now[:3, :3], point - now[:3, 3])
     return point - (times(before[:3, :3], local) + before[:3, 3])
 
 
 def _against(touch: Touch) -> bool:
-    """The robot drives against a moving body, or the body is at rest."""
+    """True when the robot moves against a moving body, or the body is at rest."""
     speed, other = norm(touch.velocity), norm(touch.other_velocity)
     return other <= MOVES or dot(touch.velocity, touch.other_velocity) < -AGAINST * speed * other
 

@@ -1,4 +1,4 @@
-"""Edits of the simulated world: each is checked, then applied between substeps; waiting edits are tried on a copy."""
+"""Edits of the simulated world: checked, then applied between substeps; waiting edits are tried on a copy."""
 
 import math
 from collections.abc import Iterable, Sequence
@@ -45,18 +45,18 @@ from motm_twin.sim.responsibility import Shift
 from motm_twin.sim.sensors import Localisation
 from motm_twin.sim.solids import NOTHING, STILL, STILL_TURN, Furnishings, Scenery, as_obstacle, build_scenery, same_pose
 
-MOST_BODIES = 100  # that persons may add
+MOST_BODIES = 100  # bodies that persons may add
 _PUSH_LOOKS = 10  # poses checked along a push
 _TOUCHED = 0.01  # [m] about a point that must be free of others
 _QUOTED = 40  # characters of a wrong name that are quoted
 
 
 class EditError(ValueError):
-    """An edit that the world cannot take; says why and what would do."""
+    """An edit that the world refuses; tells the reason and a remedy."""
 
 
 def check_edit(furnishings: Furnishings, state: PlantState, scenery: Scenery, edit: WorldEdit) -> None:
-    """Raise `EditError` unless the world can take the edit as it stands; ``scenery`` is that of the state's layout."""
+    """Raise `EditError` unless the world in its present state accepts the edit; ``scenery``: of the state's layout."""
     if problem := bounds.problem(edit):
         raise EditError(problem)
     agents = [item.agent.name for item in state.agents]
@@ -84,7 +84,7 @@ def check_edit(furnishings: Furnishings, state: PlantState, scenery: Scenery, ed
 
 
 def _require(name: str, names: Iterable[str], kind: str) -> None:
-    """Raise `EditError` for an unknown name; says which were meant, or all."""
+    """Raise `EditError` for an unknown name; names the similar ones, or all."""
     known = sorted(names)
     if name not in known:
         raise EditError(f"{_quoted(name)} is not {kind} here; {hint(name, known)}")
@@ -181,8 +181,8 @@ class Effect:
     """Effect of an edit, for the referee."""
 
     moved: dict[str, Shift] = field(default_factory=dict)  # solids, bins and agents moved by more than jitter
-    disturbed: tuple[str, ...] = ()  # objects that lie or fall where they do by a person's doing
-    pushed: bool = False  # the robot was
+    disturbed: tuple[str, ...] = ()  # objects that lie or fall because of a person
+    pushed: bool = False  # the robot was pushed
 
 
 class Effects:
@@ -221,7 +221,7 @@ class Effects:
         return effect, scenery
 
     def scenery(self, state: PlantState, known: Scenery | None = None) -> Scenery:
-        """The scenery of a state; the known one while it is valid."""
+        """The scenery of a state; ``known`` while it is still valid."""
         tallest = max((item.agent.height for item in state.agents), default=0.0)
         if known is not None and known.tallest == tallest and known.layout == state.layout:
             return known
@@ -336,7 +336,7 @@ def _floats(pose: Iterable[float]) -> tuple[float, float, float]:
 
 
 def _direct(agent: AgentState | None, edit: FreezeBody | SendAgent | SetBehaviour) -> None:
-    """Tell an agent what to do; it stops first."""
+    """Give an agent an order; it stands still until its next look."""
     assert agent is not None
     match edit:
         case FreezeBody(frozen=frozen):
@@ -355,10 +355,10 @@ class Rehearsal:
         """The state is copied when the first edit is tried."""
         self._effects, self._state, self._scenery = effects, state, scenery
         self._copied = False
-        self._due: edits.WorldEdit | None = None  # accepted last; the last one of all need never be tried
+        self._due: edits.WorldEdit | None = None  # accepted last: tried only when another one follows
 
     def accept(self, edit: edits.WorldEdit) -> None:
-        """Take an edit after those that were accepted before; raises ValueError when the world will not take it."""
+        """Accept an edit after the earlier ones. Raises ValueError when the world refuses it."""
         self._catch_up()
         check_edit(self._effects.furnishings, self._state, self._scenery, edit)
         self._due = edit

@@ -1,9 +1,9 @@
 """`motm-twin bench barn`: worlds of the BARN challenge as scene files, or worlds like them from seeds.
 
 As in the challenge, time starts after 0.1 m, and a run succeeds within 1 m of the goal in 100 s without a contact.
-Its metric is OT / clip(AT, 2 OT, 8 OT), 0 without success: AT is its time, OT = (length of the way) / 2 m/s. A
-converted file says OT in a comment, as ``optimal time 5.6259 s``. Without one it is of the shortest way for a disc of
-the inscribed radius of the footprint, which is shorter than the grid paths of the challenge, and no easier.
+Its metric is OT / clip(AT, 2 OT, 8 OT), 0 without success: AT is its time, OT = (length of the path) / 2 m/s. A
+converted file has OT in a comment, as ``optimal time 5.6259 s``. Without one, OT is that of the shortest path of a disc
+with the inscribed radius of the footprint; it is shorter than the grid paths of the challenge, and so not easier.
 """
 
 import math
@@ -32,10 +32,10 @@ from motm_twin.twin import Twin
 
 NAME = "barn"
 TITLE = "BARN: through fields of cylinders that no map shows"
-BEGUN = 0.1  # [m] from the start, where the time begins
+BEGUN = 0.1  # [m] from the start, after which the time begins
 OPTIMAL_SPEED = 2.0  # [m/s] of OT
-AT_LEAST, AT_MOST = 2.0, 8.0  # times OT that the time is clipped to
-WARM_UP = 20  # periods that are not counted
+AT_LEAST, AT_MOST = 2.0, 8.0  # limits to which the time is clipped, in multiples of OT
+WARM_UP = 20  # periods whose computing time is not counted
 LIDAR = Lidar(x=0.12, field_of_view=270.0 * DEG, beams=720, range_min=0.1, range_max=30.0, rate=40.0)
 PROFILES = ("nominal", "controller")
 _OPTIMAL = re.compile(r"optimal time ([0-9.]+) s")
@@ -43,7 +43,7 @@ Result = dict[str, Any]
 
 
 class World(msgspec.Struct, frozen=True, kw_only=True):
-    """One run: a world, and how and by which robot it is crossed."""
+    """One run: a world with its robot, and the method."""
 
     scene: Scene
     method: str
@@ -64,9 +64,9 @@ def limits_of(profile: str) -> BaseLimits:
 
 
 def worlds(names: Sequence[str], methods: Sequence[str], profile: str | None) -> list[World]:
-    """The runs of scene files or ``barn:SEED``; ``profile``: of `PROFILES`, None: the robot of the file.
+    """The runs of scene files or ``barn:SEED``; ``profile``: one of `PROFILES`; None: the robot of the file.
 
-    Raises SceneError, and MethodError for a method that is none.
+    Raises SceneError, and MethodError for an unknown method.
     """
     found = []
     for method in methods:
@@ -77,14 +77,14 @@ def worlds(names: Sequence[str], methods: Sequence[str], profile: str | None) ->
         if profile is not None:
             robot = msgspec.structs.replace(scene.robot, base=limits_of(profile), lidar=LIDAR)
             scene = msgspec.structs.replace(scene, robot=robot)
-        text = "" if is_made(name) else find_scene(name)[0].read_text(encoding="utf-8")  # its comments say OT
+        text = "" if is_made(name) else find_scene(name)[0].read_text(encoding="utf-8")  # a comment may have OT
         optimal = optimal_time(scene, text)
         found += [World(scene=scene, method=method, optimal=optimal) for method in methods]
     return found
 
 
 def optimal_time(scene: Scene, text: str = "") -> float:
-    """OT [s]: what a comment of the scene file says, else that of the shortest way of the inscribed disc."""
+    """OT [s]: from a comment of the scene file, else from the shortest path of the inscribed disc."""
     said = _OPTIMAL.search(text)
     if said:
         return float(said[1])
@@ -97,7 +97,7 @@ def optimal_time(scene: Scene, text: str = "") -> float:
 
 
 def goal_of(scene: Scene) -> DriveTo:
-    """Goal of the scene: its last task. Raises ValueError when that is no drive."""
+    """Goal of the scene: its last task. Raises ValueError when that is not a drive."""
     goal = scene.tasks[-1]
     if not isinstance(goal, DriveTo):
         raise ValueError(f"{scene.name} is no BARN world: its last task is not drive_to")
@@ -154,7 +154,7 @@ def bench_barn(
 ) -> bool:
     """Run all worlds, print the table, write ``out/barn.json``; True when every world was crossed without a contact.
 
-    Raises ValueError (SceneError, MethodError) for names that are none.
+    Raises ValueError (SceneError, MethodError) for unknown names.
     """
     runs = worlds(names, methods or (FAST.name,), profile)
     console.print(f"\n[bold]{NAME}[/bold]: {TITLE}")

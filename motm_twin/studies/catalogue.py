@@ -1,10 +1,10 @@
 """Experiments by name: the paper's, ablations and sweeps, further scenes, and errors of all kinds.
 
 `grasp_delay`: tasks of Failure Recovery for On-The-Move Mobile Manipulation (arXiv 2305.08351), with each grasp late or
-failing. All methods know the cube's place beforehand, since a plan must; all other errors are present. Published times
-are in `measures.references`.
+failing. All methods know the cube's place in advance, because a planner needs it; all other errors are present.
+Published times are in `measures.references`.
 
-`robustness`: one error at a time, in a world without any other. Each trial is one pick where the path turns, so
+`robustness`: one error at a time, in a world without others. Each trial is one pick where the path turns, so
 that success means a successful grasp.
 
 `mismatch`: deviations of robot and world from the robot's model, on top of the usual noise, in Experiment 1.
@@ -24,7 +24,7 @@ from motm_twin.studies.spec import Experiment, TrialSpec
 
 REACTIVE, SEQUENTIAL, PLANNED = "motm", "sequential", "open_loop"
 COMPARED_METHODS = (REACTIVE, SEQUENTIAL, PLANNED)
-SEEDS = 5  # of each level, unless a number of trials is asked for
+SEEDS = 5  # seeds of each level, by default
 
 TASKS = ("line", "turn", "obstructed_turn")
 DELAY, MISSES, SLIPS = "faults.grasp_delay", "faults.grasp_misses", "faults.grasp_slips"
@@ -34,7 +34,7 @@ GRASP_FAULTS: Mapping[str, tuple[float, ...]] = {
     SLIPS: (0, 1, 2, 3),
 }
 
-ERRORS: Mapping[str, tuple[float, ...]] = {  # field of the scene: levels, the first is none
+ERRORS: Mapping[str, tuple[float, ...]] = {  # field of the scene: levels, the first without error
     "noise.localisation_position_sd": (0.0, 0.01, 0.02, 0.05, 0.1),  # [m]
     "noise.localisation_heading_sd": tuple(degrees * DEG for degrees in (0.0, 0.5, 1.0, 2.0, 5.0)),  # [rad]
     "noise.slot_error_until_seen": (0.0, 0.01, 0.03, 0.06, 0.1),  # [m]
@@ -42,14 +42,14 @@ ERRORS: Mapping[str, tuple[float, ...]] = {  # field of the scene: levels, the f
     "noise.camera_position_sd_at_01m": (0.0, 0.002, 0.005, 0.01, 0.02),  # [m]
     "noise.base_speed_scale_sd": (0.0, 0.02, 0.05, 0.1, 0.2),  # share
     "noise.arm_rate_sd": (0.0, 0.005, 0.01, 0.02, 0.05),  # [rad/s]
-    "faults.cube_moved_by": (0.0, 0.02, 0.05, 0.1, 0.15),  # [m] when the base is within 1 m
+    "faults.cube_moved_by": (0.0, 0.02, 0.05, 0.1, 0.15),  # [m] shift when the base is within 1 m
 }
 SHAKEN = "joint rates 2 deg/s"
 MISMATCHES: Mapping[str, Mapping[str, float]] = {  # name of the row: fields of the scene
     "none": {},
     "delay 100 ms": {"mismatch.command_delay": 0.1},
     "delay 200 ms": {"mismatch.command_delay": 0.2},
-    "base lag 0.3 s": {"mismatch.base_lag": 0.2},  # 0.1 s are in its profile
+    "base lag 0.3 s": {"mismatch.base_lag": 0.2},  # plus 0.1 s in its profile
     "base scale 8 %": {"mismatch.base_scale": 0.08},
     "camera latency 200 ms": {"noise.camera_latency": 0.2},
     "hand-eye 10 mm": {"mismatch.hand_eye": 0.01},
@@ -88,7 +88,7 @@ def mismatch_specs(methods: Sequence[str], trials: int | None) -> Iterable[Trial
 def _levels(
     scene: str, variant: str, levels: Mapping[str, tuple[float, ...]], methods: Sequence[str], trials: int | None
 ) -> Iterable[TrialSpec]:
-    """Trials of all levels, seed by seed: an early end has all levels of some seeds."""
+    """Trials of all levels, seed by seed: an early end leaves all levels of some seeds."""
     for seed in range(trials or SEEDS):
         for method in methods:
             for name, values in levels.items():
@@ -97,9 +97,9 @@ def _levels(
 
 
 FURTHER = ("l_bench", "island", "facing_tables", "doorway", "far_targets", "shelf_run")
-GENERATED = 21  # scenes, unless a number is asked for
-STEPS = 20  # difficulties from 0 to 1 in steps of 1/20, one after the other
-BANDS = (0.0, 0.25, 0.5, 0.75)  # lower ends of the rows in which generated scenes are counted together
+GENERATED = 21  # scenes, by default
+STEPS = 20  # difficulties go from 0 to 1 in this many steps
+BANDS = (0.0, 0.25, 0.5, 0.75)  # lower limits of the difficulty in the rows of generated scenes
 
 
 def further_specs(methods: Sequence[str], trials: int | None) -> Iterable[TrialSpec]:
@@ -111,7 +111,7 @@ def further_specs(methods: Sequence[str], trials: int | None) -> Iterable[TrialS
 
 
 def strangers_specs(methods: Sequence[str], trials: int | None) -> Iterable[TrialSpec]:
-    """The scenes of strangers and their variants with the seeds in their files; ``trials``: further seeds, from 0."""
+    """The scenes by strangers and their variants with the seeds of their files; ``trials``: further seeds, from 0."""
     for seed in (None, *range(trials or 0)):
         for scene in strangers_names():
             for variant in listing(load_document(scene)).variants or (None,):
@@ -119,14 +119,14 @@ def strangers_specs(methods: Sequence[str], trials: int | None) -> Iterable[Tria
 
 
 def generated_specs(methods: Sequence[str], trials: int | None) -> Iterable[TrialSpec]:
-    """The generated scenes of the seeds 0 to n - 1, each as hard as `difficulty_of` says."""
+    """The generated scenes of the seeds 0 to n - 1, with the difficulties of `difficulty_of`."""
     for seed in range(trials or GENERATED):
         for method in methods:
             yield TrialSpec(name_of(seed, difficulty_of(seed)), None, seed, method)
 
 
 def difficulty_of(seed: int) -> float:
-    """Difficulty of the scene of a seed in the experiment: 0, 0.05, ... 1, and again."""
+    """Difficulty of the scene of a seed in the experiment: 0, 0.05, ... 1, then again from 0."""
     return (seed % (STEPS + 1)) / STEPS
 
 
@@ -156,7 +156,7 @@ ALL = "all"
 PUBLISHED = 10  # arrangements of Experiment 1 in the paper, "trial1" to "trial10"
 MOST_TRIALS = 1_000_000
 NAMES_OF_ABLATIONS = tuple(method.name for method in ABLATIONS)
-NOT_COMPARED = (*NAMES_OF_ABLATIONS, "open_loop", "orca")  # for contrast: a plan carried out blindly; a base alone
+NOT_COMPARED = (*NAMES_OF_ABLATIONS, "open_loop", "orca")  # for contrast: a plan executed blindly; a base alone
 
 SWEEPS: dict[str, tuple[float, ...]] = {  # parameter of `control.tuning`: values besides the shipped one
     "next_weight": (0.0, 0.5, 2.0, 3.0),
@@ -177,17 +177,17 @@ Specs = Callable[[Sequence[str], int | None], Iterable[TrialSpec]]  # methods, n
 
 @dataclass(frozen=True, kw_only=True)
 class Entry:
-    """An experiment that can be asked for by name."""
+    """An experiment with a name."""
 
     title: str
     specs: Specs
-    methods: tuple[str, ...] = (MOTM.name,)  # when none are named
+    methods: tuple[str, ...] = (MOTM.name,)  # default methods
 
 
 def methods_of(names: Iterable[str]) -> tuple[str, ...]:
-    """Names of methods: "all" are the systems that are compared, "ablations" the modifications switched off alone.
+    """Names of methods: "all" stands for the compared systems, "ablations" for single modifications switched off.
 
-    Raises MethodError for a name that is none.
+    Raises MethodError for an unknown name.
     """
     found: list[str] = []
     for name in names:
@@ -205,7 +205,7 @@ def methods_of(names: Iterable[str]) -> tuple[str, ...]:
 
 
 def experiment(name: str, methods: Sequence[str] = (), trials: int | None = None) -> Experiment:
-    """The experiment of this name. Raises ValueError for a name or a number that is not possible."""
+    """The experiment of this name. Raises ValueError for an unknown name or an impossible number."""
     if name not in EXPERIMENTS:
         raise ValueError(f"there is no experiment {name!r}; {hint(name, EXPERIMENTS)}")
     if trials is not None and not 1 <= trials <= MOST_TRIALS:
@@ -223,7 +223,7 @@ def arrangements(trials: int | None) -> list[tuple[str, int | None]]:
 
 
 def _on(scene: str, changes: Mapping[str, float] | None = None) -> Specs:
-    """Every method on every arrangement: all of one arrangement, then the next, so that an early end compares."""
+    """Every method on every arrangement, arrangement by arrangement, so that an early end still allows a comparison."""
     return lambda methods, trials: (
         TrialSpec(scene, variant, seed, method, changes=dict(changes or {}))
         for variant, seed in arrangements(trials)
@@ -232,7 +232,7 @@ def _on(scene: str, changes: Mapping[str, float] | None = None) -> Specs:
 
 
 def _with_temis(variant: str) -> Specs:
-    """Experiment 2, and the same arrangements and seeds of Experiment 1 to compare with."""
+    """Experiment 2, and for comparison the same arrangements and seeds of Experiment 1."""
     alone = {"one_temi": "trial1", "blind": "random"}.get(variant, variant)
     return lambda methods, trials: (
         TrialSpec(scene, which, seed, method)
@@ -243,7 +243,7 @@ def _with_temis(variant: str) -> Specs:
 
 
 def _sweep(parameter: str) -> Specs:
-    """The shipped value, and the others."""
+    """Trials with the shipped value of a parameter, and with others."""
     settings = [{}, *({parameter: value} for value in SWEEPS[parameter])]
     return lambda methods, trials: (
         TrialSpec(scene, variant, seed, method, parameters)

@@ -1,10 +1,10 @@
-"""Disturbances of a run and their effect: faults of sensors and robot, and things put in the robot's way.
+"""Disturbances of a run and their effect: faults of sensors and robot, and bodies put in the robot's way.
 
-Faults, each kind in the paper's experiments, are injected where they matter. The robot must cause no contact, find the
-cause within a second, and resume work when the fault ends.
+Faults of each kind are injected into the paper's experiments, where they matter. The robot must cause no contact, find
+the cause within a second, and resume work when the fault ends.
 
-Things are put before the moving base, onto its goal, and onto its hand. On touch the base brakes fully, and then
-only moves out of the overlap; it does not circle round a goal that is occupied; and the arm moves no further into an
+Bodies are put before the moving base, onto its goal, and onto its hand. On contact the base brakes fully, and then
+only moves out of the overlap; it does not circle round an occupied goal; and the arm moves no further into an
 obstacle that it overlaps.
 """
 
@@ -37,12 +37,12 @@ NAME = "faults"
 TITLE = "Faults of sensors and robot: contacts, the cause, and whether the work goes on"
 SCENES = {"exp1": "random", "exp1a": "random", "exp2": "random"}
 SEEDS = 10
-LASTS = 4.0  # [s]
-AFTER = LASTS + 3.0  # [s] from a fault in which findings are of it, and no other begins
-TIMES = (6.0, 26.0, 46.0)  # [s] from which a fault is injected, as soon as it matters
-WITHIN = 1.0  # [s] in which its cause must be found
-SPEEDS_UP = (0.3, 1.0)  # [m/s^2], [rad/s^2] of a base whose lag can be noticed: plans turn for a period with 0.9
-WITH_NAMES = ("camera_swap",)  # means nothing to a camera that does not name what it sees
+LASTS = 4.0  # [s] duration of a fault
+AFTER = LASTS + 3.0  # [s] after a fault: findings are due to it, and no other begins
+TIMES = (6.0, 26.0, 46.0)  # [s] from which the next fault is injected, as soon as it matters
+WITHIN = 1.0  # [s] within which its cause must be found
+SPEEDS_UP = (0.3, 1.0)  # [m/s^2], [rad/s^2] that reveal a base's lag: plans turn for one period with 0.9
+WITH_NAMES = ("camera_swap",)  # faults that need a camera with named detections
 NONE = "none"  # the same trials without a fault
 CAUSES: dict[str, tuple[str, ...]] = {  # kinds of findings that name a fault
     "lidar_off": ("scan_old",),
@@ -74,7 +74,7 @@ def _drives(tick: Tick) -> bool:
 
 
 def _looks(tick: Tick) -> bool:
-    """The camera sees what the hand comes for."""
+    """True when the camera sees the object that the hand approaches."""
     if tick.task_index >= len(tick.tasks) or tick.arm[-1].phase not in (Phase.TRANSIT, Phase.FINAL):
         return False
     task = tick.tasks[tick.task_index]
@@ -82,7 +82,7 @@ def _looks(tick: Tick) -> bool:
 
 
 def _sees_furniture(tick: Tick) -> bool:
-    """Mapped furniture returns over a good part of what lies ahead."""
+    """True when a good part of the beams ahead hits mapped furniture."""
     scan = tick.observation.scan
     if scan is None or not _drives(tick):
         return False
@@ -113,23 +113,23 @@ def noticeable(kind: str) -> Callable[[Tick], bool]:
 class Injection:
     """Findings after one injection."""
 
-    at: float  # [s] of it; of stuck fingers the next command to them: before it nothing can show
-    named: float | None = None  # [s] after that
+    at: float  # [s] of the injection; for stuck fingers of their next command, before which nothing shows
+    named: float | None = None  # [s] after that: the cause was found
     shown: str = ""  # sentence of that period
-    fingers: str = ""  # their command then, until another one comes
+    fingers: str = ""  # command of stuck fingers at the injection, until it changes
 
 
 @dataclass
 class Watch:
-    """Injects the fault of a trial, and watches what is found."""
+    """Injects the fault of a trial, and collects the robot's findings."""
 
     kind: str
     due: list[float] = field(default_factory=lambda: list(TIMES))
     seen: list[Injection] = field(default_factory=list)
-    false: dict[str, int] = field(default_factory=dict)  # findings while nothing was wrong: periods
+    false: dict[str, int] = field(default_factory=dict)  # false finding: number of periods
 
     def next_edit(self, tick: Tick) -> InjectFault | None:
-        """The fault, when its time has come and it matters."""
+        """The fault, when it is due and matters; else None."""
         lasts = bool(self.seen) and tick.time <= self.seen[-1].at + AFTER
         if self.kind == NONE or lasts or not self.due or tick.time < self.due[0] or not noticeable(self.kind)(tick):
             return None
@@ -194,8 +194,8 @@ def bench_faults(
 ) -> bool:
     """Run, print, write ``out/faults.json``; True when nothing was hit, every cause was found in time and all was done.
 
-    ``share`` of ten seeds; only these ``kinds`` and ``scenes`` when any are named. Trials that this source has run
-    before are taken from that file.
+    ``share`` of ten seeds; only these ``kinds`` and ``scenes`` if any are named. Trials that were run by the same
+    source are taken from that file.
     """
     console.print(f"\n[bold]{NAME}[/bold]: {TITLE}")
     seeds = range(math.ceil(SEEDS * share))
@@ -213,7 +213,7 @@ def bench_faults(
         if not good(one):
             console.print(f"  {failure_line(one)}", style="yellow", markup=False)
         results.sort(key=lambda one: (chosen.index(one["kind"]), places.index(one["scene"]), one["seed"]))
-        whole = len(results) == len(cells)  # a bench that takes hours may be stopped: what is there so far is written
+        whole = len(results) == len(cells)  # a bench that takes hours may be stopped: results so far are written
         reached = whole and all(map(good, results))
         write_report(out, NAME, TITLE, whole=whole, reached=reached, source=source, trials=results + others)
         SHEET.write(out / f"{NAME}.md", rows_of(results))
@@ -223,7 +223,7 @@ def bench_faults(
 
 
 def _known(file: Path, source: str) -> list[dict[str, Any]]:
-    """Trials in an earlier report, when the same source has run them."""
+    """Trials in an earlier report, if the same source ran them."""
     if not file.is_file():
         return []
     report = msgspec.json.decode(file.read_bytes(), type=dict[str, Any])
@@ -235,17 +235,17 @@ def _cell(one: dict[str, Any]) -> tuple[str, str, int]:
 
 
 def good(one: dict[str, Any]) -> bool:
-    """Nothing was hit, every cause was found in time, and all was done."""
+    """True when nothing was hit, every cause was found in time, and all tasks were done."""
     return bool(one["success"]) and not one["caused"] and not one["dropped"] and all(map(in_time, one["named_s"]))
 
 
 def in_time(delay: float | None) -> bool:
-    """The cause was found within a second."""
+    """True when the cause was found within a second."""
     return delay is not None and delay <= WITHIN + 1e-6
 
 
 def failure_line(one: dict[str, Any]) -> str:
-    """A trial that was not good, in one line."""
+    """A failed trial in one line."""
     where = f"{one['scene']} seed {one['seed']} {one['kind']}: {one['placed']}/{one['places']} in {one['time_s']} s"
     caused = f"; {'; '.join(one['caused'])}" if one["caused"] else ""
     return f"{where}, named after {one['named_s']} s{caused}{'; ' + one['reason'] if one['reason'] else ''}"
@@ -283,18 +283,18 @@ METHODS = ("fast", "motm", "staa")
 GAPS = (-0.04, 0.0, 0.02, 0.05, 0.10)  # [m] between the front of the base and the box
 SPEEDS = (0.1, 0.25, 0.5, 1.0)  # [m/s] of the base
 OVER = 0.02  # [m] beyond the stopping distance that the base may travel in contact
-REVERSALS = 3  # most of them before a taken goal
+REVERSALS = 3  # most reversals before an occupied goal
 GOALS = (  # name, shape, size [m]
     ("box 0.3 m", "box", 0.3), ("box 0.5 m", "box", 0.5), ("box 0.8 m", "box", 0.8),
     ("cylinder 0.4 m", "cylinder", 0.4), ("person", "person", 0.0), ("temi", "temi", 0.0),
 )  # fmt: skip
 PHASES = (Phase.TRANSIT, Phase.FINAL, Phase.LIFT, Phase.CARRY, Phase.RELEASE)
-STAYS = 14.0  # [s] that a box stays on the hand
-_PUT_AT = 40  # period in which the base has its speed, but for quick ones
-_LAG = 0.05  # [s] a period: a placed body is seen in the next
-_BOX_LENGTH = 1.5  # [m] along the way: more than a quick base needs to stop
+STAYS = 14.0  # [s] for which a box stays on the hand
+_PUT_AT = 40  # period in which the base has its speed, unless it is fast
+_LAG = 0.05  # [s] one period: a body is seen in the period after it was put
+_BOX_LENGTH = 1.5  # [m] along the way: longer than the stopping distance of a fast base
 _MOVES = 0.03  # [m/s]
-_OUT = 0.6  # [m] from the middle of the base: the hand is beside it
+_OUT = 0.6  # [m] from the middle of the base, beyond which the hand is beside it
 
 
 class Case(NamedTuple):
@@ -326,7 +326,7 @@ def run_case(case: Case) -> dict[str, Any]:
 
 
 def _open_floor(speed: float, goals: tuple[tuple[float, float], ...], limit: float) -> Scene:
-    """Frankie on an empty floor, at most that fast [m/s], driving to points one after the other."""
+    """Frankie on an empty floor with a ``speed`` limit [m/s], driving to points one after the other."""
     scene = load_scene(SCENE)
     base = scene.robot.base
     base = msgspec.structs.replace(base, forward_speed=speed, reverse_speed=min(base.reverse_speed, speed))
@@ -342,9 +342,9 @@ def _open_floor(speed: float, goals: tuple[tuple[float, float], ...], limit: flo
 
 
 def _before(case: Case) -> dict[str, Any]:
-    """A box before the base that drives: how far it goes on [m] while it touches it, and what is allowed.
+    """Put a box before the driving base: distance [m] that the base goes on in contact, and the allowed distance.
 
-    The arm may not touch itself while it dodges.
+    The arm must not touch itself while it evades.
     """
     scene = _open_floor(case.speed, ((9.0, 0.0),), 120.0)
     base, body = scene.robot.base, scene.robot.footprint
@@ -369,7 +369,7 @@ def _before(case: Case) -> dict[str, Any]:
 
 
 def _goal(case: Case) -> dict[str, Any]:
-    """The goal is taken while the robot drives there: when it gives up, and how often it turns back before."""
+    """Occupy the goal while the robot drives there: time until it gives up, and number of reversals before."""
     scene = _open_floor(load_scene(SCENE).robot.base.forward_speed, ((3.0, 0.0), (0.0, 1.0)), 60.0)
     twin = Twin(scene, method=find_method(case.method))
     reversals, sign, given_up = 0, 0, math.nan
@@ -388,7 +388,7 @@ def _goal(case: Case) -> dict[str, Any]:
 
 
 def _hand(case: Case) -> dict[str, Any]:
-    """A box onto the hand in a phase of a trial, for a while: what the robot touches by its own doing, and the rest."""
+    """Put a box onto the hand for a while in one phase of a trial: contacts that the robot causes."""
     scene = load_scene("exp1", "trial1")
     twin = Twin(scene, method=find_method(case.method))
     put, gone = math.nan, False
@@ -412,7 +412,7 @@ def _caused(tick: Tick) -> list[str]:
 
 
 def _ended(tick: Tick, *, good: bool, told: str) -> dict[str, Any]:
-    """Fields of a result that all parts have."""
+    """Fields that the results of all parts have."""
     return {
         "good": bool(good), "told": told, "time_s": round(tick.time, 2), "done": tick.done, "success": tick.success,
         "caused": _caused(tick), "reason": tick.stop_reason,

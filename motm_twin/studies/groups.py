@@ -1,4 +1,4 @@
-"""Groups of trials with numbers to reach, and how long the task takes: trials, how they are run, and tables."""
+"""Groups of trials with goals, and the benchmark of the task time: trials, their execution, and tables."""
 
 import math
 import time
@@ -41,13 +41,13 @@ Measure = Callable[[list[Result]], float]
 class Trial(TrialSpec, frozen=True, kw_only=True):
     """One run, with options beyond those of a `TrialSpec`."""
 
-    link: LinkSpec | None = None  # the robot in another process, behind this link, on a shared clock
-    beside: bool = False  # run on the kinematic plant, too
+    link: LinkSpec | None = None  # external robot behind this link, on a shared clock
+    beside: bool = False  # also run it on the kinematic plant
 
 
 @dataclass(frozen=True, kw_only=True)
 class Goal(Limit):
-    """A number to reach, and how it is taken from the results of a group."""
+    """A number to reach, and its measurement from the results of a group."""
 
     measure: Measure
 
@@ -63,7 +63,7 @@ class Group:
     alone: bool = False  # one trial at a time: its wall time is measured
 
     def on(self, plant: str) -> "Group":
-        """The same group on another plant; with the default one, trials keep their own."""
+        """The same group on another plant; with the default plant, trials keep their own."""
         if plant == PLANTS[0]:
             return self
         return replace(self, trials=tuple(msgspec.structs.replace(trial, plant=plant) for trial in self.trials))
@@ -90,7 +90,7 @@ def _worst(part: str) -> Measure:
 
 
 def _mean_time(results: list[Result], time: Callable[[Result], float] = lambda result: result["time_s"]) -> float:
-    """Mean time [s] over completed trials only when all are: a trial that gave up early is not fast."""
+    """Mean time [s] if all trials are completed, else nan: a trial that gave up early is not fast."""
     completed = bool(results) and all(result["success"] for result in results)
     return float(np.mean(list(map(time, results)))) if completed else NAN
 
@@ -105,7 +105,7 @@ def _first_time(results: list[Result]) -> float:
 
 
 def _disagreements(results: list[Result]) -> int:
-    """Contacts that the referee's geometry has and the forces have not, and the reverse."""
+    """Number of contacts found by the referee's geometry only, or by the forces only."""
     return sum(len(result["physics"]["disagreements"]) for result in results if "physics" in result)
 
 
@@ -139,7 +139,7 @@ def _at_least(name: str, unit: str, limit: float, measure: Measure, decimals: in
 
 
 def _slowest(results: list[Result]) -> float:
-    """Over all trials but the first, which may have compiled kernels."""
+    """Least real-time factor of all trials but the first, which may have compiled kernels."""
     return min((result["realtime_factor"] for result in results[1:]), default=NAN)
 
 
@@ -189,7 +189,7 @@ _GROUPS = (
         name="external_outages",
         title="The same through 20 ms latency, where in every 2 s nothing arrives for 0.25 s, at random times",
         trials=_published("exp1", (LinkSpec(latency=0.02, outage=0.25, every=2.0, seed=k) for k in range(1, 11))),
-        goals=tuple(goal for goal in _done(60) if goal.name != "picked"),  # what it loses it picks again
+        goals=tuple(goal for goal in _done(60) if goal.name != "picked"),  # lost cubes are picked again
     ),
     Group(
         name="physics",
@@ -226,7 +226,7 @@ LIMIT_S = 1800.0  # [s] of wall time per group; trials not done by then count as
 
 
 def run_group(group: Group, workers: int, limit_s: float = LIMIT_S) -> Iterator[Result]:
-    """Results in the order of the trials, each as soon as it and those before it are done."""
+    """Results in the order of the trials, each as soon as it and all before it are done."""
     deadline = time.monotonic() + limit_s
     calls = [(trial, deadline) for trial in group.trials]
     done: dict[int, Result] = {}
@@ -260,12 +260,12 @@ def _run_until(call: tuple[Trial, float]) -> Result:
         return failed(trial, f"not run: the group's limit of {LIMIT_S:.0f} s of wall time was over")
     try:
         return run_one(trial)
-    except Exception as error:  # of the robot in another process; the others are still worth a table
+    except Exception as error:  # of the external robot; the other trials are still worth a table
         return failed(trial, f"{type(error).__name__}: {error}")
 
 
 def failed(trial: Trial, reason: str) -> Result:
-    """The result of a trial that gave none."""
+    """Placeholder for the result of a trial that had none."""
     return {
         **broken(job_of(trial), reason), "in_process_s": 0.0, "kinematic_s": None, "reference_tour_s": 0.0,
         "tick_ms": dict.fromkeys(("p50", "p99", "max"), NAN), "realtime_factor": 0.0, "state_hash": f"none: {reason}",
@@ -357,7 +357,7 @@ WANTED = (
 
 
 def experiments(share: float) -> dict[str, Experiment]:
-    """The experiments by the folder that they are kept in; ``share`` of the random seeds and generated scenes."""
+    """The experiments by the folder of their results; ``share`` of the random seeds and generated scenes."""
     random, generated = math.ceil(RANDOM * share), math.ceil(GENERATED * share)
     trials = dict.fromkeys(("exp1", "exp1a", "exp1_random", "exp2", "one_temi", "quick_robot", "further_scenes"))
     trials |= dict.fromkeys(("exp1_random", "exp2", "one_temi"), random) | {"generated": generated}
@@ -366,9 +366,9 @@ def experiments(share: float) -> dict[str, Experiment]:
 
 
 def bench_task(out: Path, share: float, workers: int, console: Console) -> bool:
-    """Run, print, write ``out/task.json``; True when `fast` reaches everything that is wanted at least.
+    """Run, print, write ``out/task.json``; True when `fast` reaches all least goals.
 
-    About 900 trials with a share of 1: reckoned at two hours of one core.
+    About 900 trials with a share of 1: estimated at two hours of one core.
     """
     console.print(f"\n[bold]{TASK}[/bold]: {TASK_TITLE}")
     chosen = experiments(share)
@@ -448,7 +448,7 @@ def parts_table(spent: dict[str, dict[str, dict[str, float]]]) -> Table:
 
 
 def _over_exp1(results: Iterable[Result]) -> float:
-    """By how much [%] the trials with Temis take longer than those without, by seed."""
+    """Additional time [%] of the trials with Temis against those without, paired by seed."""
     times: dict[str, dict[int, float]] = {"exp1": {}, "exp2": {}}
     for result in results:
         if not result["success"]:
@@ -467,7 +467,7 @@ def _completed(results: list[Result]) -> float:
 
 
 def _without_success(results: Results, method: str) -> list[Result]:
-    """Each once: the arrangements of Experiment 1 are in several experiments."""
+    """Failed trials, each once: the arrangements of Experiment 1 are in several experiments."""
     found = {
         (result["scene"], result["variant"], result["seed"]): result
         for name in results.trials

@@ -1,7 +1,7 @@
-"""A base that knows the future of the agents: how much is left for methods that have to predict it.
+"""A base that knows the future of the agents: a reference for methods that have to predict it.
 
-It searches motions of the base among the agents where they will be, with its true footprint, half a second at a time.
-Only for agents that do not see the robot, since their future does not depend on it, where nothing else is in the way.
+It searches motions of the base among the future places of the agents, with its true footprint, half a second at a time.
+Only for agents that do not see the robot, since their future does not depend on it, and without other obstacles.
 """
 
 import heapq
@@ -30,17 +30,17 @@ from motm_twin.planning.types import (
 
 NAME = "oracle"
 PIECE = 10  # periods of one acceleration
-LOOKS = 2  # periods between two looks at the gaps
-MARGIN = 0.06  # [m] kept from everybody: errors of localisation and speed
-INSIDE = 0.05  # [m] that the end is within the tolerance
+LOOKS = 2  # periods between two checks of the gaps
+MARGIN = 0.06  # [m] kept from every agent, for errors of localisation and speed
+INSIDE = 0.05  # [m] by which the end must be within the tolerance
 MOST = 60_000  # nodes of a search
-GREED = 1.2  # weight of the straight way that is left
-CELL, TURN, SPEED, RATE = 0.2, math.pi / 8.0, 0.25, 0.45  # [m], [rad], [m/s], [rad/s]: what counts as the same state
+GREED = 1.2  # weight of the remaining straight line
+CELL, TURN, SPEED, RATE = 0.2, math.pi / 8.0, 0.25, 0.45  # [m], [rad], [m/s], [rad/s] of a cell of equal states
 
 
 @njit(cache=True)
 def _key(state: Array, piece: int) -> int:
-    """The cell of a state x, y, heading, v, w after so many pieces."""
+    """The cell of a state x, y, heading, v, w after ``piece`` pieces."""
     key = int(math.floor(state[0] / CELL)) + 512
     key = key * 1024 + int(math.floor(state[1] / CELL)) + 512
     key = key * 32 + int(math.floor(math.atan2(math.sin(state[2]), math.cos(state[2])) / TURN)) + 8
@@ -54,7 +54,7 @@ def _piece(
     state: Array, push: tuple[float, float], limits: Array, body: Body, tracks: Array, radii: Array, least: Array,
     goal: Array,
 ) -> tuple[bool, bool]:  # fmt: skip
-    """Move a state on by one piece; it is free, and it came to the goal. ``tracks``: from now on, shape (t, n, 2)."""
+    """Move a state on by one piece; True if it is free, True if it reached the goal. ``tracks``: shape (t, n, 2)."""
     free, there = True, False
     for k in range(PIECE):
         v, w = state[3], state[4]
@@ -79,11 +79,11 @@ def _piece(
 def search(
     start: Array, goal: Array, tracks: Array, radii: Array, body: Body, limits: Array, least: Array
 ) -> tuple[Array, bool]:
-    """Accelerations of the pieces that lead to the goal, shape (p, 2), and whether they do.
+    """Accelerations of the pieces that lead to the goal, shape (p, 2); True if they reach it.
 
     ``start``: x, y, heading, v, w; ``goal``: x, y, tolerance; ``tracks``: positions of the agents from now on, period
-    by period, shape (t, n, 2); ``limits``: of speed ahead and back, yaw rate, and both accelerations; ``least`` [m]:
-    gap to be kept to each agent. Without a way: the pieces that come nearest.
+    by period, shape (t, n, 2); ``limits``: forward and reverse speed, yaw rate, and both accelerations; ``least`` [m]:
+    gap to keep to each agent. If the goal is not reached: the pieces that come nearest.
     """
     states, pushes = np.empty((MOST, 5)), np.zeros((MOST, 2))
     parents, pieces = np.full(MOST, -1, dtype=np.int64), np.zeros(MOST, dtype=np.int64)
@@ -125,7 +125,7 @@ def search(
 
 
 class OracleController:
-    """Follows a plan for one piece, then searches again. For benches: it is not part of a twin's state."""
+    """Follows a plan for one piece, then searches again. Only for benchmarks: it is not part of a twin's state."""
 
     def __init__(self, robot: RobotProfile, tracks: Array, radii: Array) -> None:
         """``tracks``: positions of all agents at every period of the run, the first at its start, shape (t, n, 2)."""
@@ -134,7 +134,7 @@ class OracleController:
             [base.forward_speed, base.reverse_speed, base.yaw_rate, base.linear_acceleration, base.yaw_acceleration]
         )
         self._body, self._tracks, self._radii = body_of(robot.footprint), tracks, radii
-        self._late = round(base.velocity_lag / PERIOD)  # periods by which the base follows its plan
+        self._late = round(base.velocity_lag / PERIOD)  # periods by which the base lags behind its plan
         self._push, self._left = np.zeros(2), 0
 
     def plan(self, problem: BaseProblem, placement: Placement, budget: SearchBudget) -> BasePlan:
@@ -167,7 +167,7 @@ class OracleController:
 
 
 def require_known_future(scene: Scene) -> None:
-    """Raise ValueError for a scene whose agents may react to the robot, or in which something else is in the way."""
+    """Raise ValueError for a scene whose agents may react to the robot, or that has other obstacles."""
     if any(agent.sees_robot and agent.behaviour != "blind" for agent in scene.agents):
         raise ValueError(f"{scene.name}: the oracle needs agents that do not see the robot, as in circle_invisible")
     if scene.solids or (scene.robot.has_arm and any(type(task).__name__ != "DriveTo" for task in scene.tasks)):
@@ -175,7 +175,7 @@ def require_known_future(scene: Scene) -> None:
 
 
 def oracle(scene: Scene, tracks: Array) -> Method:
-    """The method that knows these tracks, shape (t, n, 2), of the agents of a scene."""
+    """The method that knows these tracks of the agents of a scene, shape (t, n, 2)."""
     places = read_only(np.ascontiguousarray(tracks))
     radii = np.array([agent.radius for agent in scene.agents])
 

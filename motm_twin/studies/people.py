@@ -1,13 +1,13 @@
 """`motm-twin bench people | tracker`: the robot among Temis and persons, and its tracks of them against the truth.
 
-Agents go the same ways with the same seed as long as nobody makes them change, so what the robot imposes on them is the
-difference to a run in which they do not see it: contacts of the kinematic plant stop nobody.
+With the same seed, agents take the same paths unless something deflects them. So the effect of the robot on them is the
+difference to a run in which they do not see it: contacts in the kinematic plant stop nobody.
 
 Tracks (`perception/tracks.py`) are judged by CLEAR MOT (Bernardin and Stiefelhagen, 2008) with `motmetrics` (extra
-"people"): MOTA counts misses, false positives and changes of identity, MOTP [m] is the mean distance of what was
-matched within 0.5 m. Truth of a scan are the agents within the map and 8 m of the lidar that move at 0.1 m/s or more,
-on which five beams end or more. Other agents are ignored: what is matched with one that stands, or is hardly seen,
-counts neither way.
+"people"): MOTA counts misses, false positives and changes of identity, MOTP [m] is the mean distance of pairs
+matched within 0.5 m. The truth of a scan are the agents within the map and 8 m of the lidar that move at 0.1 m/s or
+more, and on which at least five beams end. Other agents are ignored: a track matched with one that stands, or is hardly
+seen, does not count.
 """
 
 import math
@@ -52,11 +52,11 @@ SEEDED = "{}"  # stands for the seed in a scene's name
 Result = dict[str, Any]
 Row = dict[str, tuple[float, float]]  # of each agent: position [m]
 Track = dict[str, Array]  # of each agent: positions after every period [m], shape (n, 2)
-WHO = ("robot", "agent", "both", "nobody")  # made way
+WHO = ("robot", "agent", "both", "nobody")  # the one that made way
 
 
 class Situation(msgspec.Struct, frozen=True):
-    """A scene, or scenes from seeds, with changes of `TrialSpec`."""
+    """A scene, or scenes made from seeds, with changes as in `TrialSpec`."""
 
     scene: str
     variant: str | None = None
@@ -87,7 +87,7 @@ class Case(msgspec.Struct, frozen=True, kw_only=True):
     """One run."""
 
     situation: str
-    job: Job  # for the oracle with another method
+    job: Job  # for the oracle its spec names another method
     method: str
 
 
@@ -112,7 +112,7 @@ def cases(situations: Sequence[str], methods: Sequence[str], trials: int, first:
 
 
 def meet(case: Case) -> Result:
-    """Run one case: its measures, and what the robot imposes on the agents."""
+    """Run one case: its measures, and the effect of the robot on the agents."""
     scene, rows = case.job.scene, []
 
     def on_tick(tick: Tick) -> None:
@@ -138,7 +138,7 @@ def meet(case: Case) -> Result:
 
 
 def method_of(case: Case) -> Method:
-    """The method; the oracle is told the future of the agents."""
+    """The method of a case; the oracle gets the future of the agents."""
     if case.method != ORACLE:
         return find_method(case.method)
     scene = case.job.scene
@@ -158,7 +158,7 @@ def tracks(rows: Sequence[Row]) -> Track:
 
 
 def alone(scene: Scene, periods: int) -> Track:
-    """Tracks of the agents that do not see the robot, over so many periods."""
+    """Tracks of the agents over ``periods`` periods if they do not see the robot."""
     agents = tuple(msgspec.structs.replace(agent, sees_robot=False) for agent in scene.agents)
     plant, rows = make_plant(msgspec.structs.replace(scene, agents=agents)), []
     for _ in range(periods):
@@ -168,10 +168,10 @@ def alone(scene: Scene, periods: int) -> Track:
 
 
 def imposed(with_robot: Track, without: Track) -> dict[str, float]:
-    """Mean over the agents of what the robot made of their ways: more path, more change of velocity, and how far off.
+    """Effect of the robot on the agents, as means: additional path and change of velocity, and deviation.
 
     Change of velocity [m/s] is the sum of its steps from period to period; deviation [m] the mean distance between the
-    two ways at the same time.
+    two tracks at the same time.
     """
     found = {"imposed_path_m": [], "imposed_velocity_change_mps": [], "imposed_deviation_m": []}
     for name, track in with_robot.items():
@@ -191,9 +191,9 @@ def bench_people(
     situations: Sequence[str], methods: Sequence[str], trials: int | None, workers: int, out: Path, console: Console,
     first: int = 0,
 ) -> bool:  # fmt: skip
-    """Run all cases but those that are known, print the table, write ``out/people.json``; True when all succeeded.
+    """Run all cases without a stored result, print the table, write ``out/people.json``; True when all succeeded.
 
-    Raises ValueError (SceneError, MethodError) for names that are none, and without the extra that a situation needs.
+    Raises ValueError (SceneError, MethodError) for unknown names, and without the extra that a situation needs.
     """
     runs = cases(situations or tuple(SITUATIONS), methods or (FAST.name,), TRIALS if trials is None else trials, first)
     console.print(f"\n[bold]{NAME}[/bold]: {TITLE}")
@@ -259,17 +259,17 @@ SHEET = Sheet(  # of the summaries
 
 TRACKER = "tracker"
 TRACKER_TITLE = "Tracks of dynamic obstacles against the truth: MOTA, MOTP, changes of identity, time per scan"
-TRACKED = ("exp2", "circle", "circle_invisible", "square", "corridor", "crossing")  # unless said
+TRACKED = ("exp2", "circle", "circle_invisible", "square", "corridor", "crossing")  # by default
 TRACKER_RUNS = 2
 GATE = 0.5  # [m] within which a track is matched with an agent
 WARM_UP = 20  # scans that are not timed
-LEAST_BEAMS = 5  # that end on an agent which can be tracked: 0.25 m of radius at 8 m have seven
-ON_BODY = 0.06  # [m] of the end of a beam from the outline: 3 sd of a range, and what an agent moves in half a scan
+LEAST_BEAMS = 5  # on an agent that can be tracked: seven hit a radius of 0.25 m at 8 m
+ON_BODY = 0.06  # [m] between beam end and outline: 3 sd of a range, and an agent's motion in half a scan
 COUNTS = ("num_objects", "num_misses", "num_false_positives", "num_switches", "num_fragmentations")
 
 
 def require_motmetrics() -> None:
-    """Raise ValueError without motmetrics."""
+    """Raise ValueError if motmetrics is not installed."""
     if find_spec("motmetrics") is None:
         raise ValueError('bench tracker needs motmetrics: pip install "motm_twin[people]"')
 
@@ -285,7 +285,7 @@ def beams_on(scan: Scan, pose: Array, body: tuple[float, float, float]) -> int:
 
 
 def can_be_tracked(scene: Scene, interval: Interval, name: str) -> bool:
-    """An agent belongs to the truth of the scan at the start of an interval."""
+    """True when an agent belongs to the truth of the scan at the start of an interval."""
     start, scan, body = interval.start, interval.tick.observation.scan, interval.start.agents[name]
     x_min, y_min, x_max, y_max = scene.bounds
     inside = x_min <= body[0] <= x_max and y_min <= body[1] <= y_max
@@ -295,7 +295,7 @@ def can_be_tracked(scene: Scene, interval: Interval, name: str) -> bool:
 
 
 def matched(these: Array, those: Array) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Pairs within the gate, by index, of points (n, 2) and (m, 2): most pairs, then least distance."""
+    """Index pairs within the gate of points (n, 2) and (m, 2): most pairs, then least distance."""
     distances = np.hypot(*(these[:, None] - those[None]).transpose(2, 0, 1))
     rows, columns = linear_sum_assignment(np.where(distances <= GATE, distances, 1e3))
     good = distances[rows, columns] <= GATE
@@ -306,16 +306,16 @@ class Score:
     """Compares the tracks of every scan with the truth."""
 
     def __init__(self, scene: Scene) -> None:
-        """The scene with the agents. Raises ValueError without motmetrics."""
+        """``scene``: the scene with the agents. Raises ValueError if motmetrics is not installed."""
         require_motmetrics()
         self._metrics: Any = import_module("motmetrics")
         self._scene, self._sampler = scene, Sampler(scene)
         self._known = self._metrics.MOTAccumulator(auto_id=True)
         self._numbers = {agent.name: number for number, agent in enumerate(scene.agents)}
-        self.speed_errors: list[float] = []  # [m/s] of velocities of what was matched
+        self.speed_errors: list[float] = []  # [m/s] of the velocities of matched tracks
 
     def add(self, tick: Tick) -> None:
-        """Take the next Tick into account: the one before is judged, whose motion is known now."""
+        """Take the next Tick into account: it gives the motion by which the Tick before is judged."""
         interval = self._sampler.interval(tick)
         if interval is not None:
             self._judge(interval)
@@ -326,7 +326,7 @@ class Score:
         tracks = world.tracks
         everybody, every = list(start.agents), np.array([body[:2] for body in start.agents.values()]).reshape(-1, 2)
         pairs = zip(*matched(every, tracks[:, :2]), strict=True)
-        ignored = [column for row, column in pairs if everybody[row] not in names]  # of agents outside the truth
+        ignored = [column for row, column in pairs if everybody[row] not in names]  # tracks of agents outside the truth
         kept = np.setdiff1d(np.arange(len(tracks)), ignored)
         places = np.array([start.agents[name][:2] for name in names]).reshape(-1, 2)
         distances = np.hypot(*(places[:, None] - tracks[None, kept, :2]).transpose(2, 0, 1))
@@ -364,7 +364,7 @@ def follow(case: Case) -> Result:
 def bench_tracker(situations: Sequence[str], trials: int | None, workers: int, out: Path, console: Console) -> bool:
     """Score the tracker, print the table, write ``out/tracker.json``; False when a run was lost.
 
-    Raises ValueError (SceneError) for names that are none, and without the extra.
+    Raises ValueError (SceneError) for unknown names, and without the extra.
     """
     require_motmetrics()
     runs = cases(situations or TRACKED, (FAST.name,), TRACKER_RUNS if trials is None else trials)
@@ -387,7 +387,7 @@ def bench_tracker(situations: Sequence[str], trials: int | None, workers: int, o
 
 
 def _tracker_summary(name: str, of: Sequence[Result]) -> Result:
-    """All scans of some runs together: MOTA of their sums, MOTP by matches."""
+    """All scans of some runs together: MOTA from their sums, MOTP weighted by matches."""
     sums = {key: sum(one[key] for one in of) for key in (*COUNTS, "num_frames")}
     matches = [one["num_objects"] - one["num_misses"] for one in of]
     wrong = sums["num_misses"] + sums["num_false_positives"] + sums["num_switches"]

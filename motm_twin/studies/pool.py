@@ -1,8 +1,8 @@
 """Calls on many processes, here or on a cluster: results as they come, no call lost with its process; efficiency.
 
-A process that dies (killed, out of memory, a crash in compiled code, a machine that is gone) takes its current calls
-with it. They are begun again. Which of them was to blame cannot be seen, so after two losses a call runs alone, and
-only one that dies alone is given up. The same arguments must give the same result.
+A process that dies (killed, out of memory, a crash in compiled code, a lost machine) takes its current calls
+with it. They are started again. The call that was to blame is not known, so after two losses a call runs alone, and
+only a call that dies alone is given up. The same arguments must give the same result.
 """
 
 import math
@@ -28,22 +28,22 @@ from motm_twin.sessions.session import SOURCE, made_with
 from motm_twin.studies.spec import Job, TrialSpec, job_of, run_job
 
 BACKENDS = ("loky", "ray")
-PATIENCE = 2  # losses after which a call is run alone: a machine that is gone is no call's fault
+PATIENCE = 2  # losses after which a call runs alone: a lost machine is no call's fault
 
 
 @dataclass(frozen=True, kw_only=True)
 class Pool:
-    """Processes that run calls. ``processes`` gives the number that can run now: a cluster may have lost a machine."""
+    """Processes that run calls. ``processes`` returns their present number: a cluster may have lost a machine."""
 
     backend: str  # of joblib
     processes: Callable[[], int]
-    lost: tuple[type[Exception], ...]  # what is raised for a process that died
+    lost: tuple[type[Exception], ...]  # raised for a process that died
     options: dict[str, Any] = field(default_factory=dict)  # of the joblib backend
 
 
 @dataclass(frozen=True)
 class Lost:
-    """Placeholder for a result: the process died, even when nothing else ran."""
+    """Placeholder for a missing result: the process died even when the call ran alone."""
 
     reason: str
 
@@ -69,7 +69,7 @@ def make_pool(workers: int, backend: str = "loky", address: str | None = None) -
 def outcomes(
     call: Callable[..., Any], items: Sequence[Any], pool: Pool, told: Callable[[str], None] = lambda text: None
 ) -> Iterator[tuple[int, Any]]:
-    """``(index, call(items[index]))`` of all items as they are done, in any order; `Lost` where it was given up.
+    """``(index, call(items[index]))`` of all items as they are done, in any order; `Lost` for a call given up.
 
     ``told`` is called with a sentence when processes were lost. Exceptions of ``call`` are raised here.
     """
@@ -96,9 +96,9 @@ def outcomes(
 
 
 class Kept:
-    """Results by name, one per line of a file: a bench that was broken off goes on where it ended.
+    """Results by name, one per line of a file: an interrupted benchmark continues from there.
 
-    Those of another source are dropped, and so is a line that was cut.
+    Results of another source are dropped, and so is a truncated line.
     """
 
     def __init__(self, file: Path) -> None:
@@ -127,7 +127,7 @@ def told_outcomes(
     call: Callable[..., dict[str, Any]], items: Sequence[Any], workers: int, console: Console, kept: Kept,
     about: Callable[[Any], str], verdict: Callable[[Any], str],
 ) -> list[dict[str, Any]]:  # fmt: skip
-    """Outcomes on this machine in the order of the items, without those that are lost; each is told as it is done."""
+    """Outcomes on this machine in the order of the items, without lost ones; each is printed as it is done."""
     names = [about(item) for item in items]
     missing = [item for item, name in zip(items, names, strict=True) if name not in kept.results]
     if len(missing) < len(items):
@@ -145,7 +145,7 @@ def told_outcomes(
 def _round(
     call: Callable[..., Any], items: Sequence[Any], chosen: list[int], begun: list[int], pool: Pool
 ) -> Iterator[tuple[int, Any]]:
-    """Results until all are there or a process dies; ``begun`` is told what was handed out."""
+    """Results until all are done or a process dies; indices of started calls are added to ``begun``."""
 
     def calls() -> Iterator[Any]:
         for index in chosen:
@@ -153,11 +153,11 @@ def _round(
             yield joblib.delayed(_one)(call, index, items[index])
 
     processes = pool.processes()
-    # At least two, because joblib runs the calls of one in this process, which a crash would end too.
+    # At least two processes: joblib runs the calls of a single one in this process, which a crash would end too.
     with joblib.parallel_config(backend=pool.backend, n_jobs=max(2, processes), **pool.options):
         options: dict[str, Any] = {"batch_size": 1, "pre_dispatch": min(processes, len(chosen)), "max_nbytes": None}
         parallel = joblib.Parallel(return_as="generator_unordered", **options)
-        with deaf() if pool.backend == "loky" else nullcontext():  # Ray's are deaf anyway
+        with deaf() if pool.backend == "loky" else nullcontext():  # Ray's processes ignore Ctrl-C anyway
             results: Any = parallel(calls())
     with warnings.catch_warnings():  # giving up calls after Ctrl-C or a crash is intended
         warnings.filterwarnings("ignore", message=".*tasks which were still being processed")
@@ -168,12 +168,12 @@ def _round(
 
 
 def _one(call: Callable[..., Any], index: int, item: Any) -> tuple[int, Any]:
-    """In the worker."""
+    """One call, in the worker."""
     return index, call(item)
 
 
 def _short(error: Exception) -> str:
-    """The part of a message that tells something: an exit code, or which actor."""
+    """The informative part of a message: an exit code, or the actor."""
     lines = [line.strip() for line in str(error).splitlines() if line.strip()]
     codes = [line for line in lines if "exit codes" in line]
     return f"{type(error).__name__}: {(codes or lines or [''])[0]}"
@@ -183,7 +183,7 @@ BACKEND = "motm_ray"
 
 
 def ray_pool(workers: int, address: str | None) -> Pool:
-    """Actors on a Ray cluster: at ``address``, or one of this machine's own when there is none.
+    """Actors on a Ray cluster: at ``address``, or on a new cluster of this machine when there is none.
 
     At most as many as the cluster has processors. Raises ValueError when Ray is not installed or not reached.
     """
@@ -216,15 +216,15 @@ def ray_pool(workers: int, address: str | None) -> Pool:
 
 
 def _processors(ray: Any) -> int:
-    """Processors of the machines that are there now."""
+    """Number of processors of the machines that are present now."""
     return int(sum(node["Resources"].get("CPU", 0.0) for node in ray.nodes() if node["Alive"]))
 
 
 def _idle_first() -> type:
     """Ray's backend of joblib, with three differences.
 
-    Results are given as they come. Idle actors work first: Ray's own hands calls to its actors in turn, so that one
-    with a long call makes others wait. And there may be one actor only, when one machine of two is gone.
+    Results are given as they come. Idle actors work first: Ray's own backend hands calls to its actors in turn, so that
+    a long call makes others wait. And there may be a single actor, when one of two machines is lost.
     """
     import ray
     from ray.util.joblib.ray_backend import RayBackend
@@ -261,13 +261,13 @@ def _idle_first() -> type:
 NAME = "efficiency"
 TITLE = "Trials of Experiment 1 on one process, two, and so on"
 LIMITS = {"lost": Limit(name="efficiency lost on all processes", unit="%", limit=10.0, decimals=1)}
-ROUNDS = 3  # trials per process: the last ones do not end together, which costs up to one trial's spread
+ROUNDS = 3  # trials per process: the last ones end apart, which costs up to the spread of one trial
 MILLION = 1_000_000
 HOUR = 3600.0  # [s]
 
 
 def bench_efficiency(out: Path, workers: int, console: Console) -> bool:
-    """Measure and print; True when at most 10 % are lost on ``workers`` processes. Nothing else may run meanwhile."""
+    """Measure and print; True when at most 10 % are lost on ``workers`` processes. Nothing else may run then."""
     console.print(f"\n[bold]{NAME}[/bold]: {TITLE}")
     report = Report()
     specs = [TrialSpec("exp1", "random", seed) for seed in range(ROUNDS)]
@@ -296,20 +296,20 @@ def counts(workers: int) -> Iterator[int]:
 
 
 def trials_per_hour(specs: Sequence[TrialSpec], processes: int) -> float:
-    """Trials done per hour of wall time by processes that are warm: each process runs every spec once.
+    """Trials done per hour of wall time by warm processes: each process runs every spec once.
 
-    Every process runs the same trials as often, so that the work per process is the same for any number of them.
+    So the work per process is the same for any number of processes.
     """
     jobs = [job_of(spec) for spec in specs]
     pool, there = local_pool(processes), max(2, processes)  # a pool has at least two processes; one may wait
-    _all(jobs[:1] * there, local_pool(there))  # imports, and kernels from the cache
+    _all(jobs[:1] * there, local_pool(there))  # warm up: imports, kernels from the cache
     began = time.perf_counter()
     done = _all([job for job in jobs for _ in range(processes)], pool)
     return done * HOUR / (time.perf_counter() - began)
 
 
 def _all(jobs: list[Job], pool: Pool) -> int:
-    """Run them; returns their number. Raises RuntimeError for a broken one: its time would mean nothing."""
+    """Run jobs; returns their number. Raises RuntimeError for a failed one: its time would mean nothing."""
     for index, outcome in outcomes(run_job, jobs, pool):
         if isinstance(outcome, Lost) or not outcome.result["success"]:
             reason = outcome.reason if isinstance(outcome, Lost) else outcome.result["reason"]

@@ -1,7 +1,7 @@
 """Runs experiments and keeps finished trials on disk: a trial in the store is not run again.
 
-One JSON line per trial, flushed to disk before the next one counts. A line that a crash cut off is dropped; everything
-before it holds. One process writes at a time. A broken trial is kept with its reason.
+One JSON line per trial, flushed to disk before the next one counts. A line truncated by a crash is dropped; all lines
+before it are kept. One process writes at a time. A failed trial is stored with its reason.
 """
 
 import fcntl
@@ -31,22 +31,22 @@ SESSIONS = "sessions"
 class Record(msgspec.Struct, frozen=True, kw_only=True):
     """A line of the store."""
 
-    key: str  # of `Job.key`
+    key: str  # from `Job.key`
     spec: TrialSpec
-    result: dict[str, Any]  # with its "wall": what a clock measured
-    session: str = ""  # of a trial without success, for `motm-twin rerun`: file beside the store
-    made_with: dict[str, str]  # where it was run
+    result: dict[str, Any]  # "wall" has the wall-clock measurements
+    session: str = ""  # file beside the store for `motm-twin rerun`, of a trial without success
+    made_with: dict[str, str]  # versions and machine of the run
 
 
 class Store:
-    """The trials of one experiment in a folder of their own, which is made when it is not there."""
+    """The trials of one experiment in its own folder, which is created if missing."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
         self.path = folder / TRIALS
 
     def read(self) -> dict[str, Record]:
-        """Records by key; of two with the same key the newer one."""
+        """Records by key; the newer one of two with the same key."""
         if not self.path.is_file():
             return {}
         found = (_decoded(line) for line in self.path.read_bytes().split(b"\n"))
@@ -62,7 +62,7 @@ class Store:
             said = f"{self.path}: another run writes to it now; wait for it, or give another --out"
             raise ValueError(said) from error
         data = self.path.read_bytes()
-        if data and not data.endswith(b"\n"):  # half a line
+        if data and not data.endswith(b"\n"):  # a truncated line
             self._file.truncate(data.rfind(b"\n") + 1)
         return self
 
@@ -76,7 +76,7 @@ class Store:
         os.fsync(self._file.fileno())
 
     def keep_session(self, key: str, session: Session | None) -> str:
-        """Save the session of a trial that went wrong; its name relative to the folder, "" for none."""
+        """Save the session of a failed trial; its name relative to the folder, "" for none."""
         if session is None:
             return ""
         name = f"{SESSIONS}/{key}.json"
@@ -85,7 +85,7 @@ class Store:
         return name
 
     def write_results(self, results: list[dict[str, Any]]) -> None:
-        """All results in the experiment's order, without what a clock measured: equal runs give equal files."""
+        """Write all results in the experiment's order, without wall-clock times: equal runs give equal files."""
         lines = [{key: value for key, value in result.items() if key != "wall"} for result in results]
         text = b"".join(msgspec.json.encode(line, order="sorted") + b"\n" for line in lines)
         temporary = self.folder / f".{RESULTS}"
@@ -97,7 +97,7 @@ def _decoded(line: bytes) -> Record | None:
     try:
         return msgspec.json.decode(line, type=Record) if line else None
     except msgspec.MsgspecError:
-        return None  # cut off, or written by another version: the trial is run again
+        return None  # truncated, or of another version: the trial is run again
 
 
 HOUR, MINUTE = 3600, 60  # [s]
@@ -105,20 +105,20 @@ HOUR, MINUTE = 3600, 60  # [s]
 
 @dataclass
 class TimeLeft:
-    """Time that the remaining trials need, from the mean time of those of the same method."""
+    """Estimate of the remaining time, from the mean time of done trials of the same method."""
 
     workers: int
-    remaining: Counter[str]  # method: trials
+    remaining: Counter[str]  # method: number of trials
     seconds: dict[str, list[float]] = field(default_factory=dict)
 
     def add(self, method: str, seconds: float | None) -> None:
-        """A trial is done; None: it gave no time to learn from."""
+        """Count a done trial; ``seconds``: its time, None if it has none."""
         self.remaining[method] -= 1
         if seconds is not None:
             self.seconds.setdefault(method, []).append(seconds)
 
     def left(self) -> float | None:
-        """Seconds of wall time; None as long as no trial is done. Methods not seen yet count as the mean of all."""
+        """Seconds of wall time; None before the first trial is done. Methods without a time count as the mean."""
         measured = {method: sum(values) / len(values) for method, values in self.seconds.items()}
         if not measured:
             return None
@@ -128,7 +128,7 @@ class TimeLeft:
 
 
 class Bar:
-    """A progress bar on the console while it is a terminal; without one, a line whenever a tenth more is done."""
+    """A progress bar on the console while it is a terminal; without one, a line for every further tenth."""
 
     def __init__(self, methods: Iterable[str], workers: int, console: Console) -> None:
         self.time = TimeLeft(workers, Counter(methods))
@@ -140,7 +140,7 @@ class Bar:
         self._task = self.progress.add_task("", total=self.total, left="")
 
     def add(self, method: str, seconds: float | None) -> None:
-        """A trial is done."""
+        """Count a done trial."""
         self.time.add(method, seconds)
         self.done += 1
         left = left_text(self.time.left())
@@ -150,7 +150,7 @@ class Bar:
             self.console.print(f"  {self.done}/{self.total} trials {left}".rstrip(), markup=False)
 
     def say(self, text: str) -> None:
-        """A line above the bar."""
+        """Print a line above the bar."""
         self.console.print(f"  {text}", style="yellow", markup=False, soft_wrap=True)
 
 
@@ -167,16 +167,16 @@ Result = dict[str, Any]
 
 
 def chosen(results: Iterable[Result], fields: Mapping[str, Any]) -> list[Result]:
-    """Those in which these fields have these values."""
+    """The results in which these fields have these values."""
     return [result for result in results if all(result.get(key) == value for key, value in fields.items())]
 
 
 @dataclass
 class Results:
-    """Results by experiment, each list in the order of the experiment's specs, whoever ran them and when.
+    """Results by experiment, each list in the order of the experiment's specs, from this or earlier runs.
 
-    A result is the dictionary of `motm_twin.trial.run_scene` with "parameters" and "changes" of its spec; what a clock
-    measured is in its "wall", the only part that differs between two runs.
+    A result is the dictionary of `motm_twin.trial.run_scene` with "parameters" and "changes" of its spec; wall-clock
+    measurements are in its "wall", the only part that differs between two runs.
     """
 
     out: Path
@@ -191,7 +191,7 @@ class Results:
 
 @dataclass
 class _Task:
-    """A trial that has to be run, and the places in the experiments that want it."""
+    """A trial that has to be run, and its places in the experiments."""
 
     job: Job
     places: list[tuple[str, int]] = field(default_factory=list)  # experiment, index
@@ -208,11 +208,11 @@ def run(
     retry_failed: bool = False,
     about: Mapping[str, str] | None = None,
 ) -> Results:
-    """Run what is not in ``out``/<experiment>/trials.jsonl yet; the results of all.
+    """Run the trials that are not yet in ``out``/<experiment>/trials.jsonl; returns the results of all.
 
     After Ctrl-C, SIGTERM (KeyboardInterrupt) or a crash the same call resumes. ``retry_failed`` runs
     trials again that were without success. ``backend`` "ray" needs the extra ``cluster``; ``address`` is the cluster's.
-    ``about``: what is kept with every trial that is run now, beside what it was made with.
+    ``about``: data to store with every trial that is run now, beside its versions and machine.
     Raises ValueError for a spec that cannot be run, before any trial begins.
     """
     given = [experiments] if isinstance(experiments, Experiment) else list(experiments)
@@ -222,7 +222,7 @@ def run(
     source = made_with()[SOURCE]
     results = Results(out, {name: [{} for _ in these] for name, these in jobs.items()})
     with ExitStack() as stack:
-        stack.enter_context(handled(signal.default_int_handler, signal.SIGTERM))  # so that workers end, too
+        stack.enter_context(handled(signal.default_int_handler, signal.SIGTERM))  # so that the workers end too
         stores = {name: stack.enter_context(Store(out / name)) for name in jobs}
         tasks = _missing(jobs, stores, results, source, retry_failed=retry_failed)
         if tasks:
@@ -238,7 +238,7 @@ def run(
 
 
 def run_or_stop(experiments: Iterable[Experiment], *, out: Path, workers: int, console: Console) -> Results | None:
-    """`run`; None after Ctrl-C, which the console is told."""
+    """`run`; None, with a line on the console, after Ctrl-C."""
     given = list(experiments)
     try:
         return run(given, out=out, workers=workers, console=console)
@@ -248,7 +248,7 @@ def run_or_stop(experiments: Iterable[Experiment], *, out: Path, workers: int, c
 
 
 def kept_text(out: Path, names: Iterable[str]) -> str:
-    """The sentence that says what is kept after Ctrl-C, and how to go on."""
+    """Sentence for the user after Ctrl-C: stored trials, and how to continue."""
     kept = sum(len(Store(out / name).read()) for name in names)
     return f"\nstopped; {kept} finished trials are in {out}: the same command resumes there"
 
@@ -256,7 +256,7 @@ def kept_text(out: Path, names: Iterable[str]) -> str:
 def _missing(
     jobs: Mapping[str, list[Job]], stores: Mapping[str, Store], results: Results, source: str, *, retry_failed: bool
 ) -> list[_Task]:
-    """The trials that are in no store, each once. The results of the others are taken from where they are."""
+    """The trials that are in no store, each once; the results of the others are taken from their stores."""
     known = {name: store.read() for name, store in stores.items()}
     tasks: dict[str, _Task] = {}
     for name, these in jobs.items():
@@ -286,7 +286,7 @@ def _keep(
         results.notes.append("the source changed while trials ran: those run by the new source run again next time")
         bar.say(results.notes[-1])
     key = task.job.key(whole.source)
-    result = msgspec.json.decode(msgspec.json.encode(whole.result))  # as it will be when it is read again
+    result = msgspec.json.decode(msgspec.json.encode(whole.result))  # as it will be when read from the store
     record = Record(key=key, spec=task.job.spec, result=result, made_with={**whole.made_with, **about})
     kept = ""
     for name in dict(task.places):

@@ -2,8 +2,8 @@
 
 A row of a study is a setting of the scene on one plant: grasps on the move under contact dynamics, by closing time, by
 grasp rule, and mismatch; all rows have the same arrangements. A row of the screening is a number with another value, or
-a switch flipped, on the same seeds of Experiments 1 and 2: a number that changes no run has to be shown by a test, or
-goes with the code that reads it. Trials are an experiment's (`studies.run`), kept on disk and resumed after Ctrl-C.
+a switch flipped, on the same seeds of Experiments 1 and 2: a number that changes no run must be justified by a test, or
+is removed with its code. Trials are those of an experiment (`studies.run`), stored on disk and resumed after Ctrl-C.
 """
 
 import math
@@ -56,15 +56,15 @@ class Study:
     methods: tuple[str, ...] = METHODS
     together: bool = False
     random: bool = False  # random arrangements instead of the published ones
-    touches: bool = False  # a contact that the robot caused is no failure
-    minutes: int = 0  # about, on two cores
+    touches: bool = False  # contacts caused by the robot are no failures
+    minutes: int = 0  # approximate duration on two cores
 
 
 ERRORS: Mapping[str, Mapping[str, float]] = {
     "pad friction 0.4": {"physics.pad_friction": 0.4},
     "grip force 20 N": {"physics.grip_force": 20.0},
     "objects of 150 g": {"physics.object_mass": 0.15},
-    "arm lag 50 ms": {"mismatch.arm_lag": 0.05},  # 10 ms are in its profile
+    "arm lag 50 ms": {"mismatch.arm_lag": 0.05},  # plus 10 ms in its profile
     "base 7 % slow": {"mismatch.base_scale": -0.07},
     "hand-eye 8 mm": {"mismatch.hand_eye": 0.008},
     "gripper 0.25 s late": {"physics.closing_delay": 0.25},
@@ -106,7 +106,7 @@ SENSITIVITY = Study(
     ),
     minutes=15,
 )
-BUMPS = (  # of 10 mm, where the way to the table, to its other side and along it crosses them
+BUMPS = (  # 10 mm high, across the paths to the table, to its other side and along it
     {"name": "on_the_way", "centre": (1.6, 1.5), "length": 2.5, "yaw": 0.5 * math.pi},
     {"name": "in_front", "centre": (3.4, 0.7), "length": 1.2, "yaw": 0.5 * math.pi},
     {"name": "behind", "centre": (4.2, 2.8), "length": 1.0, "yaw": 0.5 * math.pi},
@@ -136,7 +136,7 @@ STUDIES = {study.name: study for study in (ROBUSTNESS, QUICK_GRIPPER, SENSITIVIT
 
 
 def bench_study(study: Study, out: Path, share: float, workers: int, console: Console) -> bool:
-    """Run, print, write ``out/<study>.json`` and ``.md``; True when every row places what it must.
+    """Run, print, write ``out/<study>.json`` and ``.md``; True when every row places its share.
 
     ``share`` of the ten arrangements.
     """
@@ -159,7 +159,7 @@ def bench_study(study: Study, out: Path, share: float, workers: int, console: Co
 
 
 def experiment_of(study: Study, trials: int = PUBLISHED) -> Experiment:
-    """The trials of a study: all settings of one arrangement, then the next, so that an early end compares."""
+    """The trials of a study, arrangement by arrangement, so that an early end still allows a comparison."""
     arrangements = [("random", seed) if study.random else (f"trial{seed + 1}", None) for seed in range(trials)]
     specs = (
         TrialSpec(SCENE, variant, seed, method, changes=dict(one.changes), plant=one.plant)
@@ -182,7 +182,7 @@ def rows_of(study: Study, pairs: Sequence[tuple[TrialSpec, Result]]) -> list[dic
 
 
 def row_of(one: Setting, methods: Sequence[str], these: Sequence[Result]) -> dict[str, Any]:
-    """A row: cubes placed, grasps tried for them, times of completed trials, and what was felt."""
+    """A row: cubes placed, grasps tried for them, times of completed trials, and measured forces."""
     placed, places = (sum(result[key] for result in these) for key in ("places_done", "places_total"))
     picks, grasps = (sum(result[key] for result in these) for key in ("picks_done", "picks_attempted"))
     closing = [result["mean_closing_base_speed_mps"] for result in these]
@@ -202,13 +202,13 @@ def row_of(one: Setting, methods: Sequence[str], these: Sequence[Result]) -> dic
 
 
 def good(row: Mapping[str, Any]) -> bool:
-    """A row places its share of the cubes without a contact that the robot caused, if it has a share to reach."""
+    """True when a row places its required share of the cubes, if any, without a contact caused by the robot."""
     caused = row["caused"] and not row.get("touches")
     return not row["least"] or (row["placed"] >= row["least"] * row["places"] > 0 and not caused)
 
 
 def cells(row: Mapping[str, Any]) -> tuple[str, ...]:
-    """A row as the texts of `HEAD`."""
+    """A row as texts for the columns of `HEAD`."""
     shift = [1e3 * one for one in row["shift"]]
     percent = {name: "-" if row[name] is None else row[name].text(scale=100.0) for name in ("share", "held")}
     felt = row["plant"] == MUJOCO
@@ -226,9 +226,9 @@ SHEET = Sheet(head=HEAD, texts=HEAD[:3], cells=cells, good=good)
 SCREENING = "screening"
 SCREENING_TITLE = "Every number of ours halved and doubled: Experiments 1 and 2"
 SCREENED = (("exp1", "random"), ("exp2", "random"))
-SEEDS = 4  # of each scene
+SEEDS = 4  # seeds of each scene
 FACTORS = (0.5, 2.0)
-SMALL, WHOLE = 0.05, 1  # in place of halves and doubles of 0
+SMALL, WHOLE = 0.05, 1  # instead of half and double of 0
 NUMBER_HEAD = ("number", "value", "trials", "the same", "time", "placed", "contacts, caused")
 
 
@@ -240,7 +240,7 @@ class Change(NamedTuple):
 
 
 def ours(given: Iterable[str] = ()) -> list[Found]:
-    """Numbers of ours; of those the ones whose paths are ``given``, or begin so. Raises ValueError for a wrong one."""
+    """Numbers of ours, only with ``given`` paths or groups if there are any. Raises ValueError for an unknown one."""
     found = [each for each in numbers_of(tuned(FAST.parameters)) if each.ours and not isinstance(each.default, str)]
     for name in given:
         if not any(_within(each, name) for each in found):
@@ -254,7 +254,7 @@ def _within(found: Found, name: str) -> bool:
 
 
 def changes_of(found: Found) -> list[Change]:
-    """The other values of a number, those left out that its parameter class refuses."""
+    """The other values of a number, without those that its parameter class refuses."""
     value = found.default
     if isinstance(value, bool):
         others: list[float | bool] = [not value]
@@ -309,7 +309,7 @@ def bench_screening(out: Path, share: float, workers: int, console: Console, giv
 
 
 def number_rows(results: Results, changes: Iterable[Change]) -> list[dict[str, Any]]:
-    """A row for each change beside the runs without it. The change of time is that of the trials that both complete."""
+    """A row for each change against the runs without it. The change of time is over trials that both complete."""
     shipped = {(each["scene"], each["seed"]): each for each in results.of(SCREENING, numbers={})}
     rows = [_row(Change(SHIPPED, 1.0), list(shipped.values()), shipped)]
     for change in changes:
@@ -331,7 +331,7 @@ def _row(change: Change, these: list[Result], shipped: dict[tuple[str, int], Res
 
 
 def number_cells(row: dict[str, Any]) -> tuple[str, ...]:
-    """A row as the texts of `NUMBER_HEAD`."""
+    """A row as texts for the columns of `NUMBER_HEAD`."""
     slower = f"{row['slower_s']:+.1f}"
     if math.isfinite(row["slower_low_s"]):
         slower += f" [{row['slower_low_s']:+.1f}, {row['slower_high_s']:+.1f}]"
@@ -343,7 +343,7 @@ def number_cells(row: dict[str, Any]) -> tuple[str, ...]:
 
 
 SHIPPED = "as shipped"
-NUMBER_SHEET = Sheet(  # those that changed no run are yellow
+NUMBER_SHEET = Sheet(  # numbers that changed no run are yellow
     head=NUMBER_HEAD,
     texts=NUMBER_HEAD[:1],
     cells=number_cells,

@@ -47,7 +47,7 @@ def changed(scene: Scene, changes: Mapping[str, Any]) -> Scene:
 
 
 def _set(owner: Any, path: list[str], value: Any, whole: str) -> Any:
-    """A copy of nested frozen objects in which what is at the path is another value."""
+    """A copy of nested frozen objects with the value at the path replaced."""
     here, *rest = path
     if isinstance(owner, tuple):
         return _set_entries(owner, path, value, whole)
@@ -57,7 +57,7 @@ def _set(owner: Any, path: list[str], value: Any, whole: str) -> Any:
     if rest:
         return msgspec.structs.replace(owner, **{here: _set(getattr(owner, here), rest, value, whole)})
     try:
-        # through JSON's types: a stored line and a caller may say the same
+        # through JSON's types, so that stored lines and callers may give the same values
         converted = msgspec.convert(msgspec.to_builtins(value), fields[here].type)
     except msgspec.ValidationError as error:
         raise ValueError(f"change {whole!r}: {error}") from error
@@ -79,15 +79,15 @@ KEY_DIGITS = 16
 
 
 class TrialSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """One trial: everything that its result depends on, besides the source.
+    """One trial: everything on which its result depends, besides the source.
 
     ``parameters`` are of `control.tuning`, on top of the method's; ``changes`` are dotted fields of the resolved scene
     with their new values, as ``{"noise.lidar_range_sd": 0.05, "agents.temi_1.speed": 0.6}``; ``numbers`` are those of
-    `control.parameters` by their paths, over the method's, whatever sliders allow.
+    `control.parameters` by their paths, over the method's, even beyond the range of sliders.
     """
 
     scene: str
-    variant: str | None = None  # None: the scene's default one
+    variant: str | None = None  # None: the scene's default
     seed: int | None = None  # None: the seed of the scene file
     method: str = "motm"
     parameters: dict[str, ParameterValue] = {}
@@ -97,14 +97,14 @@ class TrialSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Experiment(msgspec.Struct, frozen=True):
-    """Trials that belong together, under a name that is also the folder of their results."""
+    """Trials that belong together; the name is also the folder of their results."""
 
     name: str
     title: str
     specs: tuple[TrialSpec, ...]
 
     def changed(self, changes: Mapping[str, Any]) -> "Experiment":
-        """The same trials with these fields of their scenes changed, too."""
+        """The same trials with these fields of their scenes also changed."""
         specs = (msgspec.structs.replace(spec, changes={**spec.changes, **changes}) for spec in self.specs)
         return msgspec.structs.replace(self, specs=tuple(specs))
 
@@ -116,14 +116,14 @@ class Experiment(msgspec.Struct, frozen=True):
 
 
 class Job(msgspec.Struct, frozen=True, kw_only=True):
-    """A spec that was checked, with its scene as it will be run: what a worker is sent."""
+    """A checked spec with its changed scene, as sent to a worker."""
 
     spec: TrialSpec
     scene: Scene
     method_text: str = ""  # contents of the user's own file when the method is FILE.py:NAME
 
     def key(self, source: str) -> str:
-        """Name of this trial in the store: another scene, parameter, method or source gives another one."""
+        """Name of this trial in the store; it depends on scene, parameters, method and source."""
         whole = hashlib.sha256(source.encode())
         for part in (self.spec.method, self.spec.parameters, self.scene, self.method_text):
             whole.update(b"\0" + msgspec.json.encode(part, order="deterministic"))
@@ -138,7 +138,7 @@ def job_of(spec: TrialSpec) -> Job:
 
 
 def jobs_of(specs: Iterable[TrialSpec]) -> list[Job]:
-    """The same for many specs, each scene read and changed once."""
+    """The checked jobs of many specs; each scene is read and changed once."""
     load = functools.cache(load_scene)
     scenes: dict[bytes, Scene] = {}
     jobs = []
@@ -162,7 +162,7 @@ def _job(spec: TrialSpec, scene: Scene) -> Job:
 
 
 def with_numbers(method: Method, numbers: Mapping[str, float | bool]) -> Parameters:
-    """The numbers of a method with some of them changed. Raises ValueError for one that is none, or not possible."""
+    """The numbers of a method with some of them changed. Raises ValueError for an unknown or impossible number."""
     whole = tuned(method.parameters)
     known = {".".join(found.path): found for found in numbers_of(whole)}
     for name, value in numbers.items():
@@ -174,7 +174,7 @@ def with_numbers(method: Method, numbers: Mapping[str, float | bool]) -> Paramet
 
 
 def method_of(job: Job) -> Method:
-    """The method of a job, without its own values of the numbers that the job changes. Raises MethodError."""
+    """The method of a job, without its own values for numbers that the job changes. Raises MethodError."""
     method, changed = find_method(job.spec.method), job.spec.numbers
     if not changed:
         return method
@@ -183,26 +183,26 @@ def method_of(job: Job) -> Method:
     return dataclasses.replace(method, parameters=kept)
 
 
-WALL = ("tick_ms", "realtime_factor")  # measured by a clock: differ from run to run
-MACHINE = "machine"  # key of where a trial was run, beside what it was made with
+WALL = ("tick_ms", "realtime_factor")  # measured by a clock, so they differ between runs
+MACHINE = "machine"  # key of the machine on which a trial was run, beside its versions
 
 
 class Outcome(msgspec.Struct, frozen=True, kw_only=True):
     """Result of a trial as a worker sends it."""
 
     result: dict[str, Any]
-    made_with: dict[str, str]  # what the worker ran it with
-    session: Session | None  # of a trial without success
+    made_with: dict[str, str]  # versions of the worker
+    session: Session | None  # only of a trial without success
 
     @property
     def source(self) -> str:
-        """Hash of the source that the worker had."""
+        """Hash of the worker's source."""
         return self.made_with[SOURCE]
 
 
 def run_job(job: Job) -> Outcome:
-    """Run a trial to its end; never raises for what goes wrong inside it."""
-    from motm_twin.trial import run_scene  # the whole twin: only where a trial is run
+    """Run a trial to its end; never raises for an error inside it."""
+    from motm_twin.trial import run_scene  # imports the whole twin
 
     periods = 0
 
@@ -221,13 +221,13 @@ def run_job(job: Job) -> Outcome:
         reason = f"{type(error).__name__}: {error} ({Path(where.filename).name}:{where.lineno})"
         result = broken(job, reason, time_s=periods / PERIODS_PER_SECOND)
     result = parted(job, result, time.perf_counter() - began)
-    repeats = not job.spec.numbers  # a session has no others than named parameters
+    repeats = not job.spec.numbers  # a session has only named parameters
     session = None if result["success"] or not repeats else session_of(job, periods, result.get("state_hash", ""))
     return Outcome(result=result, made_with={**made_with(), MACHINE: machine()}, session=session)
 
 
 def given_up(job: Job, reason: str, source: str) -> Outcome:
-    """The outcome of a trial whose process died: its session is as long as the scene allows, without a hash."""
+    """The outcome of a trial whose process died: its session has the scene's time limit, and no hash."""
     periods = round(job.scene.time_limit * PERIODS_PER_SECOND)
     return Outcome(
         result=parted(job, broken(job, reason), 0.0),

@@ -1,4 +1,4 @@
-"""`motm-twin run --plot FILE`: speed along the path, and the time of each leg beside that of the reference tour."""
+"""`motm-twin run --plot FILE`: speed along the path, and the time of each leg beside the reference tour."""
 
 import itertools
 from pathlib import Path
@@ -29,7 +29,7 @@ from motm_twin.studies.paper.drawing import (
 
 HEIGHT = 125.0  # [mm]
 FORMATS = (".png", ".svg", ".pdf")
-LONG = 0.3  # [s] of standing that is worth a mark
+LONG = 0.3  # [s] shorter stops get no mark
 LOOKS = {  # of `measures.PARTS`: colour, hatch, words
     "at_limit": (GREEN, "", "at the limit, forward"),
     "below_limit": (SKY, "....", "slower, straight"),
@@ -52,7 +52,7 @@ class Step(NamedTuple):
 
 
 class SpeedFigure:
-    """The figure of one trial: every Tick in order, then `draw`."""
+    """The figure of one trial: add every Tick in order, then `draw`."""
 
     def __init__(self, scene: Scene) -> None:
         self.limits = scene.robot.base
@@ -95,7 +95,7 @@ class SpeedFigure:
 
 
 def _speed(axes: Any, course: list[Step], limits: BaseLimits) -> None:
-    """Speed over the distance driven, and where each task ended."""
+    """Speed over the distance driven, with the end of each task."""
     begin = 0.0
     for part, group in itertools.groupby(course, key=lambda step: step.part):
         steps = list(group)
@@ -130,7 +130,7 @@ def _speed(axes: Any, course: list[Step], limits: BaseLimits) -> None:
 
 
 def _legs(axes: Any, legs: list[dict[str, Any]], limit: float) -> None:
-    """The seconds of each leg by part, and a mark where the reference tour would be."""
+    """The seconds of each leg by part, and a mark at the time of the reference tour."""
     for k, leg in enumerate(legs):
         bottom = 0.0
         for part in LOOKS:

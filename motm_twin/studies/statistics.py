@@ -25,11 +25,11 @@ from motm_twin.studies.catalogue import reasons, row_of
 K = TypeVar("K")
 CONFIDENCE = 0.95
 RESAMPLES = 10_000
-SEED = 20260101  # of the bootstrap: any fixed number will do
+SEED = 20260101  # of the bootstrap: any fixed number
 
 
 class Estimate(msgspec.Struct, frozen=True, kw_only=True):
-    """A value with its interval; both ends are nan where the sample is too small to have one."""
+    """A value with its interval; both ends are nan when the sample is too small."""
 
     value: float
     low: float
@@ -37,7 +37,7 @@ class Estimate(msgspec.Struct, frozen=True, kw_only=True):
     n: int
 
     def text(self, decimals: int = 1, *, scale: float = 1.0, sign: str = "", unit: str = "") -> str:
-        """As in a table: "85.6 [84.9, 86.3]"; "-" for no value. ``sign`` "+": also of what is not negative."""
+        """Text for a table: "85.6 [84.9, 86.3]"; "-" for no value. ``sign`` "+": also on values >= 0."""
         if not math.isfinite(self.value):
             return "-"
         value, low, high = (f"{scale * each:{sign}.{decimals}f}" for each in (self.value, self.low, self.high))
@@ -64,7 +64,7 @@ def median(values: Iterable[float]) -> Estimate:
 def bootstrap(values: Iterable[float], statistic: Callable[[Array], Array], *, resamples: int = RESAMPLES) -> Estimate:
     """Any statistic with its percentile bootstrap interval.
 
-    ``statistic`` takes samples of shape (..., n) and gives shape (...).
+    ``statistic`` takes samples of shape (..., n) and returns shape (...).
     """
     sample = _sample(values)
     n = len(sample)
@@ -132,12 +132,12 @@ class Row(msgspec.Struct, frozen=True, kw_only=True):
     placed: int
     places: int
     contacts: int
-    caused: int  # of the contacts, by the robot
+    caused: int  # contacts caused by the robot
     driven_into: int
     time: Estimate  # [s]
     median: Estimate  # [s]
     to_motm: Estimate | None  # [s] difference to motm of the same scene, as shipped; None for motm itself
-    to_exp1: Estimate | None  # relative to the same trials of exp1; None for exp1 itself
+    to_exp1: Estimate | None  # relative to the same trials of exp1; None for exp1
 
 
 def rows(results: Sequence[Result]) -> list[Row]:
@@ -185,7 +185,7 @@ def _row(name: tuple[str, str, str], results: list[Result], groups: dict[tuple[s
 
 
 def completed(result: Result) -> bool:
-    """All objects are in their bins (or grasped, where that is the task), so that the time covers the whole task.
+    """True when all objects are in their bins (or grasped, if that is the task): the time covers the whole task.
 
     Contacts are counted separately, and success requires more. Every time shown is
     that of a completed trial, in `bench` and in the report.
@@ -195,28 +195,28 @@ def completed(result: Result) -> bool:
 
 
 def touches(results: Iterable[Result]) -> int:
-    """All contacts, whoever caused them."""
+    """Number of all contacts, caused by the robot or not."""
     return sum(len(result["contacts"]) for result in results)
 
 
 def caused(results: list[Result]) -> int:
-    """Contacts that the robot caused."""
+    """Number of contacts that the robot caused."""
     return sum(hit["caused_by_robot"] for result in results for hit in result["contacts"])
 
 
 def drove_into(results: list[Result]) -> int:
-    """Contacts in which our robot was moving into the other."""
+    """Number of contacts in which our robot moved into the other, or that it caused."""
     hits = (contact for result in results for contact in result["contacts"])
     return sum(hit["caused_by_robot"] or hit["closing_speed"] > APPROACH for hit in hits)
 
 
 def _times(results: list[Result]) -> dict[tuple[str, int], float]:
-    """Times [s] of completed trials by variant and seed: one that gave up early is not fast."""
+    """Times [s] of completed trials by variant and seed; a trial that gave up early is not fast."""
     return {(result["variant"], result["seed"]): result["time_s"] for result in results if completed(result)}
 
 
 def _by_seed(results: list[Result]) -> dict[int, float]:
-    """The same by seed alone: variants of different scenes have different names."""
+    """The same by seed only: variants of different scenes have different names."""
     return {result["seed"]: result["time_s"] for result in results if completed(result)}
 
 
@@ -240,7 +240,7 @@ def summary_table(found: Sequence[Row], beside: Sequence[Published] = ()) -> Tab
 
 
 def reasons_table(results: Sequence[Result]) -> Table | None:
-    """Table of the reasons of trials without success; None when all had it."""
+    """Table of the reasons of trials without success; None when all succeeded."""
     found = reasons(results)
     if not found:
         return None
@@ -272,7 +272,7 @@ def _cells(row: Row) -> dict[str, str]:
 
 
 def published_beside(results: Sequence[Result]) -> list[Published]:
-    """Published times that these trials can be compared with, each once."""
+    """Published times for comparison with these trials, each once."""
     pairs = dict.fromkeys((result["scene"], result["variant"]) for result in results)
     variants: dict[str, list[str]] = {}
     for scene, variant in pairs:
@@ -280,13 +280,13 @@ def published_beside(results: Sequence[Result]) -> list[Published]:
     found = [
         entry
         for scene, names in variants.items()
-        for entry in published(scene, names[0] if len(names) == 1 else "")  # several trials: not one trial's time
+        for entry in published(scene, names[0] if len(names) == 1 else "")  # several trials: not the time of trial 1
     ]
     return list(dict.fromkeys(found))
 
 
 def write_summary(found: Sequence[Row], beside: Sequence[Published], folder: Path) -> Path:
-    """The rows as JSON, nan as null."""
+    """Write the rows as JSON, nan as null; the path of the file."""
     target = folder / "summary.json"
     whole = {"rows": found, "published": [entry._asdict() for entry in beside], "caption": CAPTION}
     target.write_bytes(msgspec.json.format(msgspec.json.encode(whole), indent=2) + b"\n")

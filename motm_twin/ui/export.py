@@ -96,7 +96,7 @@ def record(history: History, scene: Scene, seconds: float, rate: float) -> Recor
     """The periods of the last seconds [s], thinned to a rate [Hz], with their grids."""
     frames: list[Frame] = []
     grids: list[tuple[GridInfo, bytes]] = []
-    known: Grid | None = None  # the last of them
+    known: Grid | None = None  # the newest of ``grids``
     last = -np.inf
     for index in history.indices(seconds):
         tick, grid = history.at(index), history.grid_at(index)
@@ -145,7 +145,7 @@ class _NoTwin:
 def draw(recording: Recording, server: viser.ViserServer, progress: Callable[[float], None]) -> str:
     """Draw all frames; the HTML that plays them in a browser."""
     scene = msgspec.json.decode(recording.scene, type=Scene)
-    hub = Hub(_NoTwin())  # type: ignore[arg-type] - what the view asks of it
+    hub = Hub(_NoTwin())  # type: ignore[arg-type] - it has all that the view calls
     view = SceneView(server, hub)
     read, grids = msgspec.json.Decoder(TickMessage).decode, [unpacked(*entry) for entry in recording.grids]
     ticks = [read(zlib.decompress(frame.tick)) for frame in recording.frames]
@@ -174,7 +174,7 @@ def page(serializer: StateSerializer, scene: Scene, ticks: list[TickMessage]) ->
     recorded = [(round(first + time, 3), packer.message(message)) for time, message in serializer._messages]
     ground, buffers = packer.ground, packer.buffers
     height, width = ground.size
-    sentences = itertools.groupby(ticks, lambda tick: says(tick, scene))  # each from when it is said
+    sentences = itertools.groupby(ticks, lambda tick: says(tick, scene))  # each with the time of its first period
     content = {
         "first": first,
         "last": last,
@@ -254,7 +254,7 @@ class Ground:
     """
 
     def __init__(self) -> None:
-        self.steps: list[tuple[Array, Array]] = []  # of each: gaps between changed cells, XOR of both values
+        self.steps: list[tuple[Array, Array]] = []  # per picture: gaps between changed cells, XOR of old and new value
         self.palette = ground_table()
         self._codes = self.palette.view("<u4")[:, 0]
         self._order = np.argsort(self._codes, kind="stable")
@@ -266,7 +266,7 @@ class Ground:
         return self._cells.shape  # type: ignore[return-value]
 
     def add(self, png: bytes) -> int | None:
-        """Number of this picture; None for one that has another size than the first, or other colours."""
+        """Number of this picture; None when its size differs from the first one's, or it has unknown colours."""
         picture = np.ascontiguousarray(Image.open(io.BytesIO(png)).convert("RGBA")).view("<u4")[..., 0]
         found = np.searchsorted(self._codes, picture, sorter=self._order).clip(max=len(self._order) - 1)
         cells = self._order[found].astype(np.uint8)
@@ -274,7 +274,7 @@ class Ground:
         if cells.shape != before.shape or (self._codes[cells] != picture).any():
             return None
         change = (cells ^ before).ravel()
-        fill = np.arange(LONGEST_GAP, len(change), LONGEST_GAP)  # cells that stay, so that no gap is longer
+        fill = np.arange(LONGEST_GAP, len(change), LONGEST_GAP)  # unchanged cells that keep every gap short enough
         at = np.union1d(np.flatnonzero(change), fill)
         self.steps.append((np.diff(at, prepend=0).astype(np.uint16), change[at]))
         self._cells = cells

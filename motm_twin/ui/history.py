@@ -1,6 +1,6 @@
 """The last two minutes: every period as it was sent, so that the page can look back while the robot goes on.
 
-Payloads are kept compressed (about 3 kB each) and decoded only when looked at; the numbers of the plots
+Payloads are kept compressed (about 3 kB each) and decoded only when shown; the numbers of the plots
 and the list of events are read once, when a period arrives. A branch keeps the shared past and sets aside the rest
 until the branch is undone; a reset or another scene (or server) starts afresh. The events of the timeline are those of
 the run that is shown, and of the runs whose past it shares.
@@ -29,9 +29,9 @@ from motm_twin.model.plant import PERIOD
 PERIODS = 2400  # 120 s
 MAX_BYTES = 32_000_000  # of compressed ticks; an ordinary two minutes need a quarter of it
 MAX_GRID_BYTES = 8_000_000
-_INDEX, _TIME, _STAMP = (attrgetter(name) for name in ("index", "time", "stamp"))  # order of what is kept
+_INDEX, _TIME, _STAMP = (attrgetter(name) for name in ("index", "time", "stamp"))  # sort keys of the entries and grids
 LEVEL = 1  # of zlib: 2 % larger than the best level, five times as fast
-STAGES = ("map", "place", "plan", "arm", "monitor")  # of the period; its time is their sum
+STAGES = ("map", "place", "plan", "arm", "monitor")  # of a period, whose computing time is their sum
 
 
 class _Robot(msgspec.Struct, frozen=True):
@@ -140,7 +140,7 @@ class History:
         self._periods, self._max_bytes = periods, max_bytes
         self._lock = threading.Lock()
         self._read_part, read = msgspec.json.Decoder(Part).decode, msgspec.json.Decoder(bus.TickMessage).decode
-        self._read = lru_cache(1)(lambda entry: read(zlib.decompress(entry.payload)))  # of what is looked at
+        self._read = lru_cache(1)(lambda entry: read(zlib.decompress(entry.payload)))  # the shown period, decoded
         self._unpack = lru_cache(1)(lambda kept: unpacked(kept.info, kept.cells))
         self._entries: list[_Entry] = []
         self._bytes, self._map_bytes = 0, 0
@@ -178,13 +178,13 @@ class History:
         with self._lock:
             if read.run < self._run:
                 return  # a straggler
-            any_run = read.run == self._run  # it may take the place of grids of a run that it shares its past with
+            any_run = read.run == self._run  # it may replace grids of a run whose past it shares
             while self._maps and self._maps[-1].stamp > read.stamp and (any_run or self._maps[-1].info.run == read.run):
                 self._map_bytes -= len(self._maps.pop().cells)
             last = self._maps[-1] if self._maps else packed
             last_info = msgspec.structs.replace(last.info, stamp=read.stamp)
             if last is not packed and last.cells == packed.cells and last_info == read:
-                return  # alike but for their times
+                return  # they differ in their times only
             self._maps.append(packed)
             self._map_bytes += len(packed.cells)
             while self._map_bytes > MAX_GRID_BYTES:
@@ -262,12 +262,12 @@ class History:
         if (part.run, part.began) == (self._run, self._began):
             return
         newer = part.run > self._run
-        ahead = [kept for kept in self._maps if newer and kept.info.run == part.run]  # came before its tick
+        ahead = [kept for kept in self._maps if newer and kept.info.run == part.run]  # arrived before its first tick
         self._maps = [kept for kept in self._maps if kept.info.run < part.run]
         goes_on, aside = newer and 0 <= self._run and part.began == self._began, self._aside
         if goes_on and aside is not None and part.past == aside.run:
             self._aside = self._cut_tail(aside.index, aside.time)
-            self._entries += aside.entries  # what lies before them is the past that they had
+            self._entries += aside.entries  # they follow on the same past as before
             self._bytes += sum(len(entry.payload) for entry in aside.entries)
             self._maps += aside.maps
         elif goes_on and part.past in (-1, self._run):
@@ -279,7 +279,7 @@ class History:
         self._map_bytes = sum(len(kept.cells) for kept in self._maps)
 
     def _cut_tail(self, index: int, time: float) -> _Tail:
-        """Cut, and return the end that was cut off."""
+        """Cut off the periods from ``index`` on and the grids after ``time`` [s], and return them."""
         start = bisect.bisect_left(self._entries, index, key=_INDEX)
         later = self._maps[bisect.bisect_right(self._maps, time, key=_STAMP) :]
         tail = _Tail(self._run, index, time, self._entries[start:], later)
@@ -351,7 +351,7 @@ class Playback:
         self._view.at = None
 
     def look(self, seconds: float, span: Span | None) -> None:
-        """Show the period that lies so far [s] before the newest; 0 is the newest."""
+        """Show the period that lies ``seconds`` [s] before the newest one; 0 is the newest."""
         self._speed = 0.0
         if span is None or seconds < PERIOD / 2:
             self._view.at = None
@@ -382,7 +382,7 @@ class Playback:
 
 
 KEPT = 1000
-BRIEF = 0.5  # [s] a shorter stop is no mark
+BRIEF = 0.5  # [s] shorter stops get no mark
 TOLD = frozenset({"picked", "placed", "arrived", "missed", "lost", "failed", "postponed", "fault", "contact", "cut_in",
                   "stop", "go", "edit", "branch", "done", "error"})  # fmt: skip
 
@@ -393,16 +393,16 @@ class EventMarks:
     def __init__(self) -> None:
         self._lock = threading.Lock()
         self._events: deque[bus.NumberedEvent] = deque(maxlen=KEPT)
-        self._known: set[int] = set()  # numbers
-        self._shares: dict[int, tuple[int, int]] = {}  # run: the one whose past it shares, and its own first period
+        self._known: set[int] = set()  # numbers of the events taken
+        self._shares: dict[int, tuple[int, int]] = {}  # run: (run whose past it shares, own first period)
         self._run, self._since = -1, -1.0
-        self.count = 0  # of changes
+        self.count = 0  # number of changes so far
 
     def add(self, events: Iterable[bus.NumberedEvent]) -> None:
         """Take events; those that are known already are left out."""
         with self._lock:
             for event in events:
-                if event.numbered_since != self._since:  # another server: its runs have the same numbers
+                if event.numbered_since != self._since:  # another server counts its runs from the same number
                     self._since = event.numbered_since
                     self._events.clear()
                     self._known.clear()
@@ -425,7 +425,7 @@ class EventMarks:
             self.count += 1
 
     def last(self, count: int) -> list[bus.NumberedEvent]:
-        """The last of the present run and its past, oldest first."""
+        """The last ``count`` events of the present run and its past, oldest first."""
         with self._lock:
             found, run, before = [], self._run, 1 << 62
             while run >= 0:

@@ -1,7 +1,7 @@
 """Shared by all parts of the page: its visitors, the view, and the way from a widget to the twin.
 
 One 3D scene is drawn for everybody, as the driver has arranged it; each visitor has a panel and a camera. Any number
-of visitors may look; only the driver, who holds the twin's lease, can change anything; every callback is checked here.
+of visitors may watch; only the driver, who holds the twin's lease, can change anything; every callback is checked here.
 """
 
 import asyncio
@@ -39,7 +39,7 @@ class Layer(msgspec.Struct, frozen=True):
     swatch: str  # CSS background
     shape: str  # of the swatch: area | dots | line | dashed | frame
     nodes: tuple[str, ...]  # paths of nodes, or of their parents
-    on: bool = True  # at first
+    on: bool = True  # initially
 
 
 LAYERS = (
@@ -70,7 +70,7 @@ OFF_AT_FIRST = frozenset(layer.key for layer in LAYERS if not layer.on)
 
 
 def names_of(scene: Scene) -> dict[str, Any]:
-    """Names of the scene and of what stands still in it, with places [m]; opening [deg] of the wrist camera."""
+    """Title of the scene; names, places and rim heights [m] of its bins; opening angle [deg] of the wrist camera."""
     bins = [(box.name, *box.centre, box.rim_z) for box in scene.bins]
     wrist = 2.0 * math.degrees(scene.robot.camera.half_cone) if scene.robot.has_arm else 0.0
     return {"scene": scene.title or scene.name, "bins": bins, "wrist": wrist}
@@ -78,12 +78,12 @@ def names_of(scene: Scene) -> dict[str, Any]:
 
 LOOKING_BACK = "looking back: return to live or branch from here"
 NOTE_TIME = 6.0  # [s] a note stays on the page
-BLIND = 20.0  # [s] a page may need until it shows the scene
+BLIND = 20.0  # [s] time that a page may take to show the scene
 NOTES = 2  # at a time: they lie over the scene
 WAITING = 100  # commands that may wait to be sent
 ASKED = (to.Load, to.Pause, to.Play, to.Reset, to.Seed, to.Speed)  # clicks: a note tells their sender to wait
 PATIENT = (*ASKED, to.HandOver, to.Inspect, to.TakeWheel)  # valid for any scene: they wait for the end of a load
-LOOK = 0.1  # [s] between looks at what the server is doing
+LOOK = 0.1  # [s] between checks of the server's state
 PROMPT, PATIENCE = 5.0, 20.0  # [s] for the twin to answer, for immediate commands and for the `PATIENT`
 KEEP_WHEEL = 3.0  # [s] between renewals of the lease by actions on the page alone
 Act = Callable[[Any, "Visitor"], object]
@@ -91,17 +91,17 @@ Act = Callable[[Any, "Visitor"], object]
 
 @dataclass(eq=False)
 class Visitor:
-    """A browser page. ``sender`` speaks for it on the bus; ``name`` is shown to others, escaped."""
+    """A browser page. ``sender`` is its identity on the bus; ``name`` is shown to others, escaped."""
 
     client: viser.ClientHandle
     sender: str
     name: str
-    gone: bool = False  # speaks no more
+    gone: bool = False  # has left; sends nothing any more
     sent: float = -1e9  # [s] monotonic, of the last command
     drawn: bool = False  # its page shows the scene
     since: float = field(default_factory=time.monotonic)  # [s] monotonic
     hidden: frozenset[str] = OFF_AT_FIRST  # layers that this page does not show
-    notes: list[tuple[viser.NotificationHandle, str]] = field(default_factory=list)  # that may be on the page
+    notes: list[tuple[viser.NotificationHandle, str]] = field(default_factory=list)  # may still be on the page
     _noting: threading.Lock = field(default_factory=threading.Lock)
 
     @property
@@ -130,7 +130,7 @@ class View:
 
     picked: int | None = None  # candidate whose costs and paths are shown
     selected: str = ""  # body, cube or piece of furniture selected for the next action
-    sending: str = ""  # agent that goes where the floor is clicked next
+    sending: str = ""  # agent that is sent to the next click on the floor
     placing: str = ""  # body just added: moved to the next click on the floor
     going: tuple[float, float] | None = None  # place [m] that a click on the floor proposes to drive to
     sent_to: str = ""  # target of the drive that was confirmed last
@@ -161,10 +161,10 @@ class Shown:
 
 
 class Hub:
-    """Between the widgets of all visitors and the twin."""
+    """Connects the widgets of all visitors to the twin."""
 
     def __init__(self, client: TwinClient, own_method: OwnMethod | None = None) -> None:
-        """``own_method``: one that is not shipped, for comparisons."""
+        """``own_method``: a method that is not shipped, for comparisons."""
         self.client, self.view = client, View()
         self.history: History | None = None  # set by the viewer
         self.what_if = WhatIf(client.session, own_method=own_method)
@@ -196,7 +196,7 @@ class Hub:
 
     @property
     def visitors(self) -> list[Visitor]:
-        """Everybody who looks at the page now."""
+        """Visitors whose pages are open now."""
         return list(self._visitors.values())
 
     def enter(self, client: viser.ClientHandle) -> Visitor:
@@ -336,7 +336,7 @@ class Hub:
         return any(layer not in visitor.hidden for visitor in self.visitors)
 
     def inspect(self) -> None:
-        """Ask the twin to explain what the view needs."""
+        """Ask the twin for the paths behind the clicked candidate and, when shown, the STAA* path."""
         picked = -1 if self.view.picked is None else self.view.picked
         self.send(None, to.Inspect(candidate=picked, staa_path=self.shows(STAA)))
 
@@ -355,12 +355,12 @@ class Hub:
     # callbacks
 
     def watching(self, act: Act) -> Callable:
-        """Wrap a callback that anybody may trigger: in order, errors shown on the page. ``act(event, visitor)``."""
+        """Wrap a callback ``act(event, visitor)`` that any visitor may trigger; its errors are shown on the page."""
 
         async def callback(event: Any) -> None:
             visitor = self._visitors.get(getattr(event, "client_id", None))  # type: ignore[arg-type]
             if visitor is None:
-                return  # set by this program, or the visitor is gone
+                return  # the value was set by this program, or the visitor has left
             try:
                 result = act(event, visitor)
                 if asyncio.iscoroutine(result):
@@ -387,7 +387,7 @@ class Hub:
 def clean_name(text: str) -> str:
     """A person's name for display: printable, one line, at most `NAME_MAX` characters; "" for none.
 
-    Characters that turn the direction of writing are not printable.
+    Characters that change the direction of writing count as not printable.
     """
     words = "".join(letter if letter.isprintable() else " " for letter in text).split()
     return " ".join(words)[:NAME_MAX].strip()

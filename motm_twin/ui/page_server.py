@@ -68,7 +68,7 @@ def _documentation_folder() -> tuple[Path, str] | None:
 
 
 def link(term: str) -> str:
-    """Address of what is said about one of `TERMS`; "" where there is no documentation."""
+    """Address of the documentation of one of `TERMS`; "" where there is no documentation."""
     place = _documentation_folder()
     page, heading = TERMS[term]
     return "" if place is None else f"{PATH}{page}{place[1]}#{heading}"
@@ -89,7 +89,7 @@ def documentation(path: str) -> Response | None:
 
 
 def response(status: http.HTTPStatus, body: bytes, headers: Mapping[str, str]) -> Response:
-    """An answer with these headers besides its length; plain text unless they tell another type."""
+    """A response with its length and these headers; plain text unless they give another type."""
     told = {"Content-Type": PLAIN, "Content-Length": str(len(body)), **headers}
     return Response(status.value, status.phrase, Headers(told), body)
 
@@ -99,7 +99,7 @@ STYLES = ("overlay.css",)
 
 
 def with_scripts(response: Response | None) -> Response | None:
-    """Insert the scripts into an answer that is the page; other answers stay as they are."""
+    """Insert the scripts into a response that is the page; other responses pass unchanged."""
     if response is None or not response.headers.get("Content-Type", "").startswith("text/html"):
         return response
     zipped = response.headers.get("Content-Encoding") == "gzip"
@@ -130,7 +130,7 @@ def _inserted(body: bytes, zipped: bool) -> bytes:
 
 VARIABLE = "MOTM_TOKEN"
 FILE = "page-token"  # in the user's private folder
-COOKIE = "motm_token"  # and the port, as a browser sends the cookies of one port to all others of a name
+COOKIE = "motm_token"  # the port is appended: browsers share the cookies of a host among its ports
 HEALTH_PATH = "/healthz"
 MIN_TOKEN = 32  # characters; 128 bits when they are hexadecimal
 SECURITY_HEADERS = {  # headers of every answer: no framing, no referrer
@@ -140,13 +140,13 @@ SECURITY_HEADERS = {  # headers of every answer: no framing, no referrer
     "X-Content-Type-Options": "nosniff",
 }
 _LOOPBACK_NAMES = ("localhost", "127.0.0.1", "::1")
-VISITORS = 50  # pages at once, unless another number is wished for
-MESSAGES, BURST = 300.0, 600.0  # [1/s] of one page, and at once
-BYTES, BYTES_BURST = 2e6, 16e6  # [1/s] of one page, and at once
+VISITORS = 50  # pages open at once, by default
+MESSAGES, BURST = 300.0, 600.0  # of one page: rate [1/s], and largest burst
+BYTES, BYTES_BURST = 2e6, 16e6  # of one page: rate [1/s], and largest burst
 LARGEST = 8 * 1024 * 1024  # bytes of a message
 QUEUED = 4  # unread messages of one page
-TIDY = 0.5  # [s] after a page has left, memory is given back for it and for those that have left since
-PICTURE = 1024  # messages that are sent at once: more than a picture has
+TIDY = 0.5  # [s] from the first page that leaves to one clean-up for all that have left by then
+PICTURE = 1024  # most messages sent at once: more than one picture has
 TRY_LATER = 1013  # code with which a websocket is closed
 
 
@@ -181,14 +181,14 @@ def check_token(host: str, token: str | None) -> None:
 
 
 class Allowance:
-    """A token bucket: whoever takes more than it holds must wait."""
+    """A token bucket: a sender that takes more than it holds must wait."""
 
     def __init__(self, rate: float, most: float, now: float) -> None:
         """``rate`` [1/s], up to ``most``; ``now`` [s] monotonic."""
         self._rate, self._most, self._left, self._at = rate, most, most, now
 
     def take(self, amount: float, now: float) -> float:
-        """Take so much at ``now`` [s]; the time [s] to wait before the next."""
+        """Take an amount at ``now`` [s]; returns the time [s] to wait before the next one."""
         self._left = min(self._most, self._left + self._rate * (now - self._at)) - amount
         self._at = now
         return max(0.0, -self._left / self._rate)
@@ -198,12 +198,12 @@ class PageLimit:
     """Counts open pages, and slows down those that send too much."""
 
     def __init__(self, most: int = VISITORS) -> None:
-        """``most``: pages at once."""
+        """``most``: pages open at once."""
         self.most, self.here, self._untidy = most, 0, False
 
     @property
     def full(self) -> bool:
-        """No further page may open now."""
+        """True when no further page may open."""
         return self.here >= self.most
 
     def text(self) -> str:
@@ -259,7 +259,7 @@ class Guard:
     def __init__(
         self, token: str | None, host: str = LOOPBACK, names: Sequence[str] = (), limit: PageLimit | None = None
     ) -> None:
-        """``host``: address that is listened on; ``names``: further ones under which browsers may ask."""
+        """``host``: address to listen on; ``names``: further host names that browsers may use."""
         self._limit = limit or PageLimit()
         self._token, self._far = token, not is_loopback(host)
         own = {socket.gethostname(), socket.getfqdn()} if self._far else set()
@@ -301,9 +301,9 @@ class Guard:
 def open_page(
     host: str, port: int, token: str | None = None, names: Sequence[str] = (), *, visitors: int = VISITORS
 ) -> viser.ViserServer:
-    """A Viser server behind the guard, on exactly this port (0: any free one), for so many visitors at once.
+    """A Viser server behind the guard, on exactly this port (0: any free one).
 
-    ``names``: as of `Guard`. Raises PortTaken, ValueError.
+    ``visitors``: most pages open at once; ``names``: as for `Guard`. Raises PortTaken, ValueError.
     """
     if visitors < 1:
         raise ValueError(f"{visitors} visitors: at least one page must be possible")
@@ -360,12 +360,12 @@ def _is_address(name: str) -> bool:
 
 
 def _cookie_name(host: str) -> str:
-    port = host.rpartition(":")[2]  # as the browser sees it, which may be one that is forwarded
+    port = host.rpartition(":")[2]  # as the browser sees it: it may be a forwarded one
     return f"{COOKIE}_{port}" if port.isdecimal() and not host.endswith("]") else COOKIE
 
 
 def _cookies(request: Request, name: str) -> list[str]:
-    """Values of all cookies of a name. Those of other programs may be in any form, and hide none."""
+    """Values of all cookies with a name. Cookies of other programs, in whatever form, do not hide any."""
     pairs = (pair.partition("=") for pair in ";".join(request.headers.get_all("Cookie")).split(";"))
     return [value.strip() for key, _, value in pairs if key.strip() == name]
 
@@ -379,15 +379,15 @@ def _response(status: http.HTTPStatus, text: str, **more: str) -> Response:
 
 
 class LoopEvent(asyncio.Event):
-    """An event that is set in its event loop only; elsewhere nothing happens.
+    """An event that can be set only in its event loop; a call from another thread does nothing.
 
-    Viser wakes its senders twice for every message: at once in the thread that writes, and once more in its event loop.
-    The first goes past the loop: when the loop runs at that moment, it ends with "deque mutated during iteration" in
-    the writer, whose update of the page then breaks off. Here only the second one counts.
+    Viser wakes its senders twice for every message: at once in the thread that writes, and again in its event loop.
+    The first call bypasses the loop: when the loop runs at that moment, it raises "deque mutated during iteration" in
+    the writer, which breaks off its update of the page. Here only the second call has an effect.
     """
 
     def set(self) -> None:
-        """Set it, when this is the thread of the loop."""
+        """Set the event when called in the thread of the loop."""
         try:
             asyncio.get_running_loop()
         except RuntimeError:
@@ -396,9 +396,9 @@ class LoopEvent(asyncio.Event):
 
 
 def write_through_the_loop() -> None:
-    """Have all message buffers that Viser makes from now on wake their senders in the event loop.
+    """Make all message buffers that Viser creates from now on wake their senders in the event loop.
 
-    Each sends a whole picture at once.
+    Each buffer sends a whole picture at once.
     """
     original = AsyncMessageBuffer.__init__
     if getattr(original, "wakes_in_the_loop", False):

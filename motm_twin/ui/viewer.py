@@ -32,11 +32,11 @@ from motm_twin.ui.scene.scene_view import SceneView
 from motm_twin.ui.what_if import OwnMethod
 
 FRAME = 1.0 / 30.0  # [s] at most thirty pictures a second
-TELL = 1.0  # [s] between two reports of how many look
+TELL = 1.0  # [s] between two reports of the number of pages
 SLOW = 0.1  # [s] between updates of ghosts, candidates and panels
-ROOM = 4000  # payloads that may wait for the history; then the oldest are lost, as they are for any slow reader
+ROOM = 4000  # payloads that may wait for the history; beyond, the oldest are lost, as for any slow reader
 FIRST_TICK = 600.0  # [s] to wait for a twin before earlier events are asked for
-TITLES = {"refused": "Not done", "recording": "Recording"}  # kinds of events that are told on every page
+TITLES = {"refused": "Not done", "recording": "Recording"}  # kinds of events that are shown on every page
 NICENESS = 5  # drawing yields to control
 
 
@@ -44,7 +44,7 @@ class Viewer:
     """Draws one twin on one Viser server. `run` returns after `stop`."""
 
     def __init__(self, server: viser.ViserServer, client: TwinClient, own_method: OwnMethod | None = None) -> None:
-        """``own_method``: one that is not shipped, for comparisons."""
+        """``own_method``: a method that is not shipped, for comparisons."""
         self._client = client
         self._stop = threading.Event()
         self._hub = Hub(client, own_method)
@@ -53,7 +53,7 @@ class Viewer:
         self._forget_events = follow_events(client, self._hub)
         self._scene = SceneView(server, self._hub)
         self._panels = Panels(server, self._hub, self._scene)
-        self._told = 0.0  # [s] when the twin was told last how many look
+        self._told = 0.0  # [s] time of the last report of the number of pages
 
     def stop(self) -> None:
         """Make `run` return."""
@@ -84,7 +84,7 @@ class Viewer:
             part.stop()
 
     def _tell_audience(self, shown: Shown, now: float) -> None:
-        """Tell a twin that wants to know it how many pages have a picture."""
+        """Report the number of pages that show the scene, if the twin counts them."""
         pages, status = sum(visitor.looks for visitor in self._hub.visitors), shown.status
         if status is None or shown.tick is None or shown.state not in ("playing", "paused", "done"):
             return
@@ -112,7 +112,7 @@ class Viewer:
         )
 
     def _looking_back(self) -> tuple[TickMessage, Grid | None] | None:
-        """The period of the history that is looked at, with its grid; None when that is the newest."""
+        """The shown period of the history, with its grid; None when the newest period is shown."""
         view, span = self._hub.view, self._hub.span
         at = view.at
         if at is None:
@@ -120,14 +120,14 @@ class Viewer:
         if span is None or at > span.last:  # cut off by a branch, a reset or another scene
             view.at = None
             return None
-        if at < span.first:  # forgotten while it was looked at
+        if at < span.first:  # dropped from the history while it was shown
             at = view.at = span.first
         tick = self._history.at(at)
         return None if tick is None else (tick, self._history.grid_at(at))
 
 
 class HistoryWriter:
-    """Fills the history of one twin until `stop`, in its own thread: Zenoh's must not wait for compression."""
+    """Fills the history of one twin until `stop`, in its own thread: Zenoh's must not wait for the compression."""
 
     def __init__(self, client: TwinClient, history: History) -> None:
         self._waiting: queue.Queue[Callable[[], None] | None] = queue.Queue()
@@ -139,7 +139,7 @@ class HistoryWriter:
         self._worker.start()
 
     def stop(self) -> None:
-        """Listen no more."""
+        """End the subscriptions and the thread."""
         for forget in self._forget:
             forget()
         self._waiting.put(None)
@@ -154,14 +154,14 @@ class HistoryWriter:
         while (add := self._waiting.get()) is not None:
             try:
                 add()
-            except Exception:  # of another version, or broken: the page tells it when it draws the same message
+            except Exception:  # another version, or broken: the page reports it when it draws the same message
                 traceback.print_exc()
 
 
 def follow_events(client: TwinClient, hub: Hub) -> Callable[[], None]:
-    """Keep events for the timeline, and show those that no period has, such as a refusal by the robot, as notes.
+    """Keep events for the timeline; show those that belong to no period, such as a refusal by the robot, as notes.
 
-    Returns the function that ends this.
+    Returns the function that ends the subscription.
     """
     decode = msgspec.json.Decoder(NumberedEvent).decode
 
@@ -169,7 +169,7 @@ def follow_events(client: TwinClient, hub: Hub) -> Callable[[], None]:
         try:
             event = decode(payload)
         except msgspec.MsgspecError:
-            return  # of another version: the ticks say so
+            return  # another version: the ticks show it
         hub.events.add([event])
         if event.kind in TITLES:
             hub.tell(None, event.text, TITLES[event.kind])
@@ -188,7 +188,7 @@ def main() -> None:
     """Run until a signal or the end of the parent."""
     options = _options()
     report, stop = Reporter(options.report), stop_event(options.report is not None)
-    given = os.environ.pop(VARIABLE, None) or None  # no child of this program needs it
+    given = os.environ.pop(VARIABLE, None) or None  # child processes must not inherit it
     os.nice(NICENESS)
     share_arenas()
     logging.getLogger("websockets.server").setLevel(logging.CRITICAL)  # a browser that hangs up is no error

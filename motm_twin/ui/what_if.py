@@ -1,6 +1,6 @@
 """Comparisons (what if): a run repeated in other processes, unchanged and with other parameters, for all visitors.
 
-``python -m motm_twin.record.what_if`` computes both and writes JSON lines; here they are read and kept.
+``python -m motm_twin.record.what_if`` computes both and writes JSON lines, which are read and kept here.
 """
 
 import bisect
@@ -24,18 +24,18 @@ from motm_twin.model.edits import ParameterValue
 from motm_twin.model.plant import PERIOD
 from motm_twin.record.what_if_lines import RUNS, Mover, Outcome, Sample
 
-ERROR_LINES = 12  # of the standard error of the process that are kept
+ERROR_LINES = 12  # lines of the process's standard error that are kept
 WATCH_SPEED = 3.0  # times real time
-WATCH_END = 3.0  # [s] the ends are shown before both follow the twin again
+WATCH_END = 3.0  # [s] for which the ends are shown before both follow the twin again
 BEHIND = 0.3  # [s] lag of the computed runs beyond which the labels of their robots show their time
-EARLIER = " (run before)"  # robots of a comparison that began before a branch or reset
-MOST_SAMPLES = 72_000  # of one run, two hours; what comes after is left out
+EARLIER = " (run before)"  # label of robots whose comparison began before a branch or reset
+MOST_SAMPLES = 72_000  # samples of one run, two hours; later ones are dropped
 Values = Mapping[str, ParameterValue]
 OwnMethod = tuple[str, str]  # name of a method that is not shipped, and its FILE.py:NAME from the command line
 
 
 class _Driven(msgspec.Struct):
-    """The field of a session that tells who drove."""
+    """The field of a session that names the method."""
 
     method: str = ""
 
@@ -54,7 +54,7 @@ class Other:
     pose: tuple[float, float, float]
     q: tuple[float, ...]
     gripper: float
-    movers: tuple[Mover, ...] = ()  # who is about in that run
+    movers: tuple[Mover, ...] = ()  # dynamic bodies of that run
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,7 +63,7 @@ class State:
 
     phase: str = "idle"  # idle | starting | running | done | failed
     text: str = ""  # why it failed
-    run: int = -1  # of the twin that it began with
+    run: int = -1  # run of the twin in which it began
     start: float = 0.0  # [s] from which on the runs may differ
     values: Values = field(default_factory=dict)  # of the changed run
     reached: dict[str, float] = field(default_factory=dict)  # [s] simulated, by run
@@ -83,7 +83,7 @@ class Runs:
         self.outcomes: dict[str, Outcome] = {}
 
     def add(self, line: bytes) -> str:
-        """Take one line of the process; the text of an error, else "". Raises ValueError for what is no such line."""
+        """Take one line of the process; the text of an error, else "". Raises ValueError for any other line."""
         kind = msgspec.json.decode(line, type=_Line)
         if kind.error:
             return kind.error
@@ -108,7 +108,7 @@ class Runs:
         return min((reached.get(run, 0.0) for run in open_runs), default=max(reached.values(), default=0.0))
 
     def at(self, time: float) -> list[Other]:
-        """The robots of both runs at a time [s]; before the first and after the last sample they stand there."""
+        """The robots of both runs at a time [s]; they stand still before the first and after the last sample."""
         found = []
         for run, samples in self._samples.items():
             number = bisect.bisect_right(samples, time, key=attrgetter("time"))
@@ -127,7 +127,7 @@ def _between(label: str, a: Sample, b: Sample, time: float) -> Other:
         return tuple(one + part * (other - one) for one, other in zip(x, y, strict=True))
 
     turn = math.remainder(b.pose[2] - a.pose[2], 2 * math.pi)
-    movers = a.movers  # unless somebody came or went, on the way to where they are in the second sample
+    movers = a.movers  # interpolated unless the number of bodies changes between the samples
     if len(a.movers) == len(b.movers):
         movers = tuple((*mix(one[:2], other[:2]), *one[2:]) for one, other in zip(a.movers, b.movers, strict=True))
     pose = (*mix(a.pose[:2], b.pose[:2]), a.pose[2] + part * turn)
@@ -144,15 +144,15 @@ class WhatIf:
         own_method: OwnMethod | None = None,
     ) -> None:
         self._session, self._own_method, self._now = session, own_method, now
-        self._watch_from: float | None = None  # on that clock
+        self._watch_from: float | None = None  # on the clock ``now``
         self._lock = threading.Lock()
         self._runs, self.state, self._job = Runs(), State(), 0
         self._process: subprocess.Popen[bytes] | None = None
 
     def others(self, time: float, run: int = -1) -> list[Other]:
-        """The robots to be shown beside the twin's at a time [s] of its run of this number, at most two.
+        """The robots to show beside the twin's at a time [s] of its run with this number, at most two.
 
-        Both are shown at one common time, even while one run has been computed further. Their dynamic bodies are shown
+        Both are shown at one common time, even when one run has been computed further. Their dynamic bodies are shown
         only while both runs are watched alone.
         """
         with self._lock:
@@ -168,7 +168,7 @@ class WhatIf:
             return found if watched is not None else [replace(other, movers=()) for other in found]
 
     def watch(self) -> None:
-        """Show both runs alone, from where they part to their ends, faster than they were."""
+        """Show both runs alone, from where they part to their ends, faster than real time."""
         with self._lock:
             self._watch_from = self._now()
 
@@ -187,9 +187,9 @@ class WhatIf:
         return None if self._watch_from is None else min(time, common)
 
     def start(self, values: Values, from_index: int, run: int = -1) -> None:
-        """Compare the run so far, continued to its end, with the same run under these values from a period on.
+        """Compare the run, continued to its end, with the same run under these values from period ``from_index`` on.
 
-        ``run``: number of the twin's run, to tell it from later ones. Returns at once; `state` tells the rest.
+        ``run``: number of the twin's run, to tell it from later ones. Returns at once; `state` shows the progress.
         Raises ValueError while another comparison runs.
         """
         with self._lock:
@@ -202,7 +202,7 @@ class WhatIf:
         threading.Thread(target=self._compute, args=job, name="what if", daemon=True).start()
 
     def stop(self) -> None:
-        """End the computation and show nothing any more."""
+        """End the computation and hide the comparison."""
         with self._lock:
             self._job += 1
             self.state, self._runs, self._watch_from = State(), Runs(), None
@@ -222,7 +222,7 @@ class WhatIf:
             self._set(job, phase="failed", text=f"{error}" or type(error).__name__)
 
     def _method_of(self, session: bytes) -> list[str]:
-        """The option that tells where the method of a session is, when it is not shipped."""
+        """The option that locates the method of a session, when it is not shipped."""
         own = self._own_method
         shipped = own is None or msgspec.json.decode(session, type=_Driven).method != own[0]
         return [] if shipped else ["--method", own[1]]
@@ -233,7 +233,7 @@ class WhatIf:
                 return
             process = subprocess.Popen(  # noqa: S603 - our own module; names and values are checked there
                 [sys.executable, "-m", "motm_twin.record.what_if", *options],
-                stdin=subprocess.PIPE,  # closes with this process, which ends the other one
+                stdin=subprocess.PIPE,  # closes when this process ends, which ends the other one
                 stdout=subprocess.PIPE,
                 stderr=subprocess.PIPE,
             )
@@ -266,7 +266,7 @@ class WhatIf:
             self._set(job, phase=phase, outcomes=outcomes, reached=reached)
 
     def _set(self, job: int, **changes: object) -> bool:
-        """Change the state of a job, unless another one has taken its place; whether it is still this one's."""
+        """Change the state of a job; False, without a change, when another job has taken its place."""
         with self._lock:
             if job != self._job:
                 return False

@@ -14,7 +14,7 @@ from motm_twin.control.motion_check import (
     failing_joint,
     findings,
     joint_shares,
-    told,
+    note_command,
 )
 from motm_twin.model.plant import Actuation, Observation
 from motm_twin.model.profile import RobotProfile
@@ -46,7 +46,7 @@ def drive(commands, *, scale=1.0, more_lag=0.0, since=0.0, stuck=(math.inf, math
         seen = observation(time, np.array([body.v, body.w]) + noise * rng.standard_normal(2))
         check_base(state, seen, DT if k else 0.0, PROFILE.base, SETTINGS)
         found.append({one.kind for one in findings(state, seen, PROFILE.base, SETTINGS)})
-        told(state, asked(v, w), seen)
+        note_command(state, asked(v, w), seen)
         stands = stuck[0] <= time < stuck[1]
         base.step(body, np.zeros(2) if stands else np.array([v, w]), more_lag=more_lag if time >= since else 0.0)
     return found
@@ -99,7 +99,7 @@ def joints(rates, follow, steps=60, q=None):
         seen = observation(k * DT, dq=follow * rates if k else np.zeros(7), q=q)
         check_joints(state, seen, DT, SETTINGS)
         found.append([(one.kind, one.subject) for one in findings(state, seen, PROFILE.base, SETTINGS)])
-        told(state, asked(rates=rates), seen)
+        note_command(state, asked(rates=rates), seen)
     return state, found
 
 
@@ -123,7 +123,7 @@ def test_a_joint_that_brakes_is_astray_at_once_and_none_for_a_lag():
         check_joints(state, observation(k * DT, dq=late), DT, SETTINGS)
         if k < 19:
             assert np.abs(state.astray).max() == 0.0
-        told(state, asked(rates=rates), observation(k * DT))
+        note_command(state, asked(rates=rates), observation(k * DT))
     assert state.astray[3] == pytest.approx(-0.2) and np.abs(np.delete(state.astray, 3)).max() == 0.0
 
 
@@ -137,7 +137,7 @@ def test_a_joint_that_leaves_its_commands_is_not_counted_on_before_it_is_named()
         check_joints(state, seen, DT, SETTINGS)
         given.append((failing_joint(state), state.joint))
         rates[3] = 0.8 if failing_joint(state) is None else 0.05
-        told(state, asked(rates=rates.copy()), seen)
+        note_command(state, asked(rates=rates.copy()), seen)
     assert given[10] == (None, -1) and given[13] == (3, -1)
     assert all(failing == 3 for failing, _ in given[13:]) and given[45][1] == 3
 
@@ -163,7 +163,7 @@ def test_a_freed_joint_is_no_longer_named():
 def fingers(frames, gripper="close", start=0.08):
     """Findings while the fingers are told to ``gripper`` and report these (width, moving)."""
     state, found = MotionState(gripper="open" if gripper == "close" else "close"), []
-    told(state, asked(gripper=gripper), observation(0.0, width=start))
+    note_command(state, asked(gripper=gripper), observation(0.0, width=start))
     for k, (width, moving) in enumerate(frames):
         seen = observation((k + 1) * DT, width=width, moving=moving)
         check_fingers(state, seen, PROFILE, SETTINGS)

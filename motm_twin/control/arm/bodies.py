@@ -24,8 +24,8 @@ from motm_twin.model.known import KnownWorld, known_solids
 from motm_twin.model.scene import Box, Cylinder, Prism
 
 IntArray = NDArray[np.int64]
-# Hand and fingers are two bodies each: of one, the nearest ball changes from side to side, and a hand that is wedged
-# turns back and forth between the two, faster than its joints brake
+# Hand and fingers are two bodies each: the nearest ball of a single body changes from side to side, and a wedged hand
+# would turn back and forth between the two sides, faster than its joints can brake.
 BODIES = ("elbow", "forearm", "wrist", "hand", "hand", "fingers", "fingers", "held object")
 HAND_BODY, FINGERS, HELD = 3, 5, 7  # the first of each
 _BODY_OF_LINK = {
@@ -43,9 +43,9 @@ _FINGER = (  # balls: x across, y from the pad outwards, z beyond the hand, radi
     (0.0, 0.0146, 0.0660, 0.0118),
     (0.0, 0.0146, 0.0774, 0.0118),
     (0.0, 0.006, 0.1024, 0.010),
-    *((x, y, 0.1094, 0.003) for x in (-0.0075, 0.0075) for y in (0.003, 0.0138)),  # the lowest of a tilted one
+    *((x, y, 0.1094, 0.003) for x in (-0.0075, 0.0075) for y in (0.003, 0.0138)),  # the lowest when it is tilted
 )
-_IN_CORNER = 0.5 - 0.25 / math.sqrt(3.0)  # a ball of radius 0.25 there touches the corner
+_IN_CORNER = 0.5 - 0.25 / math.sqrt(3.0)  # offset at which a ball of radius 0.25 touches the corner
 _HELD = (  # balls of a cube of side 1, from the tool centre point: x, y, z, radius
     *((x, y, _IN_CORNER, 0.25) for x in (-_IN_CORNER, _IN_CORNER) for y in (-_IN_CORNER, _IN_CORNER)),  # its lower end
     (0.0, 0.0, 0.0, 0.72),  # its edges
@@ -54,10 +54,10 @@ PALM = (0.104, 0.0320, 0.0374)  # half width, half depth, bottom over the tool c
 _PALM_BALLS, _PALM_RADIUS, _CORNER_RADIUS = 10, 0.0274, 0.010  # in a row, and at its corners [m]
 _COLUMN_RADIUS, _COLUMN_TOP = 0.10, 0.42  # [m] the arm's own column, top above the mount
 _FLOOR = 3.0  # [m] side of the floor round the robot
-COLUMN = 1  # of the robot's own solids the arm's column: elbow, forearm and wrist belong to it
+COLUMN = 1  # index of the arm's column in the robot's own solids: elbow, forearm and wrist belong to it
 _Entry = tuple[str, Box | Cylinder | Prism, float, float]  # name, shape, bottom and top [m]
-_ROUNDING = 1e-9  # [m] more than distances are wrong by
-_ROUNDED_UP = 1.0 + 1e-9  # of a square, more than it is wrong by
+_ROUNDING = 1e-9  # [m] more than the rounding error of distances
+_ROUNDED_UP = 1.0 + 1e-9  # factor that is more than the rounding error of a square
 
 
 class Solids(NamedTuple):
@@ -95,7 +95,7 @@ def mapped_solids(known: KnownWorld) -> NamedSolids:
 
 
 def own_body(known: KnownWorld, *, floor: bool = False) -> NamedSolids:
-    """The base body and the arm's column, base frame; with the ``floor`` round the robot if asked for."""
+    """The base body and the arm's column, base frame; with ``floor``, also the floor round the robot."""
     foot, arm = known.robot.footprint, known.robot.arm
     base = Box(centre=(foot.offset_x, 0.0), size=(foot.length, foot.width))
     column = Cylinder(centre=(arm.mount_x, arm.mount_y), radius=_COLUMN_RADIUS)
@@ -156,7 +156,7 @@ def _palm() -> list[tuple[float, float, float, float]]:
 
 @njit(cache=True)
 def placed(balls: Balls, width: float, held_side: float) -> Balls:
-    """The balls with the fingers at the gripper's width and the held cube; radius 0: not there."""
+    """The balls with the fingers at the gripper's width and the held cube; a ball of radius 0 is not there."""
     centre, radius = balls.centre.copy(), balls.radius.copy()
     tips, held = len(_FINGER), len(radius) - len(_HELD)
     for k in range(tips):
@@ -264,7 +264,7 @@ def _ball_centres(T: Array, balls: Balls, d_i: Array, at_mount: Array) -> tuple[
 def body_distances(
     T: Array, balls: Balls, d_i: Array, at_mount: Array, solids: Solids, column: int
 ) -> tuple[Array, Array, IntArray]:
-    """Nearest ball of each body to each solid closer than d_i; elbow, forearm and wrist keep off no solid ``column``.
+    """Nearest ball of each body to each solid closer than d_i; elbow, forearm and wrist ignore the solid ``column``.
 
     ``at_mount``: x, y, z [m] and heading of the mount in the frame of the solids, shape (4,). Returns distances
     (bodies, n), inf when further; directions away from the solid in the solids' frame (bodies, n, 3); index of the
@@ -292,7 +292,7 @@ def body_distances(
             k = near[n]
             if k == column and b < HAND_BODY:
                 continue
-            reach = min(d_i[b], distance[b, k]) + own + _ROUNDING  # what is further off changes nothing
+            reach = min(d_i[b], distance[b, k]) + own + _ROUNDING  # solids further off change nothing
             if not _near_solid(x, y, z, reach, k, solids.bounds):
                 continue
             d, nx, ny, nz = solid_distance(x, y, z, k, solids)

@@ -42,7 +42,7 @@ class Decision(NamedTuple):
     program: ProgramStatus
     outcome: str = ""
     why: Reason | None = None
-    motion: Motion | None = None  # None: the hand was led nowhere
+    motion: Motion | None = None  # None: the hand had no reference
     slack: Array = _NO_SLACK
     active: tuple[str, ...] = ()
     limiter: str = ""
@@ -60,7 +60,7 @@ class ArmWays:
     inputs: Callable[[ManipulatorState, ArmInputs], ArmInputs] = lambda state, inputs: inputs
     rules: Callable[[PhaseRules, ArmInputs], PhaseRules] = lambda usual, inputs: usual  # of the phases
     motion: Callable[[ManipulatorState, View, ArmInputs, ArmParameters, Numbers], Motion] = hand_motion
-    program: Callable[[ManipulatorState, View, Motion, Program], Program] = _as_it_is  # what becomes of it
+    program: Callable[[ManipulatorState, View, Motion, Program], Program] = _as_it_is  # changes it
 
 
 PAPER_WAYS = ArmWays()
@@ -79,8 +79,8 @@ class Manipulator(Stateful[ManipulatorState]):
     ) -> None:
         """Arm side for one robot and its mapped furniture.
 
-        ``timing`` replaces the transit rule of MotM; ``limits`` are more of them, after the usual ones; ``ways``
-        replace functions of a step.
+        ``timing`` replaces the transit rule of MotM; ``limits`` are added after the usual ones; ``ways`` replace
+        functions of a step.
         """
         self._ways = ways
         self.parameters = parameters or ArmParameters()
@@ -103,16 +103,16 @@ class Manipulator(Stateful[ManipulatorState]):
 
     @property
     def holding(self) -> bool:
-        """Does the gripper believe that it holds an object?"""
+        """True while the gripper believes that it holds an object."""
         return self._state.holding
 
     @property
     def busy(self) -> bool:
-        """Are the fingers closing on an object, lifting it, or letting go of it?"""
+        """True while the fingers close on an object, lift it, or let go of it."""
         return fingers_at_work(self._state)
 
     def retasked(self, edit: TaskEdit) -> None:
-        """A person has changed the task list: of interest only to an arm that plans beyond its goal of now."""
+        """Take note of a user's change to the task list; only an arm that plans beyond its present goal needs it."""
 
     def step(self, inputs: ArmInputs) -> ArmStep:
         """Decide base twist, joint rates and gripper for the next ``inputs.dt``."""
@@ -289,7 +289,7 @@ class Manipulator(Stateful[ManipulatorState]):
 
 
 def _gave_way(speed: float, active: tuple[str, ...], hard: frozenset[str], least: float) -> Reason | None:
-    """The fault of a program whose hard rows gave way by a speed [m/s]; None below the least."""
+    """Fault of a program whose hard rows gave way by a speed [m/s]; None below ``least``."""
     if speed < least:
         return None
     row = next((name for name in active if name in hard), "furniture")
@@ -297,7 +297,7 @@ def _gave_way(speed: float, active: tuple[str, ...], hard: frozenset[str], least
 
 
 def _not_finite(inputs: ArmInputs) -> str:
-    """Name of the first input that is not finite; points of obstacles that are not finite count too."""
+    """Name of the first input that is not finite, or a step that is not positive; "" for none."""
     observation, goal = inputs.observation, inputs.goal
     values = {
         "odometry": observation.odometry,

@@ -17,7 +17,7 @@ from motm_twin.model.geometry import Array
 QUARTER = math.pi / 2.0
 _UPPER, _LOWER = math.hypot(UPPER, ELBOW_OFFSET), math.hypot(LOWER, ELBOW_OFFSET)  # [m] shoulder, elbow, joint 6
 STRAIGHT = _UPPER + _LOWER  # [m] joint 6 from the shoulder, elbow straight
-ELBOW = -math.atan(ELBOW_OFFSET / UPPER) - math.atan(ELBOW_OFFSET / LOWER)  # [rad] joint 4 then: -0.467, no limit near
+ELBOW = -math.atan(ELBOW_OFFSET / UPPER) - math.atan(ELBOW_OFFSET / LOWER)  # [rad] joint 4, straight; no limit near
 
 
 @njit(cache=True)
@@ -47,7 +47,7 @@ def from_polar(radius: float, azimuth: float, z: float, pose: Array, mount: Arra
 def stretch(radius: float, height: float, tilt: float) -> float:
     """Distance [m] of joint 6 from the shoulder with the tool centre point at radius and height [m] over the mount.
 
-    The tool is tilted outwards by ``tilt`` and the arm stands in one plane. `STRAIGHT` is the most the elbow gives.
+    The tool is tilted outwards by ``tilt`` and the arm stands in one plane. The elbow allows `STRAIGHT` at most.
     """
     c, s = math.cos(tilt), math.sin(tilt)
     return hypot(radius - TOOL * s - WRIST * c, height + TOOL * c - WRIST * s - SHOULDER)
@@ -62,7 +62,7 @@ def reach_radius(height: float, tilt: float, longest: float) -> float:
 
 
 def reach_height(radius: float, tilt: float, longest: float) -> float:
-    """Greatest height [m] over the mount at which `stretch` is at most ``longest``; of level reach if there is none."""
+    """Greatest height [m] over the mount at which `stretch` is at most ``longest``; if none, that of a level reach."""
     c, s = math.cos(tilt), math.sin(tilt)
     out = radius - TOOL * s - WRIST * c
     return SHOULDER + WRIST * s - TOOL * c + math.sqrt(max(0.0, longest * longest - out * out))
@@ -178,15 +178,15 @@ def capped(vector: Array, limit: float) -> Array:
     return vector if length <= limit else vector * (limit / length)
 
 
-_HEAVY = 1e4  # a shortage of room counts this many times as much as the same way: less of it comes first
+_HEAVY = 1e4  # cost of missing room, against that of the same distance: the least missing room comes first
 
 
 @njit(cache=True)
 def release_point(centre: Array, yaw: float, half: float, mount: Array, radii: Array, taken: Array) -> Array:
     """The point of the release square that the arm reaches best and that is free, or as free as any in reach.
 
-    ``radii`` (2,): from the mount, at which the arm is most at ease, and its reach [m]. ``taken``: what lies in the
-    bin, x, y and how near to it along the bin's axes no other centre may come [m], shape (n, 3).
+    ``radii`` (2,) [m] from the mount: the one preferred, and the reach. ``taken``: squares round the objects in the
+    bin, along its axes, that no other centre may enter: x, y, half side [m], shape (n, 3).
     """
     away = centre[:2] - mount[:2]
     distance = norm(away)
@@ -202,7 +202,7 @@ def release_point(centre: Array, yaw: float, half: float, mount: Array, radii: A
 
 @njit(cache=True)
 def room_at(point: Array, centre: Array, yaw: float, taken: Array) -> float:
-    """Room [m] of a point (x, y, ...) beside what lies in a bin; negative: as much is missing; inf: nothing there."""
+    """Room [m] of a point (x, y, ...) beside objects in a bin; negative: as much is missing; inf: no object."""
     c, s = math.cos(yaw), math.sin(yaw)
     dx, dy = point[0] - centre[0], point[1] - centre[1]
     return _room(c * dx + s * dy, -s * dx + c * dy, _along(centre, c, s, taken))
@@ -210,7 +210,7 @@ def room_at(point: Array, centre: Array, yaw: float, taken: Array) -> float:
 
 @njit(cache=True)
 def _along(centre: Array, c: float, s: float, taken: Array) -> Array:
-    """The same squares about the bin's centre, in its axes."""
+    """The squares ``taken`` in the frame of the bin's centre and axes."""
     there = taken.copy()
     for i in range(there.shape[0]):
         dx, dy = taken[i, 0] - centre[0], taken[i, 1] - centre[1]
@@ -228,7 +228,7 @@ def _room(x: float, y: float, there: Array) -> float:
 
 @njit(cache=True)
 def _freest(x: float, y: float, half: float, mount: Array, reach: float, there: Array) -> tuple[float, float]:
-    """The nearest free point of a square: its x and y are those wanted, of an edge, or beside something there."""
+    """The nearest free point of a square; its x and y are those wanted, those of an edge, or just beside an object."""
     reach = max(reach, hypot(x - mount[0], y - mount[1])) + 1e-9
     count = there.shape[0]
     xs, ys = np.empty(3 + 2 * count), np.empty(3 + 2 * count)
@@ -261,7 +261,7 @@ def nearest_distance(gripper: Array, points: Array) -> float:
 
 @njit(cache=True)
 def nearest_static(gripper: Array, points: Array, static: NDArray[np.bool_]) -> float:
-    """The same to the nearest static one."""
+    """`nearest_distance` to static points only."""
     nearest = math.inf
     for i in range(points.shape[0]):
         if static[i]:

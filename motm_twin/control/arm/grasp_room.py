@@ -1,9 +1,9 @@
-"""Room for the open hand beside an object: which of its faces the fingers can take.
+"""Room for the open hand beside an object: the faces that the fingers can take.
 
-The fingers come straight down on two faces of a cube, the palm over them, and go up again the same way. They do not
-come down before the hand is turned and over it so far that they meet nothing. Both pairs of faces are candidates.
+The fingers come straight down on two faces of a cube, the palm over them, and go up again the same way. They come down
+only once the hand is turned, and so far over the cube that they hit nothing. Both pairs of faces are candidates.
 Mapped furniture and bins must leave the distances that the arm keeps from them, other objects the width of the fingers.
-What is short of room costs; a pair that has none is not taken.
+Lack of room is a cost; a pair of faces without room is not taken.
 """
 
 import math
@@ -36,39 +36,39 @@ from motm_twin.model.known import KnownWorld
 REACH = 0.16  # [m] from the centre of an object: no part of the hand is further off
 _TEST_HEIGHTS = (0.0, 0.05, 0.10)  # [m] above the grasp at which furniture is looked for: hover and lift are no higher
 _HIGHER = 0.01  # [m] by which the top of an object may be higher than the camera estimates
-BLOCKED = 100.0  # [rad] more than any turning
-_BEFORE = 0.05  # [m] before the target at which the way over things ends: there the hand comes down
-ASIDE = 0.05  # [m] beside the middle of the hand in which its fingers are
-_STEP = 0.02  # [m] between looks along that way
-_HIGHEST = 0.25  # [m] above the target: over what is higher the hand does not get
+BLOCKED = 100.0  # [rad] cost of a pair without room: more than any turning
+_BEFORE = 0.05  # [m] before the target at which the way over furniture ends: there the hand comes down
+ASIDE = 0.05  # [m] from the middle of the hand, within which its fingers are
+_STEP = 0.02  # [m] between samples of that way
+_HIGHEST = 0.25  # [m] above the target: the hand does not get over higher furniture
 _SUPPORT_SLACK = 0.01  # [m] above the object's lower face; furniture no higher than this is its support
 _PARTS = (  # of the hand: middle beyond the pad and half width along the closing axis, half depth, bottom over the tool
     (0.0084, 0.0084, 0.0105, -0.0090),
     (0.0146, 0.0118, 0.0110, 0.0150),
 )
-_BESIDE = 0.003  # [m] that fingers keep from objects as they come down: the camera, and a hand that is turning still
-_SURE = 0.01  # [m] 1 sd: a robot that knows its place no better may find room in some seconds
-_UNDER_PALM = 0.003  # [m] between a tilted palm and the object's top: camera
-_LEVEL = 0.1  # cosine of a hand's tilt that is not looked beyond: it lies on its side
-_MOST_OVER_MIDDLE = 0.008  # [m]: the pads still hold it, whatever the camera is off by
+_BESIDE = 0.003  # [m] that fingers keep from objects as they come down: for the camera, and a hand that still turns
+_SURE = 0.01  # [m] 1 sd of localisation: a robot that is less sure may find room in some seconds
+_UNDER_PALM = 0.003  # [m] between a tilted palm and the object's top: error of the camera
+_LEVEL = 0.1  # least cosine of a hand's tilt that is considered: beyond, the hand lies on its side
+_MOST_OVER_MIDDLE = 0.008  # [m]: the pads still hold the object, whatever the error of the camera
 
 
 class Room(NamedTuple):
     """Room beside a grasp of two faces."""
 
-    cost: float  # [rad] of turning that is worth as much, `BLOCKED` and more when there is no room
-    what: str  # the nearest thing, when it is nearer than the arm keeps from it; else ""
-    blocked: bool  # so near that a hand that tilts or moves a little does not get by; known for sure
+    cost: float  # as an equivalent turn [rad]; `BLOCKED` and more when there is no room
+    what: str  # the nearest solid or object, if it is nearer than the distance to be kept; else ""
+    blocked: bool  # it is so near that a hand that tilts or moves a little does not get by; known for sure
     wanders: bool  # its position relies on an uncertain localisation, which may change within seconds
 
     @property
     def closed(self) -> bool:
-        """There is no room, whatever localisation says."""
+        """True when there is no room, whatever localisation says."""
         return self.blocked and not self.wanders
 
 
 class GraspRoom:
-    """The mapped furniture, and the hand as the arm's own speed limits have it."""
+    """Room for the hand among mapped furniture; the hand is that of the arm's speed limits."""
 
     def __init__(self, known: KnownWorld, parameters: AvoidanceParameters) -> None:
         """Furniture and bins of the pre-made map."""
@@ -146,7 +146,7 @@ def _top_between(position: Array, target: Array, solids: Solids) -> float:
 
 @njit(cache=True)
 def _furniture_room(place: Array, side: float, balls: Balls, keep: Array, solids: Solids) -> tuple[float, int]:
-    """Least room [m] of the hand to furniture beyond what is kept (2,), and to which; inf and -1: none is near.
+    """Least room [m] of the hand to furniture beyond the distances kept (2,), and its index; inf and -1: none is near.
 
     ``place`` (4,): the object's x, y, z [m] and the hand's yaw [rad], world.
     """
@@ -177,7 +177,7 @@ def _furniture_room(place: Array, side: float, balls: Balls, keep: Array, solids
 
 @njit(cache=True)
 def _object_room(position: Array, yaw: float, width: float, neighbours: Array) -> tuple[float, int]:
-    """Least room [m] of the open hand to other objects (n, 6): x, y, z, yaw, side, seen, and to which; inf, -1: none.
+    """Least room [m] of the open hand to other objects (n, 6): x, y, z, yaw, side, seen; and the index; inf, -1: none.
 
     Position and yaw of the hand are in their frame.
     """
@@ -212,7 +212,7 @@ def height_over(places: Array, R: Array, width: float, goal: ArmGoal) -> float:
 
 
 def height_across(places: Array, R: Array, width: float, held: float, goal: ArmGoal, *, own: bool) -> float:
-    """The same over the others seen in reach, and the goal's ``own`` object; ``held``: side [m] of what it holds."""
+    """`height_over` for the others seen in reach, and the goal's ``own`` object; ``held``: side [m] of a held one."""
     first = np.array([[*goal.position, goal.yaw, goal.side, float(own)]])
     return _highest(places, hand_yaw(R), R[:, 2].copy(), (width, held), np.concatenate((first, goal.others)))
 
@@ -230,7 +230,7 @@ def _highest(places: Array, yaw: float, axis: Array, grip: tuple[float, float], 
 def _height_over(position: Array, yaw: float, axis: Array, grip: tuple[float, float], items: Array) -> float:
     """`height_over` of one place (3,), objects (n, 6), the goal's own first; ``axis`` (3,): that of the tool.
 
-    ``grip``: width of the gripper and side of what it holds [m].
+    ``grip``: width of the gripper and side of the held object [m].
     """
     width, held = grip
     low, height = np.array([position[0], position[1], -np.inf]), -np.inf  # so low that every part counts
@@ -272,7 +272,7 @@ def _object_gap(position: Array, yaw: float, width: float, item: Array) -> float
 
 @njit(cache=True)
 def _fingers_gap(position: Array, yaw: float, across: float, width: float, item: Array) -> float:
-    """The same of the fingers alone, by their lower ends.
+    """`_object_gap` of the fingers alone, by their lower ends.
 
     ``across``: sine of the tilt along the closing axis. It brings the lower finger nearer to the middle.
     """
@@ -288,18 +288,18 @@ def _fingers_gap(position: Array, yaw: float, across: float, width: float, item:
 
 @njit(cache=True)
 def _part_gap(position: Array, yaw: float, out: float, half: float, depth: float, item: Array) -> float:
-    """The same of one part, ``out`` [m] along the closing axis from the middle of the hand; inf: far away."""
+    """Gap [m] of one part, ``out`` [m] along the closing axis from the middle of the hand; inf: far away."""
     dx, dy = item[0] - position[0], item[1] - position[1]
     if hypot(dx, dy) > REACH + item[4]:
         return np.inf
     c, s = math.cos(yaw), math.sin(yaw)
-    along, across = c * dx + s * dy, s * dx - c * dy  # of the hand: x, and y, which the fingers close along
+    along, across = c * dx + s * dy, s * dx - c * dy  # along the hand's x and y axes; the fingers close along y
     return _square_gap(along, across - out, depth, half, item[3] - yaw, 0.5 * item[4])
 
 
 @njit(cache=True)
 def _square_gap(x: float, y: float, half_x: float, half_y: float, turn: float, half: float) -> float:
-    """Gap [m] between a rectangle about the origin and a square at (x, y), turned; at corners less than it is."""
+    """Gap [m] between a rectangle about the origin and a square at (x, y), turned; at corners an underestimate."""
     c, s = abs(math.cos(turn)), abs(math.sin(turn))
     reach = half * (c + s)
     best = max(abs(x) - half_x - reach, abs(y) - half_y - reach)

@@ -14,7 +14,7 @@ it allows more than xi: when it began only at d_i, a hand that swings at 1 m/s e
 The paper limits one point, the gripper's centre. A static obstacle (occupied for 3 s, at rest for 12 s if it was seen
 to move) close to the target would forbid the grasp, so its d_s shrinks to the target's distance to it less a margin,
 from the approach until the gripper is d_s away again. A dynamic obstacle keeps d_s. Beyond the paper, elbow, forearm
-and wrist keep away from what the lidar sees, and every body from furniture and the robot's own base.
+and wrist keep away from obstacles that the lidar sees, and every body from furniture and the robot's own base.
 """
 
 import math
@@ -47,8 +47,8 @@ _LINK = 0.16  # [m] cells nearer than this belong to one obstacle
 _REACH = 1.2  # [m] from mount, gripper or target, beyond which nothing matters
 _HALF_CELL = 0.025  # [m] a seen point is the centre of a map cell
 YIELDS = 0.75  # share of furniture_d_s given up at a grasp; without it a full table would block every grasp
-_PLACE_SDS = 2.0  # standard deviations of the robot's place on the map that are kept more, but at a grasp
-_SEEN_D_S = 0.02  # [m] of links from what is static and seen: of what is mapped more is known
+_PLACE_SDS = 2.0  # standard deviations of the robot's position on the map that are added to d_s, but at a grasp
+_SEEN_D_S = 0.02  # [m] d_s of links from seen static obstacles, which are known less well than furniture of the map
 _FASTEST_RETREAT = -0.10  # [m/s] no row of furniture asks for a faster retreat than this
 _MOST, _MOST_OWN = 32, 12  # rows of furniture, and of the own base, the nearest first
 _SHORT = 32  # finite distances that are sorted one by one
@@ -64,7 +64,7 @@ class Rows(NamedTuple):
 
 
 class LidarLimits(NamedTuple):
-    """Directions in which the gripper is limited now, by what moves and by what does not; all arrays of length k."""
+    """Directions in which the gripper is limited now, by moving and by static obstacles; all arrays of length k."""
 
     normal: Array  # horizontal unit vectors towards the obstacle, shape (k, 2)
     distance: Array  # [m]
@@ -88,7 +88,9 @@ class Limit(Protocol):
     """A limit of the arm's speed."""
 
     names: tuple[str, ...]  # of its rows, as shown in the Tick; `Rows.name` is an index into them
-    soft: bool  # True: its slack is shared with the lidar's rows only, False: with those of furniture
+    # True: its rows share the slack of the lidar's rows. False: they share that of furniture, whose rows then give way
+    # with them. Both slacks have the same price.
+    soft: bool
 
     def rows(self, arm: Arm, around: Around) -> Rows:
         """Rows of this step; `NO_ROWS` when it does not apply."""
@@ -102,7 +104,7 @@ def arm_limits(known: KnownWorld, parameters: AvoidanceParameters) -> tuple[Limi
 
 
 class GripperLimit:
-    """The gripper's centre from what the lidar sees (Paper, Sec. V)."""
+    """Keeps the gripper's centre from obstacles that the lidar sees (Paper, Sec. V)."""
 
     names = ("lidar moving", "lidar static")
     soft = True
@@ -118,7 +120,7 @@ class GripperLimit:
 
 
 class HeightLimit:
-    """The gripper does not sink while it must retreat: it may be above an obstacle, whose height is unknown."""
+    """Keeps the gripper from sinking while it must retreat: it may be above an obstacle, whose height is unknown."""
 
     names = ("lidar height",)
     soft = False
@@ -132,7 +134,7 @@ class HeightLimit:
 
 
 class FurnitureLimit:
-    """Every body of the arm from mapped furniture at its true height."""
+    """Keeps every body of the arm from mapped furniture at its true height."""
 
     soft = False
 
@@ -150,7 +152,7 @@ class FurnitureLimit:
 
 
 class OwnBaseLimit:
-    """Every body of the arm from the robot's own base and column."""
+    """Keeps every body of the arm from the robot's own base and column."""
 
     soft = False
 
@@ -166,7 +168,7 @@ class OwnBaseLimit:
 
 
 class LinkLimit:
-    """Elbow, forearm and wrist from what the lidar sees, which counts as tall.
+    """Keeps elbow, forearm and wrist from obstacles that the lidar sees, which count as tall.
 
     While the hand is over the table, the elbow swings out behind it, beside a person or a Temi.
     """
@@ -179,7 +181,7 @@ class LinkLimit:
         self._parameters, self._enabled = parameters, bool(parameters["enabled"][0])
 
     def rows(self, arm: Arm, around: Around) -> Rows:
-        """Moving points are retreated from, static ones not approached further."""
+        """Rows to retreat from moving points, and not to approach static ones further."""
         if not self._enabled or not len(around.points):
             return NO_ROWS
         return _link_rows(arm, around.balls, around.points, around.static, self._parameters)
@@ -190,7 +192,7 @@ NO_ROWS = Rows(np.zeros((0, 9)), np.zeros(0), np.zeros(0, np.int64))
 
 @njit(cache=True)
 def damper_line(d: float, d_s: float, d_i: float, xi: float) -> float:
-    """Allowed approach speed [m/s, rad/s] at a distance d [m, rad], negative below d_s; it goes on beyond d_i."""
+    """Allowed approach speed [m/s, rad/s] at a distance d [m, rad], negative below d_s; the line goes on beyond d_i."""
     return xi * (d - d_s) / (d_i - d_s)
 
 
@@ -243,7 +245,7 @@ def _own_rows(arm: Arm, balls: Balls, d_s: Array, d_i: Array, solids: Solids, av
 
 @njit(cache=True)
 def _shallow(rows: Rows, most: int) -> Rows:
-    """The first rows, none of which asks for a faster retreat than `_FASTEST_RETREAT`."""
+    """The first ``most`` rows, none of which asks for a faster retreat than `_FASTEST_RETREAT`."""
     return Rows(rows.G[:most], np.maximum(rows.h[:most], _FASTEST_RETREAT), rows.name[:most])
 
 
@@ -351,7 +353,7 @@ def furniture_distances(avoidance: Numbers, touching: bool, blind: float, sd: fl
     a = avoidance[0]
     d_s, d_i = np.full(len(BODIES), a.furniture_d_s + _PLACE_SDS * sd), np.full(len(BODIES), a.furniture_d_i)
     if touching:
-        d_s[:] = (1.0 - YIELDS) * a.furniture_d_s + sd  # 2 sd would lift a hand between two things as it closes
+        d_s[:] = (1.0 - YIELDS) * a.furniture_d_s + sd  # 2 sd would lift a closing hand between two solids
         d_s[FINGERS:HELD], d_i[FINGERS:HELD] = a.fingers_d_s, a.fingers_d_i
         d_s[HELD], d_i[HELD] = -a.fingers_d_i, a.fingers_d_s
     return d_s, np.maximum(d_i, d_s + a.xi * blind)
@@ -417,7 +419,7 @@ def _near(point: Array, gripper: Array, targets: Array) -> bool:
 
 @njit(cache=True)
 def label_target_distance(points: Array, static: NDArray[np.bool_], targets: Array, link: float, out: Array) -> None:
-    """For each static cell, the distance of its whole obstacle to the nearest target; others keep what they have.
+    """For each static cell, the distance of its whole obstacle to the nearest target; other entries stay.
 
     Static cells less than ``link`` apart are one obstacle.
     """
@@ -454,7 +456,7 @@ def label_target_distance(points: Array, static: NDArray[np.bool_], targets: Arr
 def _nearest_per_sector(
     points: Array, of_kind: NDArray[np.bool_], reach: float, x: float, y: float, sectors: int
 ) -> NDArray[np.int64]:
-    """Of the points of that kind the nearest in each sector, within reach, nearest first."""
+    """Index of the nearest point of that kind in each sector, within reach, nearest first."""
     best = np.full(sectors, np.inf)
     index = np.full(sectors, -1, dtype=np.int64)
     for i in range(points.shape[0]):
@@ -470,7 +472,7 @@ def _nearest_per_sector(
 
 @njit(cache=True)
 def nearest_first(distance: Array) -> NDArray[np.int64]:
-    """Indices of the finite ones, nearest first; of equal ones as `np.argsort` has them."""
+    """Indices of the finite distances, nearest first; equal ones in the order of `np.argsort`."""
     order, count, unsorted = np.empty(distance.shape[0], dtype=np.int64), 0, False
     for i in range(distance.shape[0]):
         if not distance[i] < np.inf:

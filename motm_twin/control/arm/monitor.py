@@ -40,14 +40,14 @@ from motm_twin.model.profile import DDQ_MAX, DQ_MAX, Q_MAX, Q_MIN, WRIST_MIN
 from motm_twin.model.reason import Kind, Reason
 
 _REACTION = 2.0 * ARM_STEP  # [s] until an uncommanded motion is measured and braked
-_LOOK = 0.15  # [m] from a body of the arm: no hand is so fast that anything further off matters yet
+_LOOK = 0.15  # [m] from a body of the arm: no hand is so fast that solids further off matter yet
 _ROUNDS = 4  # of holding back the body that is most above its speed: a wedged arm has several
-_ENOUGH = 1e-3  # [m/s] over the line that is left alone
+_ENOUGH = 1e-3  # [m/s] over the line that is tolerated
 NOWHERE = frozen(np.zeros(7))
 
 
 class ArmMonitorParameters(msgspec.Struct, frozen=True, kw_only=True):
-    """Distances that the arm keeps from what it must not touch, whatever its program says."""
+    """Distances that the arm keeps from solids that it must not touch, whatever its program says."""
 
     kept: Annotated[float, Number("m", OWN, "that every body of the arm keeps from mapped furniture")] = 0.003
     braking: Annotated[
@@ -67,14 +67,14 @@ class ArmMonitorParameters(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Answer(NamedTuple):
-    """The command that passes, and why it differs from what was asked; None when it does not."""
+    """The command that passes, and why it differs from the one asked for; None when it does not."""
 
     actuation: Actuation
     why: Reason | None
 
     @property
     def reason(self) -> str:
-        """The same in one sentence; "" for none."""
+        """`why` in one sentence; "" for none."""
         return "" if self.why is None else str(self.why)
 
 
@@ -110,8 +110,8 @@ class ArmMonitor:
     ) -> Answer:  # fmt: skip
         """The actuation for the next dt [s], slowed where the arm would come too near to a solid.
 
-        ``twist`` (2,) is that commanded last: the base brakes from there. ``held_side`` [m] of a cube in the hand that
-        is clear of what it lay on, 0: none. ``astray`` (7,): joint rates [rad/s] beyond what the commands explain.
+        ``twist`` (2,): base twist commanded last, from which the base brakes. ``held_side`` [m] of a cube in the hand
+        that is clear of its support, 0: none. ``astray`` (7,): joint rates [rad/s] beyond what the commands explain.
         """
         rates = actuation.joint_velocity
         parts = (rates, observation.odometry, observation.twist, observation.q, observation.dq)
@@ -123,7 +123,7 @@ class ArmMonitor:
         folds = _unfold(kept, observation, dt)
         arm = _Arm(observation.q, observation.dq, kept, astray, self._mount, balls)
         lost = bool((np.abs(astray) > self._lost).any())
-        settles = dt + self._lag if lost else dt  # all that the joints can, where one of them does not help
+        settles = dt + self._lag if lost else dt  # as hard as the joints can, if one of them does not follow
         body, solid, distance, speed = _hold_back(
             arm,
             there,
@@ -208,10 +208,10 @@ def _worst(
     T: Array, arm: _Arm, pose: Array, twist: Array, seen: tuple[Array, Array, IntArray],
     line: tuple[float, float, float], worst: Array, numbers: Numbers,
 ) -> tuple[float, int, int, float]:  # fmt: skip
-    """Excess [m/s] of the body that is most above its speed, body and solid, its speed; fills in its row (9,).
+    """Largest excess [m/s] of a body over its speed limit, body and solid, its speed; fills in its row (9,).
 
     ``seen`` is from `_near`; ``line``: the distance [m] kept, and the braking [m/s^2]
-    of the arm, and of the base for what the arm cannot take up.
+    of the arm, and of the base for motion that the arm cannot take up.
     """
     distance, away, ball = seen
     p = numbers[0]
@@ -257,9 +257,9 @@ def _taken_up(q: Array, row: Array, taking: float) -> float:
 
 @njit(cache=True)
 def _slow(arm: _Arm, row: Array, excess: float, settles: float, lost: float) -> None:
-    """Take a speed [m/s] along a row off the arm's rates, by each joint that follows as it can brake.
+    """Take a speed [m/s] along a row off the arm's rates; each joint that follows does as much as it can brake.
 
-    Joints come to a rate in the time ``settles`` [s].
+    Joints reach a rate in the time ``settles`` [s].
     """
     able = 0.0
     for k in range(7):

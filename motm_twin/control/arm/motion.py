@@ -1,4 +1,4 @@
-"""The velocity that the hand should have in each phase: reference, recomputed every step from where the hand is."""
+"""Desired velocity of the hand in each phase: a reference, recomputed every step from the pose of the hand."""
 
 import math
 from typing import NamedTuple
@@ -37,10 +37,10 @@ _SWINGS = {
     Phase.CARRY: _HOME,
     Phase.TRANSIT: _OUT,
 }  # phases in which the hand swings about the mount
-_LOW = 0.01  # [m] above what the hand would meet, within which its height counts as much as when it crosses that
+_LOW = 0.01  # [m] above the least height over the goal: a hand below that counts as one that crosses objects
 _SHARES = np.array([[0.0], [0.5], [1.0]])  # of the way to the target at which objects are looked for
 _AHEAD = np.linspace(0.0, 0.4, 11)  # [m] of the way to the target at which other objects are looked for
-_ANCHORED = (Phase.CLOSING, Phase.LIFT, Phase.RELEASE)  # phases in which it keeps to a point chosen before
+_ANCHORED = (Phase.CLOSING, Phase.LIFT, Phase.RELEASE)  # phases in which the hand keeps to a point chosen before
 
 
 class Motion(NamedTuple):
@@ -49,11 +49,11 @@ class Motion(NamedTuple):
     reference: Array  # desired tool centre point, odometry frame [m], shape (3,)
     error: float  # [m] of the tool centre point from there
     velocity: Array  # nu: linear [m/s], angular [rad/s], odometry frame, shape (6,)
-    crosses: bool = False  # objects, whose tops it must clear
+    crosses: bool = False  # the hand crosses objects, whose tops it must clear
 
 
 class _Swing(NamedTuple):
-    """A point in polar coordinates about the mount, how it moves there, and how soon to be there."""
+    """A point in polar coordinates about the mount, its motion, and the gains to reach it."""
 
     radius: float
     azimuth: float
@@ -68,7 +68,7 @@ class _Way(NamedTuple):
     """Guidance of the hand in this phase."""
 
     kind: int  # home, out to the target, or to the reference as it is
-    over: Array  # [m] what it works at, shape (3,)
+    over: Array  # [m] point at which the hand works, shape (3,)
     plan_times: Array
     plan_poses: Array
     radius: float
@@ -80,7 +80,7 @@ class _Way(NamedTuple):
     top_between: float
     over_objects: float  # [m] least height of the tool centre point on its way, over objects
     anchor: Array
-    yaw: float  # [rad], nan: as the arm has it
+    yaw: float  # [rad], nan: outward from the mount
     fastest: float  # [m/s]
 
 
@@ -159,7 +159,7 @@ def _point(state: ManipulatorState, view: View, p: ArmParameters) -> Array:
     if state.phase == Phase.FINAL:
         return _final_point(state, view, p)
     point = state.anchor.copy()
-    if state.phase in (Phase.LIFT, Phase.RETRY):  # straight up: the object, and what stands beside it, are low
+    if state.phase in (Phase.LIFT, Phase.RETRY):  # straight up: the object, and those beside it, are low
         point[2] += p.lift_height if state.phase == Phase.LIFT else p.hover_height
     return point
 
@@ -211,7 +211,7 @@ def _fill(velocity: Array, linear: Array, angular: Array) -> None:
 
 @njit(cache=True)
 def _stowed(arm: Arm, way: _Way, parameters: Numbers) -> _Swing:
-    """Gripper, object and elbow inside the footprint, turned a little towards the target, unless there is none."""
+    """Swing to the stow pose: gripper, object and elbow inside the footprint, turned a little towards any target."""
     n, p, mount = parameters[0], arm.p, arm.mount
     azimuth = 0.0 if way.goal == _NONE else min(max(way.azimuth, -n.stow_azimuth), n.stow_azimuth)
     clear = max(way.clear_z + palm_drop(arm.R, n.close_tilt), way.over_objects)
@@ -238,7 +238,7 @@ def _stow_rotation(p: Array, mount: Array, parameters: Numbers) -> Array:
 def _swing(
     swing: _Swing, rotation: Array, arm: Arm, planar: float, parameters: Numbers, velocity: Array, reference: Array
 ) -> None:
-    """Towards a point by radius, azimuth and height, relative to the moving base.
+    """Fill in the velocity towards a point by radius, azimuth and height, relative to the moving base.
 
     ``planar`` 1: the hand turns with its azimuth, as the whole arm does about joint 1.
     """
@@ -302,9 +302,9 @@ def _transit_swing(arm: Arm, way: _Way, lowest: float, parameters: Numbers) -> _
         radius, radius_rate = n.swing_radius + turned * (radius - n.swing_radius), turned * radius_rate
     if arm.p[2] < z - 0.03 and now < n.foot_radius + 0.02:  # first up, then out
         radius, radius_rate = min(radius, n.foot_radius), 0.0
-    elif early > 0.0 and radius < now:  # the edge of the palm clears them, too
+    elif early > 0.0 and radius < now:  # the edge of the palm clears objects, too
         z += palm_drop(arm.R, n.close_tilt)
-    if arm.p[2] < way.top_between + 0.5 * n.transit_clearance:  # and then over
+    if arm.p[2] < way.top_between + 0.5 * n.transit_clearance:  # first up, then over furniture
         radius, radius_rate = min(radius, now), 0.0
     swing = _Swing(max(radius, n.swing_radius), azimuth, z, radius_rate, azimuth_rate, n.k_transit, gain)
     return _first_up(swing, z, arm, _largest_tilt(place, parameters), parameters)
@@ -314,7 +314,7 @@ def _transit_swing(arm: Arm, way: _Way, lowest: float, parameters: Numbers) -> _
 def _first_up(swing: _Swing, level: float, arm: Arm, tilt: float, parameters: Numbers) -> _Swing:
     """The swing of a hand that is out and lower than ``level`` [m]: it rises before it goes on or back.
 
-    Told to do all at once, it does what it can, and the rest is taken from its height and tilt.
+    Asked for all at once, the arm does what it can, and the hand loses height and tilt.
     """
     n, height = parameters[0], arm.p[2]
     now, heading = _hand_polar(arm.p, arm.q, arm.pose, arm.base_mount)
@@ -330,7 +330,7 @@ def _first_up(swing: _Swing, level: float, arm: Arm, tilt: float, parameters: Nu
 
 @njit(cache=True)
 def _hand_polar(p: Array, q: Array, pose: Array, base_mount: Array) -> tuple[float, float]:
-    """Radius and azimuth of the hand about the mount, the azimuth counted on from joint 1: it may pass half a turn.
+    """Radius and azimuth of the hand about the mount, the azimuth continuous with joint 1: it may pass half a turn.
 
     Joint 1 does not turn all round, so a hand that is there has to go back the way it came.
     """

@@ -19,15 +19,15 @@ from motm_twin.model.exact import norm, times
 from motm_twin.model.geometry import Array
 from motm_twin.model.profile import DDQ_MAX, RobotProfile
 
-_BESIDE = 0.11  # [m] between the middles of cells that belong together
-_STOWED = 0.02  # [rad] joints this near to the stow pose are there
+_BESIDE = 0.11  # [m] between the middles of cells of one obstacle
+_STOWED = 0.02  # [rad] joints this near to the stow pose count as stowed
 
 
 class ArmOverlap:
     """Detects overlaps of the arm with seen obstacles, and computes the motion out of them."""
 
     def __init__(self, profile: RobotProfile, stow_joints: Array, parameters: ArmParameters) -> None:
-        """The arm's way out leads to its stow joints (7,) [rad]."""
+        """``stow_joints`` (7,) [rad]: end of the arm's way out."""
         self._profile, self._stow, self._parameters = profile, stow_joints, parameters
         self._balls = arm_balls()
 
@@ -80,7 +80,7 @@ class ArmOverlap:
 
 @njit(cache=True)
 def _inside(pose: Array, points: Array, half_length: float, half_width: float, offset: float) -> bool:
-    """Some of the points (m, 2) is in the rectangle of a base at a pose (3,)."""
+    """Test that one of the points (m, 2) is in the rectangle of a base at a pose (3,)."""
     c, s = math.cos(pose[2]), math.sin(pose[2])
     for i in range(points.shape[0]):
         dx, dy = points[i, 0] - pose[0], points[i, 1] - pose[1]

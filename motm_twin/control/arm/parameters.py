@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from motm_twin.model.number import MOTM, OWN, ROBOT, Number, Slider, paper
 from motm_twin.model.profile import DEG
 
-Numbers = NDArray[np.void]  # one record of what `numbers` gives: a kernel reads `p[0].k_P`, and has one argument of it
+Numbers = NDArray[np.void]  # one record, from `numbers`: a single argument, of which a kernel reads `p[0].k_P`
 
 
 def numbers(parameters: msgspec.Struct) -> Numbers:

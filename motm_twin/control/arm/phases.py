@@ -1,4 +1,4 @@
-"""The phases of a pick and a place, and what ends each.
+"""The phases of a pick and a place, and the conditions that end each.
 
 pick:   stow -> transit -> final -> closing -> lift -> carry      (closing -> retry -> transit after a miss)
 place:  carry -> transit -> release -> stow
@@ -25,7 +25,7 @@ GRAVITY = 9.81  # [m/s^2]
 _UNSURE = Reason(kind=Kind.WAITS_FOR_STATE, subject="robot")
 
 
-Outcome = tuple[str, Reason | None]  # what a step ended in, and why
+Outcome = tuple[str, Reason | None]  # outcome of a step, and the reason
 NOTHING: Outcome = ("", None)
 
 
@@ -50,7 +50,7 @@ def enter(state: ManipulatorState, phase: Phase, time: float) -> None:
 
 
 def fits_gripper(state: ManipulatorState, view: View) -> bool:
-    """The goal fits the gripper: a place while it holds an object, a pick while it holds none."""
+    """Test that the goal fits the gripper: a place while it holds an object, a pick while it holds none."""
     return view.goal.kind == ("place" if state.holding else "pick")
 
 
@@ -87,7 +87,7 @@ def advance(state: ManipulatorState, view: View, inputs: ArmInputs, rules: Phase
 
 
 def _impatient(state: ManipulatorState, view: View, rules: PhaseRules) -> bool:
-    """Has the target been in range for long while the hand was on the way to it or over it?"""
+    """Test that the target has been in range for long while the hand was on the way to it or over it."""
     trying = state.phase in (Phase.TRANSIT, Phase.FINAL, Phase.RELEASE) and state.released is None
     if not trying or view.time_to_range > 0.0:
         state.in_range_since = None
@@ -103,13 +103,13 @@ def _rest(state: ManipulatorState, time: float) -> None:
 
 
 def _rise(state: ManipulatorState, view: View) -> None:
-    """Straight up from here: the fingers are beside an object."""
+    """Go straight up from here: the fingers are beside an object."""
     state.anchor = view.p.copy()
     enter(state, Phase.RETRY, view.time)
 
 
 def _withdraw(state: ManipulatorState, view: View) -> None:
-    """To the stow pose; fingers that are beside an object rise first."""
+    """Return to the stow pose; fingers that are beside an object rise first."""
     low = not state.holding and state.phase in (Phase.FINAL, Phase.CLOSING, Phase.RETRY)
     _rest(state, view.time)
     if low:
@@ -117,7 +117,7 @@ def _withdraw(state: ManipulatorState, view: View) -> None:
 
 
 def start_over(state: ManipulatorState, view: View, parameters: ArmParameters) -> str:
-    """Leave what is under way, and begin again from the stow pose; "picked" when that ends a lift."""
+    """Break off the job under way, and begin again from the stow pose; "picked" when that ends a lift."""
     if state.phase in (Phase.STOW, Phase.CARRY):
         return ""
     outcome = "" if state.phase != Phase.LIFT or state.reported else _picked(state, parameters)
@@ -175,7 +175,7 @@ def _leave(state: ManipulatorState, view: View, inputs: ArmInputs, rules: PhaseR
 
 
 def _clear_way_home(state: ManipulatorState, view: View, inputs: ArmInputs, rules: PhaseRules) -> None:
-    """A hand on its way home passes over furniture that is higher than where it was."""
+    """Let a hand on its way home pass over furniture that is higher than where it was."""
     p = rules.parameters
     if math.hypot(view.p[0] - view.mount[0], view.p[1] - view.mount[1]) > p.retract_radius:
         home = np.array([view.mount[0], view.mount[1], view.p[2] - p.transit_clearance])
@@ -184,20 +184,20 @@ def _clear_way_home(state: ManipulatorState, view: View, inputs: ArmInputs, rule
 
 
 def _open_enough(view: View, rules: PhaseRules) -> bool:
-    """The fingers are as much wider than the object as they should be, or stand open as far as they go."""
+    """Test that the fingers are wider than the object by `open_room`, or open as far as they go."""
     p = rules.parameters
     return view.width >= min(view.goal.side + p.open_room, rules.profile.gripper.max_width - p.held_tolerance)
 
 
 def _stowed(view: View, p: ArmParameters) -> bool:
-    """The hand is at the stow pose, and the arm is not turned or folded another way to hold it there."""
+    """Test that the hand is at the stow pose, and the arm is not turned or folded another way to hold it there."""
     near = math.hypot(view.p[0] - view.mount[0], view.p[1] - view.mount[1]) < 2.0 * p.stow_radius
     bent = np.abs(planar_joints(p.stow_radius, p.stow_height, p.stow_tilt) - view.q)[:5]
     return near and float(bent.max()) < p.bent
 
 
 def _way(view: View, inputs: ArmInputs, rules: PhaseRules) -> float:
-    """Distance [m] of the hand from where it must be, in the base frame, when the target comes into range."""
+    """Distance [m] of the hand to the point at which it must be, base frame, when the target comes into range."""
     if not math.isfinite(view.time_to_range):
         return view.distance
     return _way_later(
@@ -284,7 +284,7 @@ def _wait_without_room(state: ManipulatorState, view: View, p: ArmParameters) ->
 
 
 def _wait_for_opening(state: ManipulatorState, view: View, p: ArmParameters) -> Outcome:
-    """Wait for the fingers to close to the wanted opening; for this goal, give it up when they only open fully."""
+    """Wait for the fingers to close to the wanted opening; for this goal, give that up if they only open fully."""
     if state.narrowing_since is None or not view.sure(p):
         state.narrowing_since = view.time
     if view.time - state.narrowing_since > p.search_after:
@@ -293,7 +293,7 @@ def _wait_for_opening(state: ManipulatorState, view: View, p: ArmParameters) -> 
 
 
 def choose_yaw(state: ManipulatorState, view: View, inputs: ArmInputs, rules: PhaseRules) -> None:
-    """Fix which faces of the cube the fingers take: rounding every step would flip them while the arm swings.
+    """Choose the faces of the cube for the fingers, and keep them: rounding every step would flip them in a swing.
 
     The hand's yaw is natural (joint 7 in its middle) half a dwell after arrival, when the base is nearest. The faces
     nearest to that are taken, unless there is little room beside them and more beside the others. When
@@ -321,7 +321,7 @@ def choose_yaw(state: ManipulatorState, view: View, inputs: ArmInputs, rules: Ph
 def _azimuth_later(
     ahead: float, pose: Array, plan_times: Array, plan_poses: Array, target: Array, mount: Array
 ) -> float:
-    """Direction [rad] of the target from the mount ``ahead`` [s] of now, in the odometry frame."""
+    """Direction [rad] of the target from the mount ``ahead`` [s] from now, in the odometry frame."""
     later = pose_at(ahead, pose, plan_times, plan_poses)
     local = _in_base(later, target)
     return math.atan2(local[1] - mount[1], local[0] - mount[0]) + later[2]
@@ -364,7 +364,7 @@ def grasp_point(view: View, over: float, p: ArmParameters) -> Array:
 
 def _close(state: ManipulatorState, view: View, rules: PhaseRules) -> Outcome:
     p = rules.parameters
-    if not view.sure(p):  # nothing is let go of before it is known what the fingers have
+    if not view.sure(p):  # nothing is let go of before it is known what the fingers hold
         return "", _UNSURE
     elapsed = view.time - state.since
     closing_time = rules.profile.gripper.closing_time
@@ -384,7 +384,7 @@ def _close(state: ManipulatorState, view: View, rules: PhaseRules) -> Outcome:
 
 
 def _firm(state: ManipulatorState, view: View, rules: PhaseRules, elapsed: float) -> bool:
-    """Fingers that stand hold the object: at its width, or after the closing time nearer to it than to open ones."""
+    """Test that standing fingers hold the object: at its width, or, once closing is due, nearer to it than to open."""
     gripper, beyond = rules.profile.gripper, view.width - state.side
     late = elapsed >= gripper.closing_time - 0.5 * view.dt
     wide = state.opening or gripper.max_width
@@ -399,13 +399,13 @@ def _miss(state: ManipulatorState, view: View, rules: PhaseRules, kind: Kind) ->
 
 
 def _lateness(state: ManipulatorState, view: View, rules: PhaseRules) -> float:
-    """Time [s] by which this closing has taken longer than the gripper should: the next one is expected to, too."""
+    """Time [s] by which this closing has taken longer than it should: the next one is expected to be as late."""
     over = view.time - state.since - rules.profile.gripper.closing_time
     return over if over > PERIOD else 0.0
 
 
 def _left_to_close(state: ManipulatorState, elapsed: float, closing_time: float, p: ArmParameters) -> float:
-    """Time [s] that a closing is expected to need still. How late the fingers will be, nobody knows."""
+    """Time [s] that a closing is still expected to need; the delay of late fingers is not known."""
     left = closing_time + state.late - elapsed
     return max(0.0, left) if left >= -PERIOD else max(p.late_for, -left)
 
@@ -429,7 +429,7 @@ def _release(state: ManipulatorState, view: View, rules: PhaseRules) -> Outcome:
             return "", Reason(kind=Kind.OUT_OF_REACH, subject=view.goal.name)
         strayed = math.hypot(*(view.p[:2] - state.anchor[:2])) > 2.0 * p.approach_distance
         fits = _in_square(state, view, rules, state.anchor) and _free(view, state.anchor, p)
-        if strayed or not fits:  # the robot was pushed, the bin moved, or something is seen to lie there
+        if strayed or not fits:  # the robot was pushed, the bin moved, or an object is seen there
             state.anchor = view.target.copy()
         if not view.sure(p):
             return "", _UNSURE
@@ -458,7 +458,7 @@ def _falling_time(side: float, p: ArmParameters) -> float:
 
 
 def lands_inside(state: ManipulatorState, view: View, rules: PhaseRules) -> bool:
-    """Would an object released now, with the hand's velocity, fall into the release square?"""
+    """Test that an object released now, with the hand's velocity, falls into the release square and has room."""
     p, goal = rules.parameters, view.goal
     over = view.p[2] - goal.position[2]
     if norm(view.velocity) > p.release_speed or not 0.5 * state.side + 0.015 <= over <= 0.12:
@@ -469,20 +469,20 @@ def lands_inside(state: ManipulatorState, view: View, rules: PhaseRules) -> bool
 
 
 def _free(view: View, point: Array, p: ArmParameters) -> bool:
-    """An object that lands at a point (x, y) has room in the bin; or about as much as where there is most."""
+    """Test that an object that lands at (x, y) has room in the bin, or about as much as where there is most."""
     goal, there = view.goal, taken(view.goal, 0.5)
     most, room = (room_at(place, goal.position, goal.yaw, there) for place in (view.target, point))
     return room >= 0.0 or (most < 0.0 and room >= most - p.approach_distance)
 
 
 def _on_a_pile(state: ManipulatorState, view: View, p: ArmParameters) -> bool:
-    """Is the hand still so low that what it let go, on top of other objects, may be between its fingers?"""
+    """Test that the hand is still so low that the released object, on top of others, may be between its fingers."""
     full = room_at(view.target, view.goal.position, view.goal.yaw, taken(view.goal, 0.5)) < 0.0
     return full and view.p[2] < view.target[2] + 0.5 * state.side + p.tip_length
 
 
 def _in_square(state: ManipulatorState, view: View, rules: PhaseRules, point: Array) -> bool:
-    """The held object is within the release square when its centre is at a point (x, y, ...)."""
+    """Test that the held object is within the release square when its centre is at a point (x, y, ...)."""
     goal = view.goal
     half = goal.release_half_width - 0.5 * state.side - 0.5 * rules.parameters.release_margin
     frame = np.array([goal.position[0], goal.position[1], goal.yaw])
@@ -502,7 +502,7 @@ def _retry(state: ManipulatorState, view: View, rules: PhaseRules) -> Outcome:
 
 
 def engaged(state: ManipulatorState) -> bool:
-    """Must the base keep the target in reach?"""
+    """Test that the base must keep the target in reach."""
     return (
         state.phase in (Phase.FINAL, Phase.CLOSING, Phase.RELEASE)
         or (state.phase == Phase.RETRY and not state.leaves)
@@ -511,7 +511,7 @@ def engaged(state: ManipulatorState) -> bool:
 
 
 def fingers_at_work(state: ManipulatorState) -> bool:
-    """The fingers close, lift an object (until the pick is reported) or release one: what they hold will change."""
+    """Test that the fingers close, lift an object (until the pick is reported) or release one."""
     lifting = state.phase == Phase.LIFT and not state.reported
     return state.phase == Phase.CLOSING or lifting or state.released is not None
 

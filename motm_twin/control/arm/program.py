@@ -61,16 +61,16 @@ _SLACKS = SLACK.start, SLACK.stop - SLACK.start
 _SLACK_BOUND = 20.0  # [m/s, rad/s]
 STUCK_RATE = 0.05  # [rad/s] with which a stuck joint is tried: enough to tell from the noise of its rate
 _SPEED = 2  # row of `joint_limits`
-_CARRIED = tuple(f"{body} - " for body in BODIES[: HAND_BODY - 1])  # beginnings of names of rows
+_CARRIED = tuple(f"{body} - " for body in BODIES[: HAND_BODY - 1])  # prefixes of the names of their rows
 _FREE = 1.0e3  # bound of elastic variables [m/s]
 
 
 class ActiveRows(NamedTuple):
     """The inequality rows of one step."""
 
-    names: tuple[str, ...]  # of all that rows may be about
-    hard: frozenset[str]  # those of limits that are not soft
-    which: IntArray  # index into them, shape (k,)
+    names: tuple[str, ...]  # of all possible rows
+    hard: frozenset[str]  # names of rows of limits that are not soft
+    which: IntArray  # index of each row into `names`, shape (k,)
     limiter: str  # the gripper's obstacle that limits it most: "moving obstacle", "static obstacle", "" none is near
     allowed: float  # [m/s] its damper line, inf when none is near
 
@@ -116,8 +116,8 @@ class ArmProgram:
     ) -> tuple[Program, ActiveRows]:
         """The program of one step, for a motion of the hand.
 
-        ``relaxing`` [m], shape (t, 2): grasps for which static obstacles give way. The commands that the state
-        remembers are kept near what the robot does, should somebody else have commanded it.
+        ``relaxing`` [m], shape (t, 2): grasps for which static obstacles give way. The commands remembered in the state
+        are kept near the motion of the robot, in case another program commanded it.
         """
         swinging, arm, base = state.phase in _SWINGING, view.arm, self._constants.base
         anchor(state.twist, state.rates, (arm.wanted, arm.dq), base, inputs.dt, self._lag)
@@ -134,10 +134,10 @@ class ArmProgram:
         return program, ActiveRows(self._names, self._hard, which, *_limiter(around.gripper))
 
     def _brakable(self, wanted: Array, found: Sequence[tuple[Rows, int, bool]]) -> Array:
-        """The base twist (2,), slowed where the base could not brake before it has carried the arm into furniture.
+        """The base twist (2,), slowed where the base could not brake before it carried the arm into furniture.
 
-        Only elbow and forearm count: the hand keeps its place whatever the base does, and they are where that leaves
-        them.
+        Only elbow and forearm count: the hand keeps its place whatever the base does, but elbow and forearm must follow
+        the base.
         """
         share = 1.0
         for rows, first, _ in found:
@@ -146,7 +146,7 @@ class ArmProgram:
         return share * wanted
 
     def _joints(self, rates: Array, stuck: int | None) -> tuple[Array, _Constants]:
-        """Arm rates commanded last and constants; a ``stuck`` joint is only tried, and the others do its work."""
+        """Arm rates commanded last and constants; a ``stuck`` joint gets `STUCK_RATE`, and the others do its work."""
         if stuck is None:
             return rates, self._constants
         rates, joints = rates.copy(), self._constants.joints.copy()
@@ -178,7 +178,7 @@ def _limiter(gripper: LidarLimits) -> tuple[str, float]:
 
 
 def lag_factor(dt: float, profile: RobotProfile) -> float:
-    """beta: the part of a commanded change of the base twist that is there when the arm's rates act."""
+    """beta: the share of a commanded change of the base twist that is reached when the arm's rates act."""
     return lag_share(profile.base.velocity_lag, 0.5 * dt + profile.arm.velocity_lag)
 
 
@@ -218,7 +218,7 @@ def joint_bounds(q: Array, previous: Array, dt: float, parameters: QpParameters)
 
 @functools.cache
 def joint_limits(elbow_limit: float) -> Array:
-    """Least and largest joint angles, speeds and accelerations, shape (4, 7); joint 4 as far as its limit [rad]."""
+    """Least and largest joint angles, speeds and accelerations, shape (4, 7); joint 4 up to ``elbow_limit`` [rad]."""
     limits = _LIMITS.copy()
     limits[0, 5] = max(limits[0, 5], WRIST_MIN)
     limits[1, 3] = min(limits[1, 3], elbow_limit)
@@ -244,9 +244,9 @@ def _base_bounds(previous: Array, dt: float, base: Numbers, lower: Array, upper:
 
 
 def stacked(limits: Sequence[tuple[Rows, int, bool]], beta: float, measured: Array) -> tuple[Array, Array, IntArray]:
-    """G (k, 17), h (k,), and the name of each row, from the rows of limits, the first of its names, and its softness.
+    """G (k, 17), h (k,), and the index of each row's name; ``limits``: rows, index of the first name, soft or not.
 
-    Soft ones give way with another elastic variable than the others.
+    Soft rows give way with another elastic variable than the others.
     """
     count = sum(len(rows.h) for rows, _, _ in limits)
     G, h, which = np.zeros((count, SIZE)), np.empty(count), np.empty(count, np.int64)
@@ -277,16 +277,16 @@ def brakable_share(rows: Rows, of: NDArray[np.bool_], wanted: Array, braking: fl
 
 @njit(cache=True)
 def _of_commands(G: Array, h: Array, beta: float, measured: Array) -> None:
-    """Turn rows over the base twist that there will be into rows over the one that is commanded, in place."""
+    """Turn rows over the resulting base twist into rows over the commanded one, in place."""
     for r in range(G.shape[0]):
         h[r] -= (1.0 - beta) * (G[r, 0] * measured[0] + G[r, 1] * measured[1])
         G[r, 0], G[r, 1] = beta * G[r, 0], beta * G[r, 1]
 
 
 def weights(parameters: QpParameters, *, swinging: bool, kept: bool) -> Array:
-    """Diagonal of the quadratic cost, shape (17,); ``swinging``: on the way, where nothing must be met exactly.
+    """Diagonal of the quadratic cost, shape (17,); ``swinging``: on the way, where the hand need not move exactly.
 
-    But for the height where it is ``kept``: a low hand, or what it holds, would meet what is below.
+    ``kept``: but for its height, since a low hand, or the object that it holds, would hit objects below.
     """
     p = parameters
     linear = p.swing_linear_slack_weight if swinging else p.linear_slack_weight

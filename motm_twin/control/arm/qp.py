@@ -13,7 +13,7 @@ from motm_twin.model.compiler import njit
 from motm_twin.model.geometry import Array
 
 SOLVERS = ("daqp", "osqp")
-_OPTIONS: dict[str, dict[str, Any]] = {  # of solvers for comparison: OSQP, which the paper uses
+_OPTIONS: dict[str, dict[str, Any]] = {  # of solvers used for comparison: OSQP, as in the paper
     "osqp": {"eps_abs": 1e-5, "eps_rel": 1e-5, "polishing": True, "max_iter": 20000, "adaptive_rho_interval": 50},
 }
 _NO_BOUND, _EQUALITY = -1e30, 5  # as DAQP writes them
@@ -33,7 +33,7 @@ class Program(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     h: Array  # shape (k,)
     lower: Array  # shape (n,)
     upper: Array  # shape (n,)
-    slack: tuple[int, int] = (0, 0)  # first of e variables, and e, whose columns of A are the identity; or none
+    slack: tuple[int, int] = (0, 0)  # index of the first of s variables whose columns of A are the identity, and s
 
 
 class Answer(msgspec.Struct, frozen=True, kw_only=True, eq=False):
@@ -41,11 +41,11 @@ class Answer(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
     x: Array  # shape (n,); zeros when there is none
     reason: str  # "" when solved and checked
-    active: NDArray[np.int64] = _NOTHING  # rows of G, and then variables k + i, that are at their bound
+    active: NDArray[np.int64] = _NOTHING  # indices of rows of G, then k + i of variables i, that are at their bound
 
 
 def load(solver: str) -> None:
-    """Import what a solver needs now, not in its first step; ValueError when there is no such solver.
+    """Import the libraries of a solver now, not in its first step; ValueError when there is no such solver.
 
     DAQP needs nothing more: without qpsolvers, and SciPy's sparse matrices with it, a program starts sooner.
     """
@@ -74,7 +74,7 @@ def _refuse_unknown(solver: str) -> None:
 
 
 def _checked(program: Program, solver: str, residual: float, first: int, count: int) -> Answer:
-    """The same with so many slack variables, from the first on, taken out."""
+    """`solve` with ``count`` slack variables, from ``first`` on, eliminated."""
     flaw, u = _daqp(program, first, count) if solver == "daqp" else _by_qpsolvers(program, solver)
     if flaw == _INFINITE:
         return _none(program, f"{_not_finite(program)} not finite")
@@ -182,7 +182,7 @@ def violation(program: Program, x: Array) -> float:
 def _complete(
     u: Array, A: Array, b: Array, G: Array, h: Array, lower: Array, upper: Array, first: int, count: int, x: Array
 ) -> tuple[float, NDArray[np.int64]]:  # fmt: skip
-    """Fill in x, the answer with its slack; returns its largest violation, nan if not finite, and what is active."""
+    """Fill in x, the answer with its slack; returns its largest violation, nan if not finite, and `Answer.active`."""
     n, k = x.shape[0], h.shape[0]
     active, size = np.empty(k + n, np.int64), 0
     for i in range(u.shape[0]):
@@ -232,7 +232,7 @@ def _by_qpsolvers(program: Program, solver: str) -> tuple[int, Array | None]:
 
 
 def _minimiser(program: Program, solver: str) -> Array | None:
-    """The answer of a solver that is reached through qpsolvers, shape (n,), as it is; None when it found none."""
+    """The unchecked answer of a solver of qpsolvers, shape (n,); None when it found none."""
     from qpsolvers import Problem, solve_problem  # see `load`
     from scipy.sparse import csc_matrix
 

@@ -21,7 +21,7 @@ class ArmGoal(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
     kind: str  # "pick" | "place" | "none" (drive only: carry or stow)
     name: str  # object or bin
-    position: Array  # pick: point of the object between the fingers; place: that of the bin's rim [m], shape (3,)
+    position: Array  # [m] pick: point of the object between the fingers; place: the same at the bin's rim; shape (3,)
     yaw: float  # [rad] of the object (modulo 90 deg) or bin, odometry frame
     side: float  # [m] of the object to grasp or being held
     position_sd: float  # [m] per axis of the estimate
@@ -29,7 +29,7 @@ class ArmGoal(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     release_half_width: float = 0.0  # [m] place: half of the square in which the released object must be
     neighbours: Array = NO_NEIGHBOURS  # beside the object or in the bin: x, y, z [m], yaw [rad], side [m], 1: seen
     neighbour_names: tuple[str, ...] = ()
-    others: Array = NO_NEIGHBOURS  # that were seen, in reach and not in the bin: the hand may swing across them; (n, 6)
+    others: Array = NO_NEIGHBOURS  # seen objects in reach, not in the bin, that the hand may swing across; (n, 6)
 
 
 class ArmObstacles(msgspec.Struct, frozen=True, kw_only=True, eq=False):
@@ -37,11 +37,11 @@ class ArmObstacles(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
     points: Array  # [m], shape (m, 2)
     static: NDArray[np.bool_]  # in the same place for 3 s, at rest for 12 s if it was seen to move, shape (m,)
-    expected: Array = NO_POINTS  # where those that move will be, shape (k, 2): to be kept from, but nothing is there
+    expected: Array = NO_POINTS  # predicted points of moving ones, to keep from; nothing is there yet, shape (k, 2)
 
     @classmethod
     def of(cls, world: WorldMap, T_odom_world: Array, ahead: float = 0.0) -> "ArmObstacles":
-        """Points that are seen, and far sides of obstacles that may be moving; ``ahead`` [s]: of what is expected."""
+        """Seen points, and far sides of obstacles that may be moving; ``ahead`` [s]: time of the predicted points."""
         static = np.zeros(len(world.seen_points) + len(world.hidden), dtype=bool)
         static[: len(world.seen_points)] = world.seen_static
         points = np.concatenate((world.seen_points, world.hidden))
@@ -60,7 +60,7 @@ class ArmObstacles(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
 
 def _expected(points: Array, tracks: Array, ahead: float) -> Array:
-    """Places of the points (n, 2) that belong to tracks (k, 7), after a time [s], shape (m, 2)."""
+    """Predicted places of the points (n, 2) that belong to tracks (k, 7), after a time [s], shape (m, 2)."""
     later = [NO_POINTS]
     for x, y, vx, vy, radius in tracks[:, :5]:
         own = np.hypot(points[:, 0] - x, points[:, 1] - y) <= radius + _RIM
@@ -69,15 +69,15 @@ def _expected(points: Array, tracks: Array, ahead: float) -> Array:
 
 
 class Overlap(NamedTuple):
-    """The body of the arm that is deepest in something seen, and how deep [m]."""
+    """The body of the arm that is deepest in a seen obstacle, and its depth [m]."""
 
     body: str
     depth: float
-    alone: bool = False  # in a single cell, which may be a wrong hit
+    alone: bool = False  # the obstacle is a single cell, which may be a wrong hit
 
 
 class ArmInputs(msgspec.Struct, frozen=True, kw_only=True, eq=False):
-    """Everything one arm step reads."""
+    """Inputs of one arm step."""
 
     observation: Observation
     dt: float  # [s] of this step
@@ -88,7 +88,7 @@ class ArmInputs(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     plan_poses: Array  # odometry frame: x, y, heading, v, w, shape (j, 5)
     obstacles: ArmObstacles
     T_odom_world: Array  # planar pose of the world frame in the odometry frame, for mapped furniture, shape (3,)
-    stuck_joint: int | None = None  # counted from 0: it does not follow its commands
+    stuck_joint: int | None = None  # a joint that does not follow its commands, counted from 0
 
 
 class Phase(StrEnum):
@@ -108,9 +108,9 @@ class ProgramStatus(StrEnum):
     """Outcome of the arm's quadratic program."""
 
     SOLVED = "solved"
-    GAVE_WAY = "gave way"  # rows of furniture did
+    GAVE_WAY = "gave way"  # rows of furniture gave way
     DAMPED_STOP = "damped stop"  # there is no answer
-    STANDING = "standing"  # something stands where the arm is
+    STANDING = "standing"  # the arm overlaps a seen obstacle
     WITHDRAWING = "withdrawing"
     NONE = "no arm"
     OPEN_LOOP = "open loop"
@@ -142,23 +142,23 @@ class ArmStep(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     # "" | "picked" | "placed" | "missed" (failed, is retried) | "lost" (held object gone) | "stuck" (starts over)
     # | "no room" (beside the object, for the fingers)
     outcome: str
-    why: Reason | None = None  # it waits, tries again or stops
+    why: Reason | None = None  # the arm waits, tries again or stops
 
     @property
     def reason(self) -> str:
-        """The same in one sentence; "" for none."""
+        """`why` in one sentence; "" for none."""
         return "" if self.why is None else str(self.why)
 
     @property
     def qp_status(self) -> str:
-        """Status of the program, and why it is not "solved"."""
+        """Status of the program, with the reason if it is not "solved"."""
         if self.why is None or self.program not in _FAULTS:
             return str(self.program)
         return f"{self.program}: {self.why.other if self.why.kind == Kind.ARM_STOPPED else self.why}"
 
 
 class ArmTiming(Protocol):
-    """When the arm leaves for the target, and how fast it goes (MotM transit rule by default)."""
+    """Rule for the time at which the arm leaves for the target, and for its speed (default: that of MotM)."""
 
     def transit_duration(self, distance: float, speed: float, time_to_range: float) -> float | None:
         """Seconds to take for the remaining distance [m] at base speed [m/s]; None: do not start yet."""
@@ -166,7 +166,7 @@ class ArmTiming(Protocol):
 
 
 class TransitRule(msgspec.Struct, frozen=True, kw_only=True):
-    """Leave when the expected transit, distance / (v_B k_A), is as long as the target needs to come into range."""
+    """Leave when the expected transit, distance / (v_B k_A), takes as long as the target needs to come into range."""
 
     k_A: float = 0.5  # MotM; 0.25 to 1.0 are stable
     base_speed: float = 0.3  # [m/s] v_B is taken as at least this: a turning or braking base soon drives again

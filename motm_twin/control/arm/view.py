@@ -19,7 +19,7 @@ from motm_twin.model.state import LATER
 
 _NOTHING, _PICK, _PLACE = 0, 1, 2
 _GOALS = {"pick": _PICK, "place": _PLACE}
-_LANDING = 0.005  # [m] by which one object is elsewhere than seen, and another lands elsewhere than expected
+_LANDING = 0.005  # [m] error of the seen place of one object plus that of the landing place of another
 
 
 @dataclass
@@ -29,39 +29,39 @@ class ManipulatorState:
     phase: Phase = Phase.STOW
     since: float = 0.0  # [s] when the phase began
     goal: str = ""  # kind and name of the goal of the last step
-    leaves: bool = field(default=False, metadata=LATER)  # the hand rises from an object that is not the goal any more
+    leaves: bool = field(default=False, metadata=LATER)  # the hand rises from an object that is no longer the goal
     holding: bool = False
     side: float = 0.0  # [m] of the object in the gripper
     gripper: str = "open"
     opening: float | None = field(default=None, metadata=LATER)  # [m] between the pads when open; None: all the way
-    narrowing_since: float | None = field(default=None, metadata=LATER)  # [s] since when they are wider than that
-    opens_fully: bool = field(default=False, metadata=LATER)  # for this goal: the gripper does not open part of the way
+    narrowing_since: float | None = field(default=None, metadata=LATER)  # [s] since when the pads are wider than that
+    opens_fully: bool = field(default=False, metadata=LATER)  # for this goal: the gripper cannot open partly
     yaw: float | None = None  # [rad] of the hand over the object, once chosen
     anchor: Array = field(default_factory=lambda: np.zeros(3))  # [m] point that closing, lift and release hold on to
-    clear_z: float = 0.0  # [m] height that cleared what the last target stood on
-    top_between: float = field(default=-math.inf, metadata=LATER)  # [m] of what stands between hand and target
-    in_range_since: float | None = None  # [s] since when a target in range has not been dealt with
+    clear_z: float = 0.0  # [m] height of the hand that is clear of the surroundings of the last target
+    top_between: float = field(default=-math.inf, metadata=LATER)  # [m] of furniture between hand and target
+    in_range_since: float | None = None  # [s] since when a target has been in range without result
     start_over: bool = False  # go to the stow pose before another try
-    reported: bool = False  # "picked" has been said
-    released: float | None = None  # [s] when the gripper was told to open over the bin
+    reported: bool = False  # "picked" has been reported
+    released: float | None = None  # [s] when the gripper was commanded to open over the bin
     relaxed: Array = field(default_factory=lambda: np.zeros((0, 2)))  # [m] past grasp for which static obstacles yield
-    twist: Array = field(default_factory=lambda: np.zeros(2))  # commanded last
-    rates: Array = field(default_factory=lambda: np.zeros(7))  # commanded last [rad/s]
+    twist: Array = field(default_factory=lambda: np.zeros(2))  # the program's last answer, before the monitors
+    rates: Array = field(default_factory=lambda: np.zeros(7))  # the same [rad/s]
     stop_rates: Array | None = None  # [rad/s] at the beginning of a damped stop
     tight: Reason | None = field(
         default=None, metadata=LATER
-    )  # what is nearer to the chosen faces than the arm keeps from it
-    tight_tries: int = field(default=0, metadata=LATER)  # times that came to nothing with such faces
+    )  # an obstacle nearer to the chosen faces than the distance to be kept
+    tight_tries: int = field(default=0, metadata=LATER)  # failed tries with such faces
     no_room_since: float | None = field(default=None, metadata=LATER)  # [s] no faces can be taken; inf: not seen yet
-    inside_since: float | None = field(default=None, metadata=LATER)  # [s] since when something stands where the arm is
-    inside: Overlap | None = field(default=None, metadata=LATER)  # the newest sight of it ...
+    inside_since: float | None = field(default=None, metadata=LATER)  # [s] since when the arm overlaps an obstacle
+    inside: Overlap | None = field(default=None, metadata=LATER)  # the newest overlap ...
     glimpsed: float | None = field(default=None, metadata=LATER)  # [s] since when only a single cell shows it
-    inside_at: float = field(default=-math.inf, metadata=LATER)  # ... and when [s]
-    late: float = field(default=0.0, metadata=LATER)  # [s] by which the fingers took longer than they should, lately
+    inside_at: float = field(default=-math.inf, metadata=LATER)  # ... and the time [s] of it
+    late: float = field(default=0.0, metadata=LATER)  # [s] by which recent closings took longer than they should
 
 
 class Arm(NamedTuple):
-    """Arm and base of one step as kernels read them, in the odometry frame unless something else is said."""
+    """Arm and base of one step as kernels read them, in the odometry frame unless stated otherwise."""
 
     q: Array  # [rad], shape (7,)
     dq: Array  # [rad/s], shape (7,)
@@ -78,7 +78,7 @@ class Arm(NamedTuple):
     R: Array  # rotation of the hand, shape (3, 3)
     J: Array  # Jacobian of the tool centre point over (v, w, arm), shape (6, 9)
     factor: Array  # lower factor of `jacobian` times its transpose, shape (6, 6)
-    target: Array  # [m] that the object's centre is to reach or is at, shape (3,)
+    target: Array  # [m] point where the object's centre is or is to go, shape (3,)
 
 
 class View(msgspec.Struct, frozen=True, kw_only=True, eq=False):
@@ -87,16 +87,16 @@ class View(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     time: float
     dt: float
     goal: ArmGoal
-    finite: bool  # a sum of all numbers that the step reads is
+    finite: bool  # True if the sum of all numbers that the step reads is finite
     arm: Arm
-    beta: float  # share of a commanded change of the base twist that is there when the arm's rates act
+    beta: float  # share of a commanded change of the base twist that is reached when the arm's rates act
     radius: float  # of the target about the mount [m]
     azimuth: float  # of the target about the mount, base frame [rad]
     distance: float  # horizontal, of the tool centre point from the target [m]
     time_to_range: float
     width: float
     gripper_moving: bool
-    age: float  # [s] of what the robot said last
+    age: float  # [s] of the robot's last report
     tilt: float  # of the tool axis from straight down [rad]
     manipulability: float
     nearest: float  # horizontal, of the tool centre point from the nearest seen obstacle [m], inf when there is none
@@ -128,21 +128,21 @@ class View(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
     @property
     def target(self) -> Array:
-        """Point that the object's centre is to reach or is at [m], shape (3,)."""
+        """Point where the object's centre is or is to go [m], shape (3,)."""
         return self.arm.target
 
     @property
     def velocity(self) -> Array:
-        """Of the tool centre point, measured, shape (3,)."""
+        """Measured velocity of the tool centre point, shape (3,)."""
         return times(self.arm.J[:3, :2], self.arm.measured) + times(self.arm.J[:3, 2:], self.arm.dq)
 
     def seen(self, parameters: ArmParameters) -> bool:
-        """Has the object been seen recently?"""
+        """Test that the object has been seen recently."""
         last = self.goal.last_seen
         return last is not None and self.time - last <= parameters.seen_within
 
     def sure(self, parameters: ArmParameters) -> bool:
-        """The last report of the robot is recent enough to grip or release on; it may have missed newer commands."""
+        """Test that the robot's last report is recent enough to grip or release; an old one may miss newer commands."""
         return self.age <= parameters.sure_age
 
 
@@ -216,7 +216,7 @@ def _look(
     radii: Array,
     beta: float,
 ) -> tuple[Arm, float, float, float, float, float, float]:
-    """The arm, what `View` has beside it, and a sum of all numbers, finite when each is.
+    """The arm, the other computed fields of `View`, and a sum of all numbers, finite when each is.
 
     ``half`` and ``rise`` [m]: half the release square, and how far above the bin's rim the object is released;
     ``radii`` as in `release_point`.

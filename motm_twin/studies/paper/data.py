@@ -1,6 +1,6 @@
-"""The trials of `motm-twin paper`: plans of them with their expected cost, results by method and trial, and the store.
+"""The trials of `motm-twin paper`: plans with their expected cost, results by method and trial, and the store.
 
-Times are only of completed trials.
+Task times are only taken from completed trials.
 """
 
 import math
@@ -24,24 +24,24 @@ from motm_twin.studies.spec import MACHINE, Experiment, TrialSpec, jobs_of
 from motm_twin.studies.statistics import Estimate, completed
 
 COMPARED = ("motm", "staa", "motm2022", "holistic", "fixed_set", "irm", "greedy", "sequential")
-OURS = ("motm", "fast")  # what is judged: the paper's method, and our own
+OURS = ("motm", "fast")  # the methods that are judged: the paper's and our own
 ALL = (*COMPARED, "fast")
-LITERAL, OVERLAP = "paper_literal", "sequential_overlap"  # besides, on Experiment 1
-WITH_ERRORS = (catalogue.REACTIVE, catalogue.PLANNED)  # methods that are compared under every error
+LITERAL, OVERLAP = "paper_literal", "sequential_overlap"  # additional methods on Experiment 1
+WITH_ERRORS = (catalogue.REACTIVE, catalogue.PLANNED)  # methods compared under every error
 ABLATIONS = NAMES_OF_ABLATIONS
 TEN = tuple(f"trial{k}" for k in range(1, 11))  # the published arrangements
-FIVE = TEN[:5]  # those of a sweep by default
-SWEEPS: Mapping[str, tuple[str, tuple[float, ...]]] = {  # experiment: parameter, values besides the shipped one
+FIVE = TEN[:5]  # arrangements of a sweep in the default plan
+SWEEPS: Mapping[str, tuple[str, tuple[float, ...]]] = {  # experiment: parameter, values other than the shipped one
     "sweep_next_weight": ("next_weight", (0.0, 0.5, 2.0)),
     "sweep_bezier_offset": ("bezier_offset", (0.1, 0.5)),
     "sweep_radius_min": ("radius_min", (0.5, 0.7)),
     "sweep_radius_max": ("radius_max", (0.7, 0.95)),
 }
-QUICK_LEVEL = 2  # of every error in a quick report, counted from none
-QUICK_DELAY = 10.0  # [s] of the grasps in a quick report
-CPU_S = {"exp1": 9.0, "exp1a": 14.0, "exp2": 17.0}  # [s] of one processor per trial, the mean over all methods
-SHORT_S = 1.0  # [s] of one pick, as in the scenes of robustness and grasp delay
-LONGER = {"motm2022": 1.6}  # it gives up late
+QUICK_LEVEL = 2  # index of the only level of each error in a quick report; 0: no error
+QUICK_DELAY = 10.0  # [s] of late grasps in a quick report
+CPU_S = {"exp1": 9.0, "exp1a": 14.0, "exp2": 17.0}  # [s] processor time per trial, the mean over all methods
+SHORT_S = 1.0  # [s] processor time of any other scene: one pick, as for robustness and grasp delay
+LONGER = {"motm2022": 1.6}  # factor on the processor time: this method gives up late
 EXP1, EXP1A, EXP2 = "Experiment 1", "Experiment 1a: two unmapped boxes", "Experiment 2: Temis"
 OFF = "Each modification switched off alone"
 
@@ -55,7 +55,7 @@ class Plan:
     notes: tuple[str, ...] = ()
 
     def specs(self) -> list[TrialSpec]:
-        """Those of all experiments."""
+        """The trials of all experiments."""
         return [spec for experiment in self.experiments for spec in experiment.specs]
 
 
@@ -70,10 +70,10 @@ def cpu_seconds(spec: TrialSpec) -> float:
 
 
 def default() -> Plan:
-    """All methods on ten trials of 1 and 1a and five of 2, modifications on ten, all errors, sweeps on five."""
+    """All methods on ten trials of Experiments 1 and 1a and five of 2; ablations on ten, sweeps on five; all errors."""
     exp1 = (
         *_trials("exp1", (*ALL, LITERAL, OVERLAP), TEN),
-        *_seeds("exp1", OURS, "random", range(5)),  # what Experiment 2 is compared with
+        *_seeds("exp1", OURS, "random", range(5)),  # compared with Experiment 2
     )
     return Plan(
         name="default",
@@ -89,13 +89,13 @@ def default() -> Plan:
 
 
 def full() -> Plan:
-    """Fifty seeds everywhere, and the ten published trials."""
+    """Fifty seeds everywhere in addition to the ten published trials."""
     seeds = range(50)
     methods = (*ALL, LITERAL, OVERLAP)
     exp1 = (
         *_trials("exp1", methods, TEN),
         *_seeds("exp1", methods, "random", seeds),
-        *_seeds("exp1", OURS, TEN[0], seeds[1:]),  # what Experiment 2 with one Temi is compared with
+        *_seeds("exp1", OURS, TEN[0], seeds[1:]),  # compared with Experiment 2 with one Temi
     )
     exp1a = (*_trials("exp1a", ALL, TEN), *_seeds("exp1a", ALL, "random", seeds))
     exp2 = (*_seeds("exp2", ALL, "random", seeds), *_seeds("exp2", OURS, "one_temi", seeds))
@@ -114,7 +114,7 @@ def full() -> Plan:
 
 
 def quick() -> Plan:
-    """A complete run in five minutes. Its numbers say little, and the report says so."""
+    """A complete run in five minutes. Its numbers mean little, and the report says so."""
     one, few = TEN[:1], ("motm", "fast", "irm", "sequential")
     levels = {name: values[QUICK_LEVEL] for name, values in catalogue.ERRORS.items()} | {catalogue.DELAY: QUICK_DELAY}
     return Plan(
@@ -143,9 +143,9 @@ OPTIONS_OF_PLANS = {"quick": " --quick", "default": "", "full": " --full --yes"}
 def errors(
     methods: Sequence[str], *, seeds: int, late: int, levels: Mapping[str, float] | None = None
 ) -> tuple[Experiment, ...]:
-    """Robustness for these methods with so many seeds; late, missed and slipped grasps for all of its own.
+    """Experiments on robustness (``methods``, ``seeds``), and on late, missed and slipped grasps (its own methods).
 
-    ``levels``: the only one of each error, besides none.
+    ``seeds``, ``late``: number of seeds of the two. ``levels``: the only level of each error, besides no error.
     """
 
     def chosen(specs: Iterable[TrialSpec]) -> tuple[TrialSpec, ...]:
@@ -164,7 +164,7 @@ def _has(spec: TrialSpec, levels: Mapping[str, float]) -> bool:
 
 
 def sweeps(variants: Sequence[str], seeds: Iterable[int] = (), *, last: bool = False) -> tuple[Experiment, ...]:
-    """One experiment per swept parameter; ``last``: of its values the last only."""
+    """One experiment per swept parameter; ``last``: only with the last of its values."""
     where = [*((variant, None) for variant in variants), *(("random", seed) for seed in seeds)]
     return tuple(
         Experiment(name, f"Sweep of {parameter}", tuple(_swept(where, parameter, values[-1:] if last else values)))
@@ -178,7 +178,7 @@ def swept_scenes(parameter: str) -> tuple[str, ...]:
 
 
 def _swept(where: Sequence[tuple[str, int | None]], parameter: str, values: Sequence[float]) -> Iterable[TrialSpec]:
-    """Only other values than the shipped one: that is in Experiments 1 and 1a already."""
+    """Trials of these values; the shipped one is not among them, as Experiments 1 and 1a already have it."""
     for value in values:
         parameters: dict[str, ParameterValue] = {parameter: value}
         for scene in swept_scenes(parameter):
@@ -199,7 +199,7 @@ Key = tuple[str, int]  # variant and seed: the same arrangement and the same noi
 
 
 class Store:
-    """Results by experiment; an empty list for what was not run."""
+    """Results by experiment; an empty list for an experiment that was not run."""
 
     def __init__(self, trials: Mapping[str, Sequence[Result]]) -> None:
         self.trials = {name: _own(name, results) for name, results in trials.items()}
@@ -220,29 +220,29 @@ class Store:
 
 
 def _own(experiment: str, results: Sequence[Result]) -> Sequence[Result]:
-    """Trials of Experiments 1, 1a, 2 on their own scene, as shipped; `bench` stores those to compare with, too."""
+    """The trials of Experiments 1, 1a, 2 on their own scene as shipped; `bench` also stores those to compare with."""
     if experiment not in SCENES:
         return results
     return [each for each in results if each["scene"] == experiment and not each["parameters"] and not each["changes"]]
 
 
 def ten(results: Iterable[Result]) -> list[Result]:
-    """Those of the ten published arrangements, with the seed of the scene file."""
+    """Results of the ten published arrangements with the seed of the scene file."""
     return [result for result in results if result["variant"] in TEN and result["seed"] == 0]
 
 
 def random(results: Iterable[Result]) -> list[Result]:
-    """Those of random arrangements."""
+    """Results of random arrangements."""
     return [result for result in results if result["variant"] == "random"]
 
 
 def key(result: Result) -> Key:
-    """Variant and seed of a trial: two methods are compared where these are equal."""
+    """Variant and seed of a trial: the trials of two methods with equal keys are compared."""
     return result["variant"], result["seed"]
 
 
 def times(results: Iterable[Result]) -> dict[Any, float]:
-    """Task times [s] of the completed trials: one that gave up early is not fast."""
+    """Task times [s] of the completed trials by key: a trial that gave up early does not count as fast."""
     return {key(result): float(result["time_s"]) for result in results if completed(result)}
 
 
@@ -252,18 +252,18 @@ def mean_time(results: Iterable[Result]) -> Estimate:
 
 
 def placed(results: Iterable[Result]) -> tuple[int, int]:
-    """Objects delivered, and objects wanted."""
+    """Number of delivered objects, and of objects to deliver."""
     these = list(results)
     return sum(each["places_done"] for each in these), sum(each["places_total"] for each in these)
 
 
 def contacts(results: Iterable[Result]) -> int:
-    """Contacts that the robot caused."""
+    """Number of contacts that the robot caused."""
     return sum(int(result["contacts_caused_by_robot"]) for result in results)
 
 
 def measure(result: Result, *names: str) -> float | None:
-    """One of the trial's further measures, entered by name; of a list its length; None when it was not taken."""
+    """One of the trial's further measures by its path of names; the length of a list; None: not taken."""
     value: Any = result.get("measures")
     for name in names:
         value = value.get(name) if isinstance(value, Mapping) else None
@@ -273,7 +273,7 @@ def measure(result: Result, *names: str) -> float | None:
 
 
 def command_of(spec: TrialSpec, verb: str = "run") -> str:
-    """Command that runs (or serves) this trial again. Only of a trial as shipped: `run` takes no parameters."""
+    """Command that runs (or serves) this trial again; only for a trial without changes: `run` takes no parameters."""
     assert not spec.parameters and not spec.changes
     options = {"variant": spec.variant, "seed": spec.seed, "method": spec.method}
     given = "".join(f" --{name} {value}" for name, value in options.items() if value is not None)
@@ -294,16 +294,16 @@ def percent(estimate: Estimate, decimals: int = 0) -> str:
     return f"{value:.{decimals}f} %{interval}"
 
 
-PLAN, COMMAND = "plan", "command"  # kept with every trial, beside what it was made with
+PLAN, COMMAND = "plan", "command"  # stored with every trial, beside source and libraries
 NOT_RECORDED = "not recorded"
 
 
 @dataclass(frozen=True, kw_only=True)
 class Origin:
-    """Origin of all trials together; a field that differs between trials lists each value with its number of trials."""
+    """Common origin of all trials; a field that differs between trials lists each value with its number of trials."""
 
-    sources: tuple[str, ...]  # those of the trials
-    plans: tuple[str, ...]  # those that ran them; "not recorded" for `motm-twin bench` and versions before this
+    sources: tuple[str, ...]  # source hashes of the trials
+    plans: tuple[str, ...]  # plans that ran the trials; "not recorded" for `motm-twin bench` and earlier versions
     plan: str
     command: str
     machine: str
@@ -311,12 +311,12 @@ class Origin:
 
     @property
     def current(self) -> bool:
-        """All trials were run by the source as it is now."""
+        """True when all trials were run by the current source."""
         return self.sources == (made_with()[SOURCE],)
 
 
 def origin(records: Iterable[Record], command: str) -> Origin:
-    """Origin of these trials; without any, everything shown is made now, by this command."""
+    """Origin of these trials; without trials: the current source, libraries and machine, with this command."""
     notes = [record.made_with for record in records] or [{**current_origin(), PLAN: "no trials", COMMAND: command}]
     names = [*dict.fromkeys(name for note in notes for name in note), PLAN, COMMAND, MACHINE, SOURCE]
     counts = {name: Counter(note.get(name, NOT_RECORDED) for note in notes) for name in names}
@@ -326,7 +326,7 @@ def origin(records: Iterable[Record], command: str) -> Origin:
 
 
 def current_origin() -> dict[str, str]:
-    """Source, libraries and machine that draw the report, under the same names."""
+    """Source, libraries and machine that draw the report, under the names in `Origin`."""
     return {**made_with(), MACHINE: machine()}
 
 
@@ -341,7 +341,7 @@ Keys = dict[str, dict[str, TrialSpec]]  # by experiment: trials by their names i
 
 
 def stored(out: Path, without: Collection[str] = ()) -> Records:
-    """The newest record of every spec, of any source, except from the experiments ``without``."""
+    """The newest record of every spec from any source, except for the experiments ``without``."""
     found: Records = {}
     for folder in sorted(file.parent for file in out.glob(f"*/{TRIALS}")):
         if folder.name not in without:
@@ -359,7 +359,7 @@ def keys(experiments: Iterable[Experiment]) -> Keys:
 
 
 def of_plan(out: Path, wanted: Keys) -> Records:
-    """Records of these trials, each once and in order: of the current source, or else the newest."""
+    """Records of these trials, each once and in order: from the current source, or else the newest one."""
     found: Records = {}
     for name, trials in wanted.items():
         records = Trials(out / name).read()
@@ -370,14 +370,14 @@ def of_plan(out: Path, wanted: Keys) -> Records:
 
 
 def write_completed(out: Path, wanted: Keys) -> None:
-    """Write `results.jsonl` with all available records of these trials: a partial run wrote only its own."""
+    """Write `results.jsonl` with all stored results of these trials: a partial run has written only its own."""
     for name, trials in wanted.items():
         records = Trials(out / name).read()
         Trials(out / name).write_results([records[key].result for key in trials if key in records])
 
 
 def missing(out: Path, wanted: Keys, *, retry_failed: bool = False) -> tuple[list[TrialSpec], int]:
-    """Those of these trials that have to be run, and the number of all."""
+    """The trials that still have to be run, and the total number of these trials."""
     done = {
         record.key
         for name in wanted
@@ -389,7 +389,7 @@ def missing(out: Path, wanted: Keys, *, retry_failed: bool = False) -> tuple[lis
 
 
 def _newest(records: Iterable[Record]) -> dict[bytes, Record]:
-    """By spec."""
+    """The newest record of every spec, by the encoded spec."""
     return {_text(record.spec): record for record in records}
 
 

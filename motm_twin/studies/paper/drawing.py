@@ -1,7 +1,7 @@
-"""A part of the report: a figure or a table with its data, or the reason why it is missing; and how figures are drawn.
+"""A part of the report: a figure or a table with its data, or the reason why it is missing; and the style of figures.
 
-Colours are those of Okabe and Ito. No colour stands alone: hatches, markers and line styles say the same. At the
-end are the things that a floor plan shows.
+Colours are those of Okabe and Ito. No colour stands alone: hatches, markers and line styles carry the same meaning.
+The last functions draw the elements of a floor plan.
 """
 
 import csv
@@ -36,7 +36,7 @@ BLACK, ORANGE, SKY, GREEN = "#000000", "#E69F00", "#56B4E9", "#009E73"
 YELLOW, BLUE, RED, PURPLE = "#F0E442", "#0072B2", "#D55E00", "#CC79A7"
 GREY, PALE = "#777777", "#DDDDDD"
 
-SMALLEST = 7.0  # [pt] no letter is smaller
+SMALLEST = 7.0  # [pt] smallest font size
 STYLE: Any = {
     "font.family": "sans-serif",
     "font.sans-serif": ["DejaVu Sans"],
@@ -53,11 +53,11 @@ STYLE: Any = {
     "lines.markersize": 4.0,
     "figure.dpi": 100,
     "savefig.dpi": DPI,
-    "svg.fonttype": "none",  # letters stay letters, to be searched and edited
-    "svg.hashsalt": "motm_twin",  # the same figure, the same file
+    "svg.fonttype": "none",  # text stays text that can be searched and edited
+    "svg.hashsalt": "motm_twin",  # equal figures give equal files
 }
 
-# Cost of standing or driving there: light where free, dark where occupied, so that grey says the same as green to red.
+# Cost of a cell: light where free, dark where occupied, so that a greyscale print shows the same as green to red.
 OCCUPANCY = LinearSegmentedColormap.from_list("occupancy", ["#CFEBC4", "#8CC97B", "#C99A3C", "#A63A22", "#5A0F0F"])
 # Cost of a candidate: the cheaper, the brighter green (Paper, Sec. IV).
 COST = LinearSegmentedColormap.from_list("cost", ["#4CF06A", "#1F8F4A", "#14402C", "#101418"])
@@ -96,25 +96,25 @@ def look(method: str) -> Look:
 
 @contextmanager
 def styled() -> Iterator[None]:
-    """Within this block figures are made, and saved, in the one style."""
+    """Context in which figures are drawn and saved in the common style."""
     with mpl.rc_context(STYLE):
         yield
 
 
 def figure(width: float, height: float) -> Figure:
-    """An empty figure of a size in [mm]. No pyplot: nothing is global, nothing needs a screen."""
+    """An empty figure of this size [mm]; without pyplot, so without global state and without a screen."""
     return Figure(figsize=(width * MM, height * MM), layout="constrained")
 
 
 def rows_down(axes: Axes, names: Sequence[str], label: str) -> None:
-    """Names of rows down the side, the first on top; ``label`` of the axis below."""
+    """Label the rows at the left, the first on top; ``label``: of the x axis."""
     axes.set_yticks(range(len(names)), names)
     axes.set_ylim(len(names) - 0.5, -0.5)
     axes.set_xlabel(label)
 
 
 def legend_below(fig: Figure, panels: Iterable[Axes], columns: int | None = None) -> None:
-    """One legend of all panels below them; ``columns``: None: one row."""
+    """One common legend below all panels; ``columns`` None: one row."""
     handles = {each.get_label(): each for panel in panels for each in panel.get_legend_handles_labels()[0]}
     fig.legend(handles=list(handles.values()), loc="outside lower center", ncols=columns or len(handles))
 
@@ -124,18 +124,18 @@ Row = Mapping[str, Any]
 
 @dataclass(frozen=True, kw_only=True)
 class Drawn:
-    """A figure, or a table when there is no figure, and the numbers that it shows."""
+    """A figure or a table, or both, and the numbers in it."""
 
-    caption: str  # what is seen, in sentences
-    n: str  # how many trials, or what else was counted
-    rows: Sequence[Row]  # the numbers, as the CSV has them
+    caption: str  # one or more sentences
+    n: str  # number of trials, or of other samples
+    rows: Sequence[Row]  # the numbers as rows of the CSV
     name: str = ""  # of its files; the register of parts gives name and title
     title: str = ""
-    command: str = ""  # of the one trial that is shown; the report puts before it what makes the part
+    command: str = ""  # of the one trial that is shown; the report puts the command of the part before it
     facts: Mapping[str, Any] = field(default_factory=dict)  # more numbers, for the JSON
     figure: Figure | None = None
-    cells: Sequence[Mapping[str, str]] = ()  # a table: its rows as they are printed, by column
-    marked: Sequence[int] = ()  # rows of the table that are published, not measured
+    cells: Sequence[Mapping[str, str]] = ()  # a table: its printed rows, by column
+    marked: Sequence[int] = ()  # indices of rows that are published, not measured
     notes: Sequence[str] = ()
 
 
@@ -146,15 +146,15 @@ class Missing:
     reason: str  # one sentence
     name: str = ""
     title: str = ""
-    larger: bool = False  # these trials do not have it, more of them may
-    command: str = ""  # that would make it; the report says it
+    larger: bool = False  # a larger plan may have the trials for it
+    command: str = ""  # that would make the part; printed in the report
 
 
 Part = Drawn | Missing
 
 
 def save(part: Drawn, folder: Path) -> None:
-    """Write PNG and SVG, CSV and JSON of a part."""
+    """Write PNG, SVG, CSV and JSON files of a part."""
     folder.mkdir(parents=True, exist_ok=True)
     stem = folder / part.name
     if part.figure is not None:
@@ -167,7 +167,7 @@ def save(part: Drawn, folder: Path) -> None:
 
 
 def write_csv(path: Path, rows: Sequence[Row]) -> None:
-    """Rows with the columns of all of them, in the order in which they come; nan and None are empty."""
+    """Write rows with the columns of all rows, in order of first appearance; nan and None become empty cells."""
     columns = list(dict.fromkeys(key for row in rows for key in row))
     with path.open("w", newline="", encoding="utf-8") as file:
         writer = csv.DictWriter(file, columns)
@@ -176,12 +176,12 @@ def write_csv(path: Path, rows: Sequence[Row]) -> None:
 
 
 def write_json(path: Path, document: Any) -> None:
-    """JSON without nan and infinity, which it does not have: null instead."""
+    """Write a JSON document with null in place of nan and infinity, which JSON does not have."""
     path.write_text(json.dumps(plain(document), indent=1, allow_nan=False) + "\n", encoding="utf-8")
 
 
 INFLATION, BLUR = 0.6, 0.2  # [m] of STAA*'s grid
-CLEAR = 0.7  # [m] above the floor: what begins higher is a table top, drawn as a surface
+CLEAR = 0.7  # [m] above the floor: a solid that begins higher is a table top
 
 
 def metres(axes: Axes, x: tuple[float, float], y: tuple[float, float]) -> None:
@@ -194,7 +194,7 @@ def metres(axes: Axes, x: tuple[float, float], y: tuple[float, float]) -> None:
 
 
 def occupancy(axes: Axes, world: WorldMap) -> Any:
-    """The proximity grid, inflated as widely as STAA* does, from free (light green) to occupied (dark red)."""
+    """The proximity grid with the inflation of STAA*, from free (light green) to occupied (dark red)."""
     cost = proximity_cost(world.distance, INFLATION, round(0.5 * BLUR / world.resolution))
     rows, columns = cost.shape
     x, y = (float(value) for value in world.origin)
@@ -203,7 +203,7 @@ def occupancy(axes: Axes, world: WorldMap) -> Any:
 
 
 def furniture(axes: Axes, solids: Iterable[Solid], *, face: str = "#E8E2D6", hatch: str | None = None) -> None:
-    """Outlines of furniture, low things first."""
+    """Outlines of furniture, low pieces first."""
     look: dict[str, Any] = {"facecolor": face, "edgecolor": GREY, "linewidth": 0.6, "hatch": hatch, "zorder": 1}
     for solid in sorted(solids, key=lambda each: each.z_max):
         if isinstance(solid.shape, Cylinder):
@@ -220,7 +220,7 @@ def bins(axes: Axes, scene_bins: Iterable[Bin]) -> None:
 
 
 def cubes(axes: Axes, points: Sequence[Any], colour: str, size: float = 9.0) -> None:
-    """Cubes as small squares, larger than they are."""
+    """Cubes as small squares, larger than to scale."""
     if len(points):
         at = np.asarray(points, dtype=float)
         axes.scatter(at[:, 0], at[:, 1], s=size, marker="s", c=colour, edgecolors=BLACK, linewidths=0.4, zorder=4)
@@ -247,7 +247,7 @@ def temi(axes: Axes, x: float, y: float, radius: float, *, colour: str, alpha: f
 def path(
     axes: Axes, points: Array, colour: str, style: Any = "-", *, width: float = 1.8, casing: str = "white", **more: Any
 ) -> None:
-    """A path with a casing, so that it is seen on any ground."""
+    """A path with a casing, so that it is visible on any background."""
     if len(points) < 2:
         return
     effects = [Stroke(linewidth=width + 1.6, foreground=casing), Normal()]
@@ -258,13 +258,13 @@ def path(
 
 
 def setting(axes: Axes, scene: Scene) -> None:
-    """Mapped furniture and bins of a scene; table posts below a top are not drawn."""
+    """Furniture and bins of a scene, unmapped furniture hatched; mapped posts below a table top are not drawn."""
     furniture(axes, [solid for solid in scene.solids if solid.mapped and not _below_top(solid, scene)])
     furniture(axes, [solid for solid in scene.solids if not solid.mapped], face="#FFE08A", hatch="//")
     bins(axes, scene.bins)
 
 
 def _below_top(solid: Solid, scene: Scene) -> bool:
-    """Posts and feet under a table of the same group."""
+    """True for posts and feet under a table top of the same group."""
     tops = [other for other in scene.solids if other.group == solid.group and other.z_min > CLEAR]
     return bool(solid.group and tops and solid not in tops)

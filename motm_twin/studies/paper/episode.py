@@ -47,13 +47,13 @@ class Moment(msgspec.Struct, frozen=True):
     pose: tuple[float, float, float]
     task: str  # kind and name of the active task
     phase: str  # of the arm
-    distance: float | None  # gripper centre to the nearest seen obstacle; None: none is seen
-    static: bool  # that obstacle counts as standing, not as one that may move
-    agents: tuple[tuple[str, float, float, float], ...]  # name, x, y, yaw: the truth
+    distance: float | None  # from the gripper's centre to the nearest seen obstacle; None: no obstacle is seen
+    static: bool  # that obstacle counts as static, not as dynamic
+    agents: tuple[tuple[str, float, float, float], ...]  # ground truth: name, x, y, yaw
     plan: tuple[tuple[float, float, float], ...]  # the local plan
     path: tuple[tuple[float, float], ...]  # the global path
     goal: tuple[float, float]  # of the base
-    target: tuple[float, float] | None  # where the job is
+    target: tuple[float, float] | None  # true position of the object or bin of the active task
 
 
 class Episode(msgspec.Struct, frozen=True):
@@ -63,7 +63,7 @@ class Episode(msgspec.Struct, frozen=True):
     source: str
     moments: tuple[Moment, ...]
     result: dict[str, Any]
-    measures: dict[str, Any]  # of `measures`: stretches below d_s, cut-ins, and the rest
+    measures: dict[str, Any]  # report of `Measures`: stretches below d_s, cut-ins, and others
 
 
 class Watcher:
@@ -75,7 +75,7 @@ class Watcher:
         self._bins = {item.name: item.centre for item in scene.bins}
 
     def __call__(self, tick: Tick) -> None:
-        """Take one Tick into account."""
+        """Append the moment of a Tick."""
         assert tick.truth is not None
         distance, static = self._nearest(tick)
         active = tick.tasks[tick.task_index] if tick.task_index < len(tick.tasks) else None
@@ -92,7 +92,7 @@ class Watcher:
         )  # fmt: skip
 
     def _nearest(self, tick: Tick) -> tuple[float | None, bool]:
-        """Distance of the gripper to what is seen, and whether that stands: as the arm sees it, horizontally."""
+        """Horizontal distance from the gripper to the nearest seen obstacle, and True when that is static."""
         if not len(tick.map.seen_points):
             return None, False
         points = from_frame(world_in_odometry(tick.observation), tick.map.seen_points)
@@ -109,11 +109,11 @@ class Watcher:
 
 
 def watch_trial(spec: TrialSpec, folder: Path, source: str) -> Episode:
-    """The episode of a trial: read from the folder, as ``source`` or else the current source made it, or run now.
+    """The episode of a trial: stored by ``source``, or else by the current source, or else run now and stored.
 
-    ``source``: of the trial. When that is not the current source and left no episode, the episode is of another run.
+    ``source``: of the trial. An episode of the current source may differ from the trial when the sources differ.
     """
-    from motm_twin.trial import run_scene  # the whole twin: only where a trial is run
+    from motm_twin.trial import run_scene  # imports the whole twin: only when a trial is run
 
     job, current = job_of(spec), made_with()[SOURCE]
     for each in dict.fromkeys((source, current)):
@@ -133,7 +133,7 @@ def watch_trial(spec: TrialSpec, folder: Path, source: str) -> Episode:
     )
     partial = file.with_suffix(".partial")
     drawing.write_json(partial, msgspec.to_builtins(episode))
-    partial.replace(file)  # a file is whole or not there
+    partial.replace(file)  # no reader ever finds half a file
     return episode
 
 
@@ -141,13 +141,13 @@ def _rounded(values: Any) -> Any:
     return tuple(round(float(value), DIGITS) for value in values)
 
 
-SHOWN = 2.0  # [m] of the axis
-DEEP_RED = "#C1121F"  # the region of the paper is red; that of `style` is nearer to orange, and beside it looks like it
-JUMP = 0.10  # [m] by which the distance falls in a period when something comes into view
+SHOWN = 2.0  # [m] upper end of the distance axis
+DEEP_RED = "#C1121F"  # red as in the paper's figure; `drawing.RED` looks like orange beside `drawing.ORANGE`
+JUMP = 0.10  # [m] a larger change of the distance in one period means that another obstacle is the nearest
 
 
 def draw_distance(episode: Episode) -> Drawn:
-    """The distance over time; nothing is drawn where nothing is seen."""
+    """The distance over time, without a line while no obstacle is seen."""
     p = AvoidanceParameters()
     distance = np.array([math.nan if each.distance is None else each.distance for each in episode.moments])
     close = episode.measures["below_d_s"]
@@ -178,7 +178,7 @@ def draw_distance(episode: Episode) -> Drawn:
 
 
 def _distance_figure(episode: Episode, distance: Array, p: AvoidanceParameters) -> Figure:
-    """The line, broken where it jumps, on the two regions of Sec. V."""
+    """The distance as a line, broken at jumps, over the two regions of Sec. V."""
     time = np.array([each.time for each in episode.moments])
     jumps = np.flatnonzero(np.abs(np.diff(distance)) > JUMP) + 1
     below, influence = f"below $d_s$ = {p.d_s} m", f"region of influence, below $d_i$ = {p.d_i} m"
@@ -188,7 +188,7 @@ def _distance_figure(episode: Episode, distance: Array, p: AvoidanceParameters) 
         axes.axhspan(0.0, p.d_s, facecolor=DEEP_RED, alpha=0.8, hatch="////", edgecolor="white", lw=0.0, label=below)
         axes.axhspan(p.d_s, p.d_i, facecolor=drawing.ORANGE, alpha=0.35, lw=0.0, label=influence)
         shown, effects = np.insert(distance, jumps, math.nan), [Stroke(linewidth=2.6, foreground="white"), Normal()]
-        axes.plot(  # its edge is seen on the red, also in grey
+        axes.plot(  # its white edge separates it from the red, also in greyscale
             np.insert(time, jumps, time[jumps]), shown, "-", color=drawing.BLUE, lw=1.1, label="distance",
             path_effects=effects,
         )  # fmt: skip
@@ -217,7 +217,7 @@ def _stretch(each: dict[str, Any]) -> dict[str, str]:
 
 
 def _gaps(distance: Array) -> str:
-    """Reason of gaps in the line."""
+    """The caption's explanation of gaps in the line."""
     above, none = float(np.mean(distance > SHOWN)), float(np.mean(np.isnan(distance)))
     said = f"Distances above {SHOWN:g} m are cut off ({100 * above:.0f} % of the time)"
     said += f", and where no obstacle is seen there is no line ({100 * none:.0f} %)" if none else ""
@@ -225,7 +225,7 @@ def _gaps(distance: Array) -> str:
 
 
 def _line(episode: Episode) -> str:
-    """Largest speeds above the damper line, in a sentence."""
+    """A sentence on the largest excesses over the damper line."""
     most, forward = episode.measures["approach_excess_mps"], episode.measures["advance_excess_mps"]
     if most is None:
         return "The gripper was never below d_i of anything that moves."
@@ -235,14 +235,14 @@ def _line(episode: Episode) -> str:
     )
 
 
-BEFORE_S = 1.0  # [s] the moment shown is before the cut-in
-HISTORY_S, HISTORY_STEP_S = 3.0, 0.75  # [s] of the Temi's way
-PLAN_STEP = 3  # every third node of the plan
-RADIUS = 0.25  # [m] of a Temi, for its outline only
+BEFORE_S = 1.0  # [s] from the moment shown to the cut-in
+HISTORY_S, HISTORY_STEP_S = 3.0, 0.75  # [s] of the Temi's past positions, and between two of them
+PLAN_STEP = 3  # every third node of the plan is drawn
+RADIUS = 0.25  # [m] of a Temi, only for drawing and gaps
 
 
 def draw_cutting_in(before: Episode, after: Episode) -> Part:
-    """The closest cut-in of a trial, a second before it; and the same Temi and task with a method that predicts."""
+    """One second before the closest cut-in of a trial, and the same Temi and task with a method that predicts."""
     found = before.measures["cut_ins"]
     if not found:
         return Missing(
@@ -284,12 +284,12 @@ def draw_cutting_in(before: Episode, after: Episode) -> Part:
 
 
 def _earlier(index: int) -> int:
-    """The period `BEFORE_S` before another."""
+    """Index of the period `BEFORE_S` before this one, at least 0."""
     return max(0, index - round(BEFORE_S / PERIOD))
 
 
 def _meeting(episode: Episode, agent: str, task: str) -> tuple[int, float]:
-    """Period of a task in which the base is nearest to an agent, and the gap [m] between their outlines then."""
+    """Index of the period of a task in which the base is nearest to an agent, and the gap [m] of the outlines then."""
     scene = load_scene(episode.spec.scene, episode.spec.variant, episode.spec.seed)
     body = body_of(scene.robot.footprint)
     gaps = np.full(len(episode.moments), math.inf)
@@ -301,7 +301,7 @@ def _meeting(episode: Episode, agent: str, task: str) -> tuple[int, float]:
 
 
 def _cutting_in_figure(before: Episode, after: Episode, cut: dict[str, Any], crossing: int, meeting: int) -> Figure:
-    """Robot, its plan and the Temi a second before the cut-in, and before the same meeting with prediction."""
+    """Robot, plan and Temi one second before the cut-in, and one second before the same meeting with prediction."""
     pairs = [(each, _earlier(index), index) for each, index in ((before, crossing), (after, meeting))]
     x, y = _window([each.moments[index] for each, *periods in pairs for index in periods], cut["agent"])
     with drawing.styled():
@@ -324,7 +324,7 @@ def _cutting_in_figure(before: Episode, after: Episode, cut: dict[str, Any], cro
 
 
 def _meet(axes: Axes, episode: Episode, agent: str, index: int, then: int) -> None:
-    """One episode in period ``index``: plan, robot, the agent's way; and the robot's outline in period ``then``."""
+    """Draw an episode in period ``index``: plan, robot, the agent's past; the robot's outline in period ``then``."""
     here, there = episode.moments[index], episode.moments[then]
     scene = load_scene(episode.spec.scene, episode.spec.variant, episode.spec.seed)
     drawing.setting(axes, scene)
@@ -345,7 +345,7 @@ def _meet(axes: Axes, episode: Episode, agent: str, index: int, then: int) -> No
 
 
 def _swept(episode: Episode, crossing: int, cut: dict[str, Any]) -> Polygon:
-    """The way of the Temi from where it is at the cut-in until it would touch the robot."""
+    """The area that the Temi sweeps from its position at the cut-in until it would touch the robot."""
     (at,), (then,) = (
         [np.array(each[1:3]) for each in episode.moments[index].agents if each[0] == cut["agent"]]
         for index in (crossing, crossing + 1)
@@ -357,7 +357,7 @@ def _swept(episode: Episode, crossing: int, cut: dict[str, Any]) -> Polygon:
 
 
 def _window(moments: list[Moment], agent: str) -> tuple[tuple[float, float], tuple[float, float]]:
-    """A square round robot, agent and target in these moments."""
+    """x and y ranges of a square around robot, agent and target in these moments."""
     points = [point for each in moments for point in (each.pose[:2], each.target) if point is not None]
     points += [each[1:3] for moment in moments for each in moment.agents if each[0] == agent]
     low, high = np.min(points, axis=0), np.max(points, axis=0)
@@ -366,17 +366,17 @@ def _window(moments: list[Moment], agent: str) -> tuple[tuple[float, float], tup
     return (x - half, x + half), (y - half, y + half)
 
 
-SHOTS_BEFORE_S = (3.0, 1.0, 0.0, -2.0)  # [s] the moments, before the one at which the arm is nearest
+SHOTS_BEFORE_S = (3.0, 1.0, 0.0, -2.0)  # [s] of the photographs before the moment at which the gripper is nearest
 PAGE_SIZE = (1920, 1200)  # [px] of the page
-PICTURE_SIZE = (800, 600)  # [px] of each picture, round where the robot is
+PICTURE_SIZE = (800, 600)  # [px] of each picture, around the robot's positions
 ONLY_SCENE = "* { visibility: hidden !important } canvas { visibility: visible !important }"  # no panel, no notes
-MIDDLE = 0.6  # [m] above the floor: half of the robot
-SETTLED_MS = 4000  # [ms] of a paused twin until the picture is complete
-ANSWER = 600.0  # [s] for some minutes of the run on a busy machine
+MIDDLE = 0.6  # [m] half of the robot's height
+SETTLED_MS = 4000  # [ms] until the page shows everything of a paused twin
+ANSWER = 600.0  # [s] to compute some minutes of the run on a busy machine
 
 
 def photographed(episode: Episode) -> list[int]:
-    """Periods to photograph: round the one in which the gripper is nearest to something that moves, and carries."""
+    """Periods to photograph: around the one in which the carrying gripper is nearest to a dynamic obstacle."""
     near = [_nearness(each) for each in episode.moments]
     middle = int(np.argmin(near))
     last = len(episode.moments) - 1
@@ -390,7 +390,7 @@ def _nearness(moment: Moment) -> float:
 
 
 def draw_snapshots(episode: Episode) -> Part:
-    """Four photographs beside each other; the reason where there can be none."""
+    """Four photographs in a figure, or the reason why there are none."""
     if not np.isfinite(min(_nearness(each) for each in episode.moments)):
         reason = f"in the example trial (seed {episode.spec.seed}) no Temi came near the gripper with an object in it"
         return Missing(reason=reason, larger=True)
@@ -430,7 +430,7 @@ def _photographs(episode: Episode, chosen: list[int]) -> list[Any]:
     options = ("--variant", str(spec.variant), "--seed", str(spec.seed), "--method", spec.method)
     with browser() as page, served(spec.scene, *options, "--expansions-only") as twin:
         _rewind(twin.client)
-        _step_to(twin.client, min(chosen))  # before the page is there, which takes its share of the processors
+        _step_to(twin.client, min(chosen))  # before the page is opened, which needs processor time, too
         page.page.set_viewport_size({"width": PAGE_SIZE[0], "height": PAGE_SIZE[1]})
         page.load(twin.url)
         page.page.add_style_tag(content=ONLY_SCENE)
@@ -448,9 +448,9 @@ def _photographs(episode: Episode, chosen: list[int]) -> list[Any]:
 
 
 def _corner(client: TwinClient, box: Any, shown: list[Moment]) -> tuple[int, int]:
-    """Left and top of the part of the page in the middle of which the robot is on its way, in the page's overview.
+    """Left and top [px] of a picture centred on the robot's mean position in these moments, in the page's overview.
 
-    ``box`` [px]: where the scene is on the page.
+    ``box``: position and size [px] of the scene on the page.
     """
     wide, high = box["width"], box["height"]
     scene = client.scene()
@@ -472,14 +472,14 @@ def _corner(client: TwinClient, box: Any, shown: list[Moment]) -> tuple[int, int
 
 
 def _rewind(client: TwinClient) -> None:
-    """Stop the run, and take it back to its start."""
+    """Pause the run and reset it to its start."""
     wait_for(lambda: client.command(Pause()).ok, ANSWER, "wheel")
     act(client, Reset())
     wait_for(lambda: now(client).index == 0, ANSWER, "start")
 
 
 def _step_to(client: TwinClient, index: int) -> None:
-    """Compute the periods until this one, paused there."""
+    """Step the paused twin to this period."""
     here = now(client).index
     while here < index:
         steps = min(index - here, int(STEPS.high))

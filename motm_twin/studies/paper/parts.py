@@ -1,4 +1,4 @@
-"""Figures and tables of the report: the trials that each needs, and where it stands."""
+"""Figures and tables of the report: the trials that each needs, and its section."""
 
 import dataclasses
 import functools
@@ -20,34 +20,34 @@ from motm_twin.studies.paper.episode import Episode, draw_cutting_in, draw_dista
 from motm_twin.studies.spec import Experiment, TrialSpec
 
 EPISODES = "episodes"
-EXAMPLE = "cut_ins"  # the measure by which the example of Experiment 2 is chosen
+EXAMPLE = "cut_ins"  # the example trial of Experiment 2 has the most of these
 
 
 @dataclass
 class Context:
-    """Results, where they come from, and where to write."""
+    """The results, their origin, and the output folder."""
 
     store: Store
     out: Path
     console: Console
     pages: bool = True  # photographs of the page are wanted
-    plan: str = "default"  # that ran the trials
-    sources: tuple[str, ...] = ()  # of the trials; (): as it is now
+    plan: str = "default"  # the plan that ran the trials
+    sources: tuple[str, ...] = ()  # of the trials; (): the current one
 
     def command(self, name: str = "", *, plan: str = "") -> str:
-        """Command that makes this report, or only a part of it; ``plan``: another one than that of its trials."""
+        """Command that makes this report, or only a part of it; ``plan``: in place of the plan of its trials."""
         only = f" --only {name}" if name else ""
         return f"motm-twin paper{OPTIONS_OF_PLANS[plan or self.plan]} --out {shlex.quote(str(self.out))}{only}"
 
     @property
     def larger(self) -> str:
-        """The next larger plan."""
+        """Name of the next larger plan; the largest stays."""
         names = list(PLANS)
         return names[min(names.index(self.plan) + 1, len(names) - 1)]
 
     @functools.cached_property
     def episode(self) -> Episode | None:
-        """The example of Experiment 2: of the seeds that were run the one with the most cut-ins; None: none was run."""
+        """Example of Experiment 2: the completed trial of motm with the most cut-ins; None: no trial was completed."""
         found = data.random(self.store.of("exp2", method="motm"))
         found = [result for result in found if data.completed(result)]
         if not found:
@@ -83,10 +83,10 @@ class Need(NamedTuple):
     experiment: str
     methods: tuple[str, ...] = ()  # (): all
     variants: tuple[str, ...] = ()  # (): all
-    beside: tuple[str, ...] = ()  # only what is compared with these experiments: the same arrangements and seeds
+    beside: tuple[str, ...] = ()  # only trials with an arrangement and seed of these experiments, to compare with
 
     def has(self, spec: TrialSpec, compared: Collection[tuple]) -> bool:
-        """A trial of the experiment is one of them; ``compared``: arrangements of the experiments beside."""
+        """True when the part needs this trial; ``compared``: arrangements of the experiments ``beside``."""
         return (
             (not self.methods or spec.method in self.methods)
             and (not self.variants or spec.variant in self.variants)
@@ -105,12 +105,12 @@ class Source(NamedTuple):
 
 
 def arrangement(spec: TrialSpec) -> tuple:
-    """Scene, variant and seed: trials are compared where these are equal."""
+    """Scene, variant and seed of a trial: trials with equal arrangements are compared."""
     return spec.scene, spec.variant, spec.seed
 
 
 def needed(experiments: Iterable[Experiment], names: Collection[str]) -> tuple[Experiment, ...]:
-    """These experiments with only those of their trials that the named parts are made from."""
+    """These experiments reduced to the trials that the named parts need."""
     whole = {each.name: each for each in experiments}
     needs = [need for source in PARTS if source.name in names for need in source.needs]
     found = []
@@ -127,7 +127,7 @@ def needed(experiments: Iterable[Experiment], names: Collection[str]) -> tuple[E
 
 
 def make_part(source: Source, context: Context) -> Part:
-    """The part with its name and title, and the command that makes it."""
+    """Make a part and add its name, its title, and the command that makes it."""
     part = source.make(context)
     more = isinstance(part, Missing) and part.larger
     command = context.command(source.name, plan=context.larger if more else context.plan)
@@ -136,7 +136,7 @@ def make_part(source: Source, context: Context) -> Part:
 
 
 def _watched(draw: Callable[[Context, Episode], Part]) -> Callable[[Context], Part]:
-    """A part that needs the watched trial."""
+    """Maker of a part that needs the watched trial."""
 
     def make(context: Context) -> Part:
         episode = context.episode

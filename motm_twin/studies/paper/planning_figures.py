@@ -35,13 +35,13 @@ from motm_twin.studies.paper.drawing import (
 )
 from motm_twin.twin import Twin
 
-ABOVE = (0.0, 0.08, "center", "bottom")  # of a slot: where its name is [m], and how it is aligned
+ABOVE = (0.0, 0.08, "center", "bottom")  # a slot's name: offset [m] and alignment
 RIGHT, LEFT = (0.1, 0.02, "left", "center_baseline"), (-0.1, 0.02, "right", "center_baseline")
-BESIDE = {"L": RIGHT, "F1": RIGHT, "R": LEFT, "F5": LEFT}  # others are above; all but those at the back on the table
+BESIDE = {"L": RIGHT, "F1": RIGHT, "R": LEFT, "F5": LEFT}  # others above: most are on the table
 
 
 class FirstPeriod(NamedTuple):
-    """A scene, what the robot knows of it, and its map in the first period."""
+    """A scene, the robot's knowledge of it, and its map in the first period."""
 
     scene: Scene
     known: KnownWorld
@@ -56,14 +56,14 @@ def first_period(scene: str, variant: str) -> FirstPeriod:
 
 
 def slots() -> dict[str, tuple[float, float]]:
-    """Name and place [m] of the twelve object positions, from the shipped scene."""
+    """Name and position [m] of the twelve slots for objects, from the shipped scene."""
     nodes = load_document("exp1").root.value["slots"].value
     pairs = {name: [float(each.value) for each in node.value["at"].value] for name, node in nodes.items()}
     return {name: (x, y) for name, (x, y) in pairs.items()}
 
 
 def draw_layout() -> Drawn:
-    """Everything with its dimensions, seen from above."""
+    """Floor plan of the experiments with dimensions."""
     scene = load_scene("exp1a", "trial1")
     places = slots()
     boxes = [solid for solid in scene.solids if not solid.mapped]
@@ -103,7 +103,7 @@ def draw_layout() -> Drawn:
 
 
 def _measures(axes) -> None:
-    """Lengths of the table and its distance from the start."""
+    """Dimensions of the table, and its distance from the start."""
     look = {"arrowstyle": "<->", "color": BLACK, "lw": 0.6, "shrinkA": 0, "shrinkB": 0}
     for a, b, text, dx, dy in (
         ((3.0, 2.55), (5.4, 2.55), "object table, 2.4 m", 0.0, 0.16),
@@ -124,7 +124,7 @@ MAP_RED, CYAN = "#E3000F", "#00C8D7"
 
 
 def placed(here: FirstPeriod, drop: str) -> tuple[Placement, tuple[Array, Array]]:
-    """The candidates for the object with a drop location as the next target, and both paths of the chosen one."""
+    """Candidates for the object with this drop location as the next target, and both paths of the chosen one."""
     strategy = NextTargetPlacement(here.scene.robot, PlanningParameters())
     bins = {item.name: item.centre for item in here.scene.bins}
     problem = BaseProblem(
@@ -138,12 +138,12 @@ def placed(here: FirstPeriod, drop: str) -> tuple[Placement, tuple[Array, Array]
     )
     placement = strategy.place(problem)
     paths = strategy.paths(placement.chosen)
-    assert paths is not None  # there is always a way to the cheapest candidate
+    assert paths is not None  # there is always a path to the cheapest candidate
     return placement, paths
 
 
 def draw_placement() -> Drawn:
-    """Candidates as spheres, brighter green for lower cost; red to the best one, cyan on to the next target."""
+    """Candidates, brighter green for lower cost; path to the best one in red, on to the next target in cyan."""
     here = first_period("exp1", "trial1")
     found = {drop: placed(here, drop) for drop in ("drop1", "drop2")}
     rows = []
@@ -155,7 +155,7 @@ def draw_placement() -> Drawn:
             drawing.path(axes, paths[0], MAP_RED)
             drawing.path(axes, paths[1], CYAN, style=(0, (5, 1.5)), casing="#004A52")
             viable = np.isfinite(placement.cost)
-            # both headings of a position are drawn, a little apart on the circle
+            # both headings of a position are drawn, a little apart
             at = placement.poses[:, :2] + 0.045 * np.column_stack(
                 (np.cos(placement.poses[:, 2]), np.sin(placement.poses[:, 2]))
             )
@@ -206,12 +206,12 @@ def _rows(drop: str, placement: Placement) -> list[dict]:
 BEZIER_START = np.array([0.0, 0.0, -30.0 * DEG])  # the poses of the paper's figure: Rotate 30 deg,
 BEZIER_GOAL = np.array([4.0, 0.0, 90.0 * DEG])  # Translate 4 m, Rotate 90 deg
 SPEED, TURN = 0.5, 100.0 * DEG  # [m/s], [rad/s] of the paper's figure
-SAMPLES = 400  # of the curve that is measured; the search uses 16
+SAMPLES = 400  # points of the measured curve; the search uses 16
 PUBLISHED = {"distance_m": 4.0, "bezier_length_m": 4.35, "bezier_time_s": 8.7, "path_rtr_s": 9.2}
 
 
 def numbers() -> dict[str, float]:
-    """Lengths [m] and times [s] of the two ways between the poses."""
+    """Lengths [m] and times [s] of the two paths between the poses."""
     offset = StaaParameters().bezier_offset
     curve = bezier_curve(BEZIER_START, BEZIER_GOAL, offset=offset, samples=SAMPLES)
     straight = np.array([BEZIER_START[:2], BEZIER_GOAL[:2]])
@@ -225,7 +225,7 @@ def numbers() -> dict[str, float]:
 
 
 def draw_bezier() -> Drawn:
-    """Both ways from pose to pose, and what they take."""
+    """Both paths between the poses with their times."""
     found = numbers()
     curve = bezier_curve(BEZIER_START, BEZIER_GOAL, offset=found["offset"], samples=SAMPLES)
     reach = found["offset"] * found["distance_m"]
@@ -258,8 +258,8 @@ def draw_bezier() -> Drawn:
     )
 
 
-PATH_START = np.array([4.05, 0.75, 10.0 * DEG])  # in front of the table, the heading away from the nearer end
-PATH_GOAL = np.array([4.2, 2.70, 180.0 * DEG])  # behind it: the base pose of a grasp from its far edge
+PATH_START = np.array([4.05, 0.75, 10.0 * DEG])  # in front of the table, heading away from the nearer end
+PATH_GOAL = np.array([4.2, 2.70, 180.0 * DEG])  # behind the table: the base pose of a grasp from the far edge
 PATH_RED, PATH_YELLOW = "#E3000F", "#FFE600"
 
 
@@ -288,7 +288,7 @@ def measured(path: Array, here: FirstPeriod) -> dict[str, float]:
 
 
 def draw_global_path() -> Drawn:
-    """Both paths between the same poses round the table of Experiment 1."""
+    """Both paths between the same poses around the table of Experiment 1."""
     here = first_period("exp1", "trial1")
     found = paths(here)
     looks = {

@@ -1,4 +1,4 @@
-"""The report: every part drawn and saved, one self-contained HTML file, and the record that a citation needs."""
+"""The report: draws and saves every part; writes one self-contained HTML file, and the record for citations."""
 
 import base64
 import html
@@ -20,12 +20,12 @@ from motm_twin.studies.paper.parts import PARTS, SECTIONS, Context, make_part
 from motm_twin.studies.paper.tables import GOAL_HEADER, goal_rows, group_of, missed
 from motm_twin.studies.statistics import touches
 
-VERSION = "motm-twin"  # of this package, in what a trial was made with
-FAILED = ("scene", "variant", "seed", "method", "parameters", "changes", "reason")  # of a trial without success
+VERSION = "motm-twin"  # key of this package's version in `Origin.made_with`
+FAILED = ("scene", "variant", "seed", "method", "parameters", "changes", "reason")  # listed for a failed trial
 
 
 def record(store: Store, origin: Origin, command: str, parts: Sequence[Part]) -> dict[str, Any]:
-    """``results.json``: everything but the figures. ``origin``: of the trials; ``command``: that draws them now."""
+    """Content of ``results.json``: everything but the figures. ``origin``: of the trials; ``command``: draws it now."""
     everything = store.all()
     return {
         "project": "motm_twin",
@@ -52,7 +52,7 @@ def record(store: Store, origin: Origin, command: str, parts: Sequence[Part]) ->
 
 
 def _experiment(results: Sequence[Result]) -> dict[str, Any]:
-    """All trials of an experiment; a mean is within one group of the results table, or within one setting."""
+    """All trials of an experiment; a mean is taken within one group of the results table and one setting."""
     methods = list(dict.fromkeys(result["method"] for result in results))
     return {
         "trials": len(results),
@@ -92,7 +92,7 @@ def _part(part: Part) -> dict[str, Any]:
     return {"title": part.title, "n": part.n, "command": part.command, "data": f"figures/{part.name}.csv"}
 
 
-OPEN = (  # what is left open, what is taken, and where the paper has it
+OPEN = (  # what the paper leaves open, the choice here, and the section of the paper
     ("Speed limits of the base",
      "0.5 m/s and 100°/s: those of the paper's Bézier figure, which reproduce its task times", "Sec. III-E"),
     ("Accelerations of the base", "0.5 m/s² and 1.75 rad/s²: not published, chosen here", "-"),
@@ -133,7 +133,7 @@ CANNOT = (
 
 
 def body() -> str:
-    """The section, as HTML."""
+    """HTML of the section on differences from the paper."""
     methods = [
         (method.title, name, method.source, method.known or "-", method.chosen or "-",
          _equations(method.parameters) or "as shipped")
@@ -157,14 +157,14 @@ def _equations(values: Mapping[str, Any]) -> str:
 
 
 FIGURES, REPORT, RESULTS = "figures", "report.html", "results.json"
-PART = "part_of_"  # before the names of files that have not everything, so that the whole report stays
+PART = "part_of_"  # prefix of the files of a partial report, which do not overwrite the whole one
 TITLE = "Reactive base control for manipulation on the move: the experiments, run again"
 
 
 def write(context: Context, origin: Origin, command: str, names: Sequence[str], notes: Sequence[str] = ()) -> Path:
-    """Draw the named parts, write everything into the folder of the context; the report's path.
+    """Draw the named parts, write everything into the folder of the context, and return the report's path.
 
-    ``origin``: of the trials; ``command``: that draws them now; ``notes``: on the trials, below the title.
+    ``origin``: of the trials; ``command``: draws this report; ``notes``: on the trials, below the title.
     """
     parts: dict[str, Part] = {}
     for source in PARTS:
@@ -184,7 +184,7 @@ def write(context: Context, origin: Origin, command: str, names: Sequence[str], 
 
 
 def stale(origin: Origin) -> list[str]:
-    """A warning where the trials are not all of the source that draws them."""
+    """A warning when not all trials were run by the current source; else nothing."""
     if origin.current:
         return []
     return [
@@ -208,7 +208,7 @@ def _lead(record: dict, warnings: Sequence[str], notes: Sequence[str]) -> str:
 
 
 def _sections(context: Context, parts: dict[str, Part], record: dict) -> Iterator[tuple[str, str, str]]:
-    """Anchor, title and HTML of every chapter."""
+    """Anchor, title and HTML of every section."""
     yield "numbers", "The numbers to reach", f"{_numbers(context)}\n"
     for anchor, title in SECTIONS.items():
         these = [parts[source.name] for source in PARTS if source.section == anchor and source.name in parts]
@@ -273,7 +273,7 @@ def _range(seeds: list[int]) -> str:
     return f"{seeds[0]} to {seeds[-1]}" if whole and len(seeds) > 2 else ", ".join(map(str, seeds))
 
 
-NARROW = 5.0  # [inch] figures below this are for one column, and shown smaller
+NARROW = 5.0  # [inch] narrower figures are for one column, and shown smaller
 CSS = """
 :root { color-scheme: light dark; --ink: #1b1b1b; --ground: #fdfdfc; --soft: #666; --line: #ccc; --mark: #f3ead2; }
 @media (prefers-color-scheme: dark) {
@@ -298,7 +298,7 @@ tr.published { background: var(--mark); font-style: italic; }
 
 
 def page(title: str, lead: str, sections: Iterable[tuple[str, str, str]]) -> str:
-    """The whole document. ``lead``: HTML under the title; ``sections``: anchor, title and HTML of each."""
+    """The whole HTML document. ``lead``: HTML below the title; ``sections``: anchor, title and HTML of each."""
     links, chapters = "", []
     for anchor, name, content in sections:
         links += f'<li><a href="#{anchor}">{text(name)}</a></li>'
@@ -317,7 +317,7 @@ def text(value: object) -> str:
 
 
 def table(header: Sequence[str], rows: Sequence[Sequence[str]], marked: Sequence[int] = ()) -> str:
-    """A table of plain text; marked rows look published."""
+    """HTML of a table of plain text; rows ``marked`` are styled as published."""
     head = "".join(f"<th>{text(each)}</th>" for each in header)
     body = "".join(
         f"<tr{_class('published' if index in marked else '')}>"
@@ -329,7 +329,7 @@ def table(header: Sequence[str], rows: Sequence[Sequence[str]], marked: Sequence
 
 
 def paragraphs(sentences: Iterable[str], kind: str = "") -> str:
-    """Each as a paragraph, of a class of the style sheet."""
+    """HTML with one paragraph per sentence; ``kind``: class in the style sheet."""
     return "".join(f"<p{_class(kind)}>{text(each)}</p>" for each in sentences)
 
 
@@ -355,7 +355,7 @@ def _shown(part: Part, folder: Path) -> str:
         shown = f'<img{_class(kind)} alt="{text(part.title)}: {caption}" src="data:image/png;base64,{picture}">'
     rows = [tuple(row.values()) for row in part.cells]
     cells = table(tuple(part.cells[0]), rows, part.marked) if rows else ""
-    numbers = _base64(stem.with_suffix(".csv"))  # to be saved from the page
+    numbers = _base64(stem.with_suffix(".csv"))  # for the download link
     return (
         f'<div id="{part.name}"><h3>{text(part.title)}</h3>\n'
         f"<figure>{shown}<figcaption>{caption}</figcaption></figure>\n{cells}\n{paragraphs(part.notes)}\n"

@@ -1,4 +1,4 @@
-"""Figures of one thing varied at a time: modifications switched off, parameters, errors, and grasps that fail."""
+"""Figures with one variation at a time: a modification switched off, a parameter, an error, or grasps that fail."""
 
 import math
 from collections.abc import Mapping
@@ -37,18 +37,18 @@ class Ablation(NamedTuple):
     """The trials of one group without a modification."""
 
     method: str
-    group: str  # of the results table: published and random arrangements are never in one mean
+    group: str  # of the results table: no mean mixes published and random arrangements
     results: list[Result]
     slower: Estimate
 
     @property
     def title(self) -> str:
-        """Title of the modification that is left out."""
+        """Title of the modification that is switched off."""
         return data.title(self.method)
 
 
 def compared(store: Store) -> list[Ablation]:
-    """Every modification in every group of trials, and the paper as printed."""
+    """Every ablation in every group of trials, and the method as the paper prints it."""
     ours = data.times(store.of("exp1", method=OURS))
     ablated = [(name, store.of("ablations", method=name)) for name in store.methods("ablations") if name != OURS]
     found = []
@@ -60,7 +60,7 @@ def compared(store: Store) -> list[Ablation]:
 
 
 def draw_ablations(store: Store) -> Part:
-    """A dot with its interval for each modification, and the verdict."""
+    """A dot with its interval for each modification, and a table with the verdicts."""
     found = compared(store)
     if not found:
         return Missing(reason="no modification, or not motm itself, was run")
@@ -93,7 +93,7 @@ def draw_ablations(store: Store) -> Part:
 
 
 def shown(slower: Estimate) -> bool:
-    """The interval excludes zero."""
+    """True when the interval excludes zero."""
     return slower.low > 0.0 or slower.high < 0.0
 
 
@@ -140,21 +140,21 @@ def _notes(found: list[Ablation]) -> list[str]:
     ]  # fmt: skip
 
 
-SCENES = {  # title, marker, line, colour, share of the axis by which it is moved aside
+SCENES = {  # title, marker, line, colour, horizontal offset as a share of the axis
     "exp1": ("Experiment 1", "o", "-", BLUE, 0.0),
     "exp1a": ("Experiment 1a", "D", "--", ORANGE, 0.012),
 }
 
 
 def points(store: Store, experiment: str) -> list[dict]:
-    """For each scene and value: the slowdown against the shipped one, by trial, with its interval."""
+    """For each scene and value: the slowdown against the shipped value, paired by trial, with its interval."""
     name = SWEEPS[experiment][0]
     return [row for scene in swept_scenes(name) for row in _of_scene(store, experiment, name, scene)]
 
 
 def _of_scene(store: Store, experiment: str, name: str, scene: str) -> list[dict]:
     swept = store.of(experiment, scene=scene, method=OURS)
-    shipped = [each for each in swept if not each["parameters"]]  # `bench` keeps it beside the other values
+    shipped = [each for each in swept if not each["parameters"]]  # `bench` stores the shipped value beside the others
     ours = data.times([*shipped, *store.of(scene, method=OURS)])
     found: dict[float, list[Result]] = {}
     for result in swept:
@@ -213,7 +213,7 @@ def _panel(axes, name: str, rows: list[dict]) -> None:
 
 
 def _line(axes, shipped: float, rows: list[dict], span: float) -> None:
-    """The values of one scene, a little aside so that equal ones are seen beside each other."""
+    """Draw the values of one scene with a small offset, so that equal values of two scenes stay visible."""
     title, marker, line, colour, aside = SCENES[rows[0]["scene"]]
     drawn = sorted([*((row["value"] + aside * span, row["slower_s"]) for row in rows), (shipped, 0.0)])
     axes.plot(*zip(*drawn, strict=True), line, marker=marker, ms=0, color=colour, lw=1.0, zorder=2)
@@ -225,8 +225,8 @@ def _line(axes, shipped: float, rows: list[dict], span: float) -> None:
     axes.plot([], [], line, marker=marker, mec=BLACK, mew=0.5, color=colour, label=title)
 
 
-COLUMNS = 3  # panels beside each other
-LABELS = {  # field of the scene: what it is, and what its number is multiplied with
+COLUMNS = 3  # panels in a row
+LABELS = {  # field of the scene: label of the axis, and factor to its unit
     "noise.localisation_position_sd": ("localisation error, sd [cm]", 100.0),
     "noise.localisation_heading_sd": ("localisation error, sd [deg]", 180.0 / math.pi),
     "noise.slot_error_until_seen": ("error of the object's place, sd [cm]", 100.0),
@@ -243,7 +243,7 @@ RIVALS = (("D", RED, "published: Failure Recovery"), ("s", BLACK, "published: it
 
 
 def varied(result: Result) -> dict[str, float]:
-    """The numbers that were changed for a trial, by name."""
+    """The numeric parameters and scene fields that were changed for a trial, by name."""
     changed: Mapping[str, Any] = {**result["parameters"], **result["changes"]}
     return {
         name: float(value)
@@ -253,12 +253,12 @@ def varied(result: Result) -> dict[str, float]:
 
 
 def sweeps_of(results: list[Result]) -> dict[str, dict[str, dict[float, list[Result]]]]:
-    """Results by what is varied (scene and name), method, and value.
+    """Results by sweep ("scene: name"), method, and value.
 
-    Without errors all sweeps of a scene are equal: that trial is run once, and is the value at 0 of each.
+    Without errors all sweeps of a scene are equal: that trial is run once and stands for value 0 in each.
     """
     found: dict[str, dict[str, dict[float, list[Result]]]] = {}
-    plain: dict[tuple[str, str], dict[int, Result]] = {}  # scene and method: seed
+    plain: dict[tuple[str, str], dict[int, Result]] = {}  # trials without errors by (scene, method) and seed
     for result in results:
         for name, value in varied(result).items():
             if value == 0.0:
@@ -275,7 +275,7 @@ def sweeps_of(results: list[Result]) -> dict[str, dict[str, dict[float, list[Res
 
 
 def error_points(results: list[Result], *, success: bool) -> list[dict]:
-    """Success, or task time of the completed trials, with its interval, for each value of each sweep."""
+    """Share of success, or mean time of completed trials, with its interval, for each value of each sweep."""
     rows = []
     for title, methods in sweeps_of(results).items():
         for method, values in methods.items():
@@ -296,7 +296,7 @@ def draw_robustness(store: Store) -> Part:
 
 
 def draw_grasp_delay(store: Store) -> Part:
-    """Task time against the delay of each grasp, and how many miss or slip."""
+    """Task time against the delay of each grasp, and against the number of grasps that miss or slip."""
     caption = (
         "Mean task time of the completed trials with Student's 95 % interval; open where not all were completed, "
         f"nothing where none was. Points alone: published, read off a chart, for another robot and layout; "
@@ -306,7 +306,7 @@ def draw_grasp_delay(store: Store) -> Part:
 
 
 def success_notes(results: list[Result]) -> list[str]:
-    """Success with an error, over all errors and levels: of each method, and how much less than the first, by seed."""
+    """Success of each method over all errors and levels, and its loss against the first method, paired by seed."""
     shares: dict[str, dict[int, float]] = {}  # method: share of success by seed
     said = []
     for method in dict.fromkeys(result["method"] for result in results):
@@ -359,7 +359,7 @@ def _draw_errors(store: Store, name: str, label: str, caption: str, *, success: 
 
 
 def _published(axes, scene: str) -> None:
-    """Times of the article on failure recovery, of another robot and another layout: as points, not as a line."""
+    """Draw the times of the article on failure recovery (another robot and layout) as points, not as a line."""
     for delay, times in FAILURE_RECOVERY.get(scene, {}).items():
         for (marker, colour, label), seconds in zip(RIVALS, times, strict=True):
             axes.plot(delay, seconds, marker, mfc="white", mec=colour, mew=1.2, ms=5, ls="", label=label)
@@ -371,7 +371,7 @@ def _error_panel(axes, rows: list[dict], *, success: bool) -> None:
     span = max(row["value"] for row in rows) * scale
     for number, method in enumerate(methods):
         style = look(method)
-        aside = 0.012 * span * (number - 0.5 * (len(methods) - 1))  # so that equal points are seen beside each other
+        aside = 0.012 * span * (number - 0.5 * (len(methods) - 1))  # so that equal points stay visible
         these = [row for row in rows if row["method"] == method]
         x, y = [scale * row["value"] + aside for row in these], [row["estimate"] for row in these]
         for at, row in zip(x, these, strict=True):

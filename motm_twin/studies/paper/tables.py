@@ -13,15 +13,15 @@ from motm_twin.studies.paper.data import OURS, Result, Store
 from motm_twin.studies.paper.drawing import Drawn, Missing, Part
 from motm_twin.studies.statistics import COMPLETED, TOUCHED, Estimate, drove_into, setting, touches
 
-LINE = 0.02  # [m/s] that the gripper may be faster towards what moves than the damper line
+LINE = 0.02  # [m/s] tolerance of the gripper's speed towards dynamic obstacles over the damper line
 HEADER = (
     "Experiment", "Method", "Task time, mean [95 % CI] [s]", "Median [s]", "Trials completed",
     "Trials with success [95 % CI]", "Objects placed", "Contacts, caused",
 )  # fmt: skip
 TRIAL_1, ALL_PUBLISHED = "1, trial 1", "1, published arrangements"
 Choose = Callable[[list[Result]], list[Result]]
-Line = tuple[dict[str, Any], dict[str, str]]  # of a table: its numbers, and its cells as they are printed
-GROUPS: tuple[tuple[str, str, Choose], ...] = (  # every trial is in one at most; means are taken within one
+Line = tuple[dict[str, Any], dict[str, str]]  # row of a table: its numbers, and its printed cells
+GROUPS: tuple[tuple[str, str, Choose], ...] = (  # a trial is in one group at most; means are taken within a group
     ("exp1", ALL_PUBLISHED, data.ten),
     ("exp1", "1, random", data.random),
     ("exp1", "1, trial 1, other seeds", lambda all_: [r for r in all_ if r["variant"] == "trial1" and r["seed"] != 0]),
@@ -33,7 +33,7 @@ GROUPS: tuple[tuple[str, str, Choose], ...] = (  # every trial is in one at most
 
 
 def grouped(store: Store) -> list[tuple[str, str, list[Result]]]:
-    """Name, method and trials of every group that has any, in the order of `GROUPS`."""
+    """Name, method and trials of every group with trials, in the order of `GROUPS`."""
     return [
         (name, method, results)
         for experiment, name, choose in GROUPS
@@ -50,17 +50,17 @@ def group_of(result: Result) -> str:
 
 
 def first(results: list[Result]) -> list[Result]:
-    """Trial 1 of the published arrangements, which the paper has a row of its own for."""
+    """Trial 1 of the published arrangements, which has its own row in the paper."""
     return [each for each in data.ten(results) if each["variant"] == "trial1"]
 
 
 def successes(results: list[Result]) -> Estimate:
-    """Share of trials with success, as `run` says it, with the interval of Clopper and Pearson."""
+    """Share of trials with success as `run` defines it, with the interval of Clopper and Pearson."""
     return statistics.proportion(sum(bool(result["success"]) for result in results), len(results))
 
 
 def draw_results(store: Store) -> Part:
-    """One row per group and method; trial 1 has its own besides, and no other where it is all there is."""
+    """One row per group and method; trial 1 has a row of its own, and is not repeated as a group of only this trial."""
     found = grouped(store)
     if not found:
         return Missing(reason="no trial of Experiments 1, 1a or 2 was run")
@@ -112,7 +112,7 @@ def _result(name: str, method: str, results: list[Result]) -> Line:
 
 
 class Column(NamedTuple):
-    """A measure and how it is printed."""
+    """A column of the table: a measure and its format."""
 
     title: str
     key: str
@@ -150,7 +150,7 @@ DEFINITIONS = (
 
 
 def means_of(results: list[Result]) -> dict[str, Estimate]:
-    """Means over all trials in which the measure was taken."""
+    """Mean of each measure over all trials in which it was taken."""
     return {
         column.key: statistics.mean([value for each in results if (value := column.value(each)) is not None])
         for column in COLUMNS
@@ -158,20 +158,20 @@ def means_of(results: list[Result]) -> dict[str, Estimate]:
 
 
 def over_line(results: list[Result]) -> tuple[int, int] | None:
-    """Trials over the damper line, and trials measured; None where the gripper was never near what moves."""
+    """Number of trials over the damper line, and of measured trials; None: never near a dynamic obstacle."""
     near, n = excesses(results)
     return (sum(speed > LINE for speed in near), n) if near else None
 
 
 def excesses(results: list[Result]) -> tuple[list[float], int]:
-    """Excess over the damper line [m/s] where the gripper was near what moves; and the number of trials measured."""
+    """Excesses over the damper line [m/s], one per trial near a dynamic obstacle; and the number of measured trials."""
     measured = [result for result in results if result.get("measures") is not None]
     near = [speed for each in measured if (speed := data.measure(each, "approach_excess_mps")) is not None]
     return near, len(measured)
 
 
 def draw_measures(store: Store) -> Part:
-    """One row per method and group of trials, as in the results table: they differ in what there is to meet."""
+    """One row per method and group of trials, as in the results table: obstacles differ between the groups."""
     found = [(name, method, results, means_of(results)) for name, method, results in grouped(store)]
     if not any(estimates["moving_share"].n for *_, estimates in found):
         return Missing(reason="no trial has these measures")
@@ -197,7 +197,7 @@ def draw_measures(store: Store) -> Part:
     )  # fmt: skip
 
 
-SEEDS = 50  # of a verdict
+SEEDS = 50  # needed for a verdict
 GOAL_HEADER = ("Number", "Wanted", "Method", "Measured", "n", "")
 
 
@@ -205,27 +205,27 @@ class Found(NamedTuple):
     """Measured value of a goal."""
 
     good: bool
-    said: str  # with its interval
-    n: int  # trials
+    said: str  # the value with its interval, as text
+    n: int  # number of trials
     final: bool = False  # no further trial can change the verdict
 
 
 class Goal(NamedTuple):
-    """A number, and how to get at it from the trials of a method."""
+    """A number to reach, and its computation from the trials of a method."""
 
     name: str
     wanted: str
-    trials: tuple[tuple[str, str], ...]  # scene and variant: those that are judged, then those they are compared with
-    measure: Callable[..., Found | None]  # of these trials; None: they do not have it
+    trials: tuple[tuple[str, str], ...]  # (scene, variant) of the judged trials, then of those to compare with
+    measure: Callable[..., Found | None]  # computed from these trials; None: not measured in them
 
 
 def goal_rows(store: Store) -> list[tuple[str, ...]]:
-    """Rows of all goals, for each method; what has fewer trials than the goal names says so instead of being judged."""
+    """Rows of all goals for each method; with fewer than `SEEDS` trials an open verdict begins with "so far"."""
     return [_goal_row(goal, store, method) for goal in GOALS for method in OURS]
 
 
 def missed(rows: Iterable[tuple[str, ...]]) -> list[str]:
-    """One sentence for each number that is not reached."""
+    """One sentence for each goal that is missed."""
     return [
         f"{verdict[0].upper()}{verdict[1:]} by {method}: {name}: {said}, wanted {wanted} (n = {n})."
         for name, wanted, method, said, n, verdict in rows
@@ -249,7 +249,7 @@ def _placed(results: list[Result]) -> Found:
 
 
 def _never(count: Callable[[list[Result]], int], results: list[Result], beside: str = "") -> Found:
-    """Nothing of a kind happens in any trial; ``beside``: more words."""
+    """Goal that the count is 0 in every trial; ``beside``: text after the count."""
     trials = sum(count([result]) > 0 for result in results)
     share = data.percent(statistics.proportion(trials, len(results)), 1)
     said = f"{count(results)}{beside}, in {trials} of {len(results)} trials, {share}"
@@ -257,7 +257,7 @@ def _never(count: Callable[[list[Result]], int], results: list[Result], beside: 
 
 
 def _over_line(results: list[Result]) -> Found | None:
-    """Trials in which the gripper is ever faster towards what moves than the damper line allows."""
+    """Goal that the gripper is never faster towards a dynamic obstacle than the damper line (tolerance `LINE`)."""
     near, n = excesses(results)
     over = sum(value > LINE for value in near)
     share = data.percent(statistics.proportion(over, n), 1)
@@ -283,7 +283,7 @@ def _longer_at_most(limit: float, results: list[Result], others: list[Result]) -
 
 
 def _decimals(value: float, limit: float, *, good: bool) -> int:
-    """Decimals to print: one, or as many as it takes to tell a missed value from the limit."""
+    """Decimals to print: one, or as many as distinguish a missed value from the limit."""
     apart = (decimals for decimals in (1, 2, 3) if good or f"{value:.{decimals}f}" != f"{limit:.{decimals}f}")
     return next(apart, 4)
 
@@ -293,7 +293,7 @@ def _over(results: list[Result], n: int) -> str:
 
 
 def _renamed(times: dict[Any, float], like: list[Result]) -> dict[Any, float]:
-    """Times by seed under the variants of others: the same arrangement is called otherwise in Experiment 2."""
+    """Times by seed under the variants of ``like``: Experiment 2 has other names for the same arrangement."""
     variants = {result["variant"] for result in like}
     return {(variant, seed): value for (_, seed), value in times.items() for variant in variants}
 

@@ -1,4 +1,4 @@
-"""Figures of task times: box plots of all methods, time by part, and the paper's reductions beside ours."""
+"""Figures of task times: box plots of all methods, time per phase, and reductions beside the published ones."""
 
 import math
 from collections.abc import Callable
@@ -37,12 +37,12 @@ PANELS: tuple[tuple[str, str, Callable[[list[Result]], list[Result]]], ...] = (
     ("exp1a", "Experiment 1a, published arrangements", data.ten),
     ("exp1a", "Experiment 1a, random", data.random),
 )
-FEW = 5  # with fewer points a box would overstate
-SPREAD = 0.16  # of the points beside each other
+FEW = 5  # no box for fewer points
+SPREAD = 0.16  # vertical jitter of the points, in rows
 
 
 def draw_box_plots(store: Store) -> Part:
-    """One panel for each experiment with times of more than one method."""
+    """One panel for each group of trials with times of more than one method."""
     panels = [
         (title, experiment, found)
         for experiment, title, choose in PANELS
@@ -59,7 +59,7 @@ def draw_box_plots(store: Store) -> Part:
             panel.set_title(title)
         for unused in list(axes.flat)[len(panels) :]:
             unused.set_axis_off()
-            axes[-2][-1].tick_params(labelbottom=True)  # the one above it has no shared numbers below
+            axes[-2][-1].tick_params(labelbottom=True)  # the panel above an empty place needs its own numbers
         fig.legend(handles=_handles(axes.flat[0]), loc="outside lower center", ncols=3)
     rows = [
         {"panel": title, "method": method, "variant": key[0], "seed": key[1], "time_s": value,
@@ -99,7 +99,7 @@ def _touched(store: Store, experiment: str) -> set[tuple[str, data.Key]]:
 def _panel(
     axes, methods: list[str], found: dict[str, dict], touched: set[tuple[str, data.Key]], with_published: bool
 ) -> None:
-    rng = np.random.default_rng(0)  # only moves points apart
+    rng = np.random.default_rng(0)  # only for the jitter of the points
     for row, method in enumerate(methods):
         times = found.get(method, {})
         values = np.array(list(times.values()))
@@ -131,7 +131,7 @@ def _handles(axes) -> list:
     ]
 
 
-PHASES = {  # of `measures`: its look
+PHASES = {  # phase of `Measures`: colour, hatch, label
     "driving": (BLUE, "", "base driving"),
     "closing": (GREEN, "....", "fingers closing"),
     "waiting_for_arm": (ORANGE, "////", "base waits for the arm"),
@@ -141,7 +141,7 @@ EXPERIMENTS = {"exp1": "Experiment 1, published arrangements", "exp1a": "Experim
 
 
 def split(store: Store, experiment: str, method: str) -> dict[str, float]:
-    """Mean seconds of each phase over the completed trials; empty when none was measured."""
+    """Mean time [s] of each phase over the completed published trials; empty when no phase was measured."""
     results = [each for each in data.ten(store.of(experiment, method=method)) if data.completed(each)]
     values = {phase: [data.measure(each, "phases_s", phase) for each in results] for phase in PHASES}
     known = {phase: [each for each in these if each is not None] for phase, these in values.items()}
@@ -149,7 +149,7 @@ def split(store: Store, experiment: str, method: str) -> dict[str, float]:
 
 
 def draw_time_split(store: Store) -> Part:
-    """One bar per method, its parts the means of the phases."""
+    """One stacked bar per method with the mean time of each phase."""
     found = {
         experiment: {
             method: parts for method in store.methods(experiment) if (parts := split(store, experiment, method))
@@ -199,7 +199,7 @@ def draw_time_split(store: Store) -> Part:
 
 OURS = "motm"
 MARKS = dict(zip((name for _, name, _ in GROUPS), "ov*s<^X", strict=True))
-GROUP_WIDTH, BETWEEN = 0.8, 0.16  # of the distance between two rivals: all marks of one, from one to the next at most
+GROUP_WIDTH, BETWEEN = 0.8, 0.16  # [rows] largest height of all marks of a rival, and largest step between two marks
 
 
 class Compared(NamedTuple):
@@ -208,25 +208,25 @@ class Compared(NamedTuple):
     experiment: str
     group: str
     rival: str
-    share: Estimate  # of its time that is saved
-    saved: Estimate  # [s]
-    contacts: int  # that it caused in the trials compared
-    own: int  # that ours caused in them
-    touches: tuple[int, int] = (0, 0)  # all contacts, of the rival and of ours
+    share: Estimate  # saved share of the rival's time
+    saved: Estimate  # saved time [s]
+    contacts: int  # that the rival caused in the compared trials
+    own: int  # that our method caused in them
+    touches: tuple[int, int] = (0, 0)  # all contacts: the rival's and ours
 
     @property
     def clean(self) -> bool:
-        """Neither caused a contact, so that the times are comparable."""
+        """True when neither method caused a contact, so that the times are comparable."""
         return not self.contacts and not self.own
 
     @property
     def published(self) -> float | None:
-        """The reduction that the paper gives."""
+        """The published reduction; None: not published."""
         return REDUCTIONS.get(self.experiment, (None, ""))[0] if self.rival == "sequential" else None
 
 
 def compared(store: Store) -> list[Compared]:
-    """Every rival in every group, over the trials that both completed."""
+    """Every rival in every group, over the trials that both methods completed."""
     found = [
         _compared(experiment, name, rival, choose(store.of(experiment, method=OURS)), choose(theirs))
         for experiment, name, choose in GROUPS
@@ -245,7 +245,7 @@ def _compared(experiment: str, group: str, rival: str, ours: list[Result], their
 
 
 def turned(estimate: Estimate) -> Estimate:
-    """The same with the other sign."""
+    """The estimate with the opposite sign."""
     return Estimate(value=-estimate.value, low=-estimate.high, high=-estimate.low, n=estimate.n)
 
 
@@ -257,7 +257,7 @@ def draw_reductions(store: Store) -> Part:
     rivals = list(dict.fromkeys(each.rival for each in found))
     groups = [name for name in MARKS if any(each.group == name for each in found)]
     step = min(BETWEEN, GROUP_WIDTH / len(groups))
-    last = {each.experiment: each for each in found if each.published is not None}  # has the published mark, once
+    last = {each.experiment: each for each in found if each.published is not None}  # draws the published mark, once
     with styled():
         fig = figure(ONE_COLUMN, 30.0 + (4.0 + 1.6 * len(groups)) * len(rivals))
         axes = fig.add_subplot()
@@ -321,7 +321,7 @@ def _cells(each: Compared) -> dict[str, str]:
 
 
 def touched(found: list[Compared]) -> list[str]:
-    """One sentence on the rivals whose times are not comparable."""
+    """One sentence on the rivals whose times are not comparable; none: an empty list."""
     hits = [
         f"{data.title(each.rival)} in {each.group}: {each.contacts} by it, {each.own} by ours (pairs: {each.share.n})"
         for each in found
@@ -331,7 +331,7 @@ def touched(found: list[Compared]) -> list[str]:
 
 
 def why(store: Store) -> list[str]:
-    """Reasons for times shorter than the published ones; only sentences for which there are numbers."""
+    """Sentences that compare our times with the published ones, as far as there are numbers."""
     means = {method: data.mean_time(data.ten(store.of("exp1", method=method))) for method in store.methods("exp1")}
     simulated = [row for row in TABLE_I if not row.real and row.like in means and means[row.like].n]
     sentences = [_rival(row.method, row.seconds, means[row.like]) for row in simulated if row.like != OURS]
@@ -367,7 +367,7 @@ def why(store: Store) -> list[str]:
 
 
 def _rival(name: str, published: float, here: Estimate) -> str:
-    """One rival's time here and published."""
+    """Sentence with a rival's published time and its time here."""
     text = f"{name}: published {published} s, here {here.text()} s (n = {here.n})."
     if here.value >= published:
         return text

@@ -60,7 +60,7 @@ class Thing:
 
     @property
     def turns(self) -> bool:
-        """It can be turned by hand."""
+        """True when it can be turned by hand."""
         return self.kind in ("agent", "obstacle", "piece")
 
 
@@ -101,7 +101,7 @@ def new_body(
 
 
 def turned(thing: Thing, scene: Scene, tick: TickMessage, angle: float) -> MoveBody | None:
-    """The thing turned by an angle [rad] where it stands; None when it is gone."""
+    """Command that turns a thing by an angle [rad] where it stands; None when it is gone."""
     body = next((body for body in (*tick.furniture, *tick.agents, *tick.obstacles) if body.name == thing.name), None)
     if body is not None:
         (x, y), heading = body.position[:2], math.remainder(body.yaw + angle, 2 * math.pi)
@@ -113,13 +113,13 @@ def turned(thing: Thing, scene: Scene, tick: TickMessage, angle: float) -> MoveB
 
 
 def put_in_front(name: str, tick: TickMessage) -> MoveObject:
-    """A cube on the floor, or what stands there, in front of the robot."""
+    """Command that puts a cube in front of the robot, on the floor or on whatever stands there."""
     x, y, heading = tick.robot.true_pose
     return MoveObject(name=name, x=x + AHEAD * math.cos(heading), y=y + AHEAD * math.sin(heading))
 
 
 def put_back(name: str, scene: Scene) -> MoveObject | None:
-    """A cube back to where the scene has it; None for a name that is no cube."""
+    """Command that puts a cube back where the scene has it; None when the name is not a cube's."""
     start = next((item.position for item in scene.objects if item.name == name), None)
     return None if start is None else MoveObject(name=name, x=start[0], y=start[1])
 
@@ -130,14 +130,14 @@ def held_cube(tick: TickMessage) -> str:
 
 
 def pushed(tick: TickMessage, way: str) -> PushRobot:
-    """The robot shoved one of `PUSHES`, as seen from itself."""
+    """Command that shoves the robot by one of `PUSHES`, in the robot's frame."""
     forward, left, turn = PUSHES[way]
     c, s = math.cos(tick.robot.true_pose[2]), math.sin(tick.robot.true_pose[2])
     return PushRobot(dx=forward * c - left * s, dy=forward * s + left * c, turn=turn)
 
 
 def cleared(scene: Scene, tick: TickMessage) -> list[Command]:
-    """Remove added bodies, release frozen agents, and put moved furniture back."""
+    """Commands that remove added bodies, release frozen agents, and put moved furniture back."""
     own = {agent.name for agent in scene.agents}
     added = [*tick.obstacles, *(body for body in tick.agents if body.name not in own)]
     frozen = [body for body in tick.agents if body.name in own and body.state == "frozen"]
@@ -232,15 +232,15 @@ FREEZE, GO_ON, SEND, STAY = "Freeze", "Go on", "Send to…", "Do not send"
 BEHAVIOURS = {"Stops for others": "yield", "Stops for nobody": "blind"}
 if find_spec("pyrvo") is not None:
     BEHAVIOURS["Steers clear (ORCA)"] = "orca"
-OTHERWISE = "As the scene says"  # a behaviour that is not offered here
+OTHERWISE = "As the scene says"  # label for a behaviour that is not offered here
 IN_FRONT, BACK = "In front of the robot", "Back to its place"
-SECONDS = {"lidar_off": 1.0, "camera_off": 2.0}  # of the faults of a click; the others last 5 s
+SECONDS = {"lidar_off": 1.0, "camera_off": 2.0}  # duration [s] of a fault's button; the others last 5 s
 FAULTS = {
     f"{kind.button} {seconds:g} s": InjectFault(fault=name, seconds=seconds)
     for name, kind in KINDS.items()
     for seconds in [SECONDS.get(name, 5.0)]
 }
-IN_A_ROW = 3  # buttons of faults
+IN_A_ROW = 3  # buttons of faults in one row
 _HOW = {
     "": "Drag anything, also furniture; let go while moving to throw it. Dragging elsewhere turns the view.",
     "agent": "Drag it into the way, or send it somewhere.",
@@ -256,7 +256,7 @@ class DisturbTab(Block):
     def __init__(self, gui: viser.GuiApi, hub: Hub, visitor: Visitor) -> None:
         super().__init__(gui, hub, visitor)
         self._names: tuple[str, ...] = ()
-        self._just: Thing | None = None  # added, and not in a tick yet
+        self._just: Thing | None = None  # just added, and not in a tick yet
         gui.add_html(card(heading("Add in front of the robot")))
         self.row([kind.title() for kind in SIZES], lambda name: self.add(name.lower()), hint="keys T, P, B, C")
         gui.add_html(card(heading("With the selected thing")))
@@ -320,7 +320,7 @@ class DisturbTab(Block):
         seen = Visibility(self.visitor.client.camera, surroundings, tick)
         body, where = new_body(kind, scene, tick, self.hub.client.grid(), seen)
         if not (await asyncio.to_thread(self.hub.command, self.visitor, body)).ok:
-            return  # the hub has said why
+            return  # the hub has told the visitor the reason
         view = self.hub.view
         view.aim_at_nothing()
         view.selected = view.placing = body.name
@@ -355,7 +355,7 @@ class DisturbTab(Block):
             self.send(FreezeBody(name=thing.name, frozen=not thing.frozen))
 
     def _now(self) -> tuple[Scene, TickMessage] | None:
-        """The scene and the newest tick, when they can be changed; a note when an earlier period is shown."""
+        """The scene and the newest tick; None, with a note on the page, when an earlier period is shown."""
         shown = self.shown
         if shown is None or shown.newest is None or shown.scene is None or not self.hub.live(self.visitor):
             return None

@@ -21,7 +21,7 @@ from motm_twin.ui.scene.scene_view import SceneView
 
 SPEEDS = {"1/8": 0.125, "1/4": 0.25, "1/2": 0.5, "1x": 1.0, "2x": 2.0, "4x": 4.0, "8x": 8.0}
 UP, DOWN, DELETE = "▲", "▼", "✕"
-ROWS = 12  # of jobs that have not ended: a hundred make a browser slow
+ROWS = 12  # rows for jobs that have not ended: a hundred make a browser slow
 _SIGNS = {"done": ("✓", GREEN), "active": ("▶", BLUE), "failed": ("✗", RED)}
 _HOW = "Click a cube, then a bin. Double-click the floor to send the robot there."
 
@@ -36,8 +36,8 @@ class DriveTab(Block):
         self._choices: list[SceneChoice] = []
         self._methods: list[MethodChoice] = []
         self._loaded: tuple = ()  # scene, variant, seed and method
-        self._filled: tuple = ("", "", 0, "")  # the same as this program or a press of Load left them
-        self._speed = self._told_speed = 1.0  # wanted by this visitor; by the twin
+        self._filled: tuple = ("", "", 0, "")  # the same, as last filled in here or loaded by a press of Load
+        self._speed = self._told_speed = 1.0  # wanted by this visitor; reported by the twin
         self.parts = [TaskBlock(gui, hub, visitor)]
         hint = "the camera; keys 1 to 5"
         self.row(PRESETS, lambda preset: scene.cameras.choose(visitor.client, preset), anybody=True, hint=hint)
@@ -50,7 +50,7 @@ class DriveTab(Block):
             self._about = gui.add_html("")
             self.button("Load", self._load_scene, icon=viser.Icon.REFRESH)
         self.row(("?  How to drive",), lambda _: help_(), anybody=True, hint="H: all keys")
-        self._progress = gui.add_html("")  # the last: it grows and shrinks
+        self._progress = gui.add_html("")  # at the end, because its height changes
 
     def enable(self, driving: bool) -> None:
         """Disable while somebody else drives; a choice that was not loaded is then dropped."""
@@ -77,7 +77,7 @@ class DriveTab(Block):
         factors = list(SPEEDS.values())
         number = factors.index(self._speed) + steps
         if 0 <= number < len(factors):
-            self._speed = factors[number]  # at once: the next press counts from here
+            self._speed = factors[number]  # now, so that the next press counts from here
             self.send(Speed(factor=factors[number]))
 
     def press(self) -> None:
@@ -85,7 +85,7 @@ class DriveTab(Block):
         self.send(Pause() if self._state() == "playing" else Play())
 
     def _state(self) -> str:
-        """State of the twin: the panel may be a moment behind."""
+        """State of the twin, newer than the panel when its status is known."""
         newest = self.hub.client.status() or self.shown
         return "" if newest is None else newest.state
 
@@ -146,11 +146,11 @@ class Job:
     first: int  # index in the list of tasks
     count: int
     attempts: int = 1
-    now: int = -1  # index of the first of them that has not ended
+    now: int = -1  # index of its first task that has not ended
 
     @property
     def ended(self) -> bool:
-        """The job has ended."""
+        """True when the job has ended."""
         return self.status in ("done", "failed")
 
 
@@ -186,7 +186,7 @@ def _length(tasks: Sequence[TaskMessage], index: int) -> int:
 
 
 def _status(group: Sequence[TaskMessage]) -> str:
-    """Status of a job; of a delivery that of pick and place, ignoring drives between them."""
+    """Status of a job; that of a delivery ignores drives between pick and place."""
     states = [task.status for task in group if not _between(task, group)]
     if "failed" in states:
         return "failed"
@@ -200,7 +200,7 @@ def _between(task: TaskMessage, group: Sequence[TaskMessage]) -> bool:
 
 
 def _task_name(task: TaskMessage, group: Sequence[TaskMessage]) -> str:
-    """A task in a word or two, and that it was left out of a delivery."""
+    """A task in a word or two; a failed drive within a delivery is marked as given up."""
     name = f"drive to {task.target}" if task.kind.startswith("drive") else task.target
     return f"{name} (given up)" if task.status == "failed" and _between(task, group) else name
 
@@ -218,7 +218,7 @@ def moved(listed: Sequence[Job], job: Job, up: bool) -> MoveTask | None:
 
 
 def ended_lines(listed: Sequence[Job]) -> str:
-    """Jobs that have ended, two a row, as HTML."""
+    """Jobs that have ended, two per row, as HTML."""
     cells = ""
     for job in (job for job in listed if job.ended):
         sign, colour = _SIGNS[job.status]

@@ -34,7 +34,7 @@ LIDAR = "what the lidar sees"
 STANDS = (0.03, 0.05)  # [m/s], [rad/s] below which the base stands
 _ORDINAL = {2: "second", 3: "third", 4: "fourth", 5: "fifth"}
 _NEAR_END = 0.25  # [rad] from a joint's end where its damper begins
-_AT_SPEED = 0.97  # of the largest rate
+_AT_SPEED = 0.97  # share of the largest rate
 _BODY = re.compile(r"^(elbow|forearm|wrist|hand|fingers|held object) - (.+)$")
 _JOINT = re.compile(r"^joint ([1-7])$")
 _GRIPPER = {
@@ -42,11 +42,11 @@ _GRIPPER = {
     "lidar moving": "kept off a moving obstacle",
     "lidar height": "kept from sinking beside an obstacle",
 }
-NEAR = 1.2  # [m] from the base: nothing farther away is named
+NEAR = 1.2  # [m] from the base: bodies farther away are not named
 BESIDE = 0.6  # [m] from the planned path: nearer bodies are passed
 HELD = 1.0  # [m] from the base to what it waits for
 SAME = 0.2  # [m] tolerance between a named body's distance and the lidar's
-ROUNDED = 1e-3  # [m], [rad] places of a tick are rounded to less
+ROUNDED = 1e-3  # [m], [rad] tolerance: the poses of a tick are rounded more finely
 AHEAD, BEHIND = math.radians(40.0), math.radians(120.0)
 _HOLDS = (
     Kind.IN_STOPPING_WAY, Kind.MEETS_MOVER, Kind.FLOOR_UNSEEN, Kind.NO_MOTION, Kind.LEAVES_REACH, Kind.NO_WAY,
@@ -77,7 +77,7 @@ def doing(tick: TickMessage) -> str:
     carried = next((belief.name for belief in tick.beliefs if belief.held), "")
     cargo = carried or "the object"
     why = None if step is None else step.why
-    unseen = why is not None and why.kind == Kind.WAITS_FOR_SIGHT  # where it was seen before
+    unseen = why is not None and why.kind == Kind.WAITS_FOR_SIGHT  # the robot looks where the target was seen before
     on = "" if stands(tick) else ", on the move"
     carries = f"Carrying {cargo} to {name}" if task.kind == "place" else f"Holding {cargo}, with {name} to be picked"
     phases = {
@@ -104,9 +104,9 @@ def stands(tick: TickMessage) -> bool:
 
 
 def waiting(tick: TickMessage, limiter: str = "") -> list[tuple[str, bool]]:
-    """Reasons why the robot waits or is slowed: sentences, each with True when it is held up.
+    """Reasons why the robot waits or is slowed: sentences, each with True when the robot is held up.
 
-    ``limiter``: name of the obstacle that slows the gripper, where it has one.
+    ``limiter``: name of the obstacle that slows the gripper; "" when it has none.
     """
     found: list[tuple[str, bool]] = []
     step, task = tick.arm[-1] if tick.arm else None, active_task(tick)
@@ -124,7 +124,7 @@ def waiting(tick: TickMessage, limiter: str = "") -> list[tuple[str, bool]]:
 
 
 def slowed(steps: Sequence[ArmMessage]) -> list[ArmMessage]:
-    """The steps of a period in which something that the lidar sees slows the gripper."""
+    """The arm steps of a period in which an obstacle seen by the lidar slows the gripper."""
     return [step for step in steps if step.limiter and any(row.startswith("lidar") for row in step.active)]
 
 
@@ -157,7 +157,7 @@ def _capital(value: str) -> str:
 def constraints(steps: Sequence[ArmMessage], q: Sequence[float]) -> list[tuple[str, str]]:
     """Active rows and bounds of these arm steps, grouped: what is limited, and by what.
 
-    ``q`` [rad], shape (7,): where the joints are, which tells their end stops from their speed.
+    ``q`` [rad], shape (7,): joint positions, which tell a position limit from a speed limit.
     """
     names = dict.fromkeys(name for step in steps for name in step.active)
     rows: dict[str, list[str]] = {}
@@ -184,7 +184,7 @@ def _constraint(name: str, step: ArmMessage, q: Sequence[float]) -> tuple[str, s
 
 
 def _joint_bound(k: int, step: ArmMessage, q: Sequence[float]) -> str:
-    """The limit that a joint is at: position, speed, or else acceleration."""
+    """The limit that a joint has reached: position, speed, or else acceleration."""
     if k < len(q) and min(q[k] - Q_MIN[k], Q_MAX[k] - q[k]) < _NEAR_END:
         return "near the end of its range"
     if k < len(step.joint_velocity) and abs(step.joint_velocity[k]) > _AT_SPEED * DQ_MAX[k]:
@@ -225,9 +225,9 @@ def limited_by(tick: TickMessage, scene: Scene | None) -> str:
 
 
 def strange(held_by: str, tick: TickMessage, scene: Scene | None) -> str:
-    """Remark on an obstacle that limits the arm and is not in the map as it is; "" otherwise.
+    """Remark on an obstacle that limits the arm and is missing or misplaced in the map; "" otherwise.
 
-    ``held_by`` is a phrase of `constraints`.
+    ``held_by``: a phrase from `constraints`.
     """
     if scene is None:
         return ""
@@ -245,7 +245,7 @@ def strange(held_by: str, tick: TickMessage, scene: Scene | None) -> str:
 def unmapped(tick: TickMessage, scene: Scene) -> Iterator[Unmapped]:
     """Bodies near the robot that are not in its map."""
     for body in (*tick.agents, *tick.obstacles):
-        known_kind = body.kind.lower() in body.name.lower()  # else it is told besides
+        known_kind = body.kind.lower() in body.name.lower()  # else the label adds the kind
         yield Unmapped(body.name if known_kind else f"{body.name} ({body.kind})", body_outline(body))
     known = pieces(scene)
     moved = {name: pose for name, pose in furniture_poses(tick).items() if name in known}
@@ -261,7 +261,7 @@ def unmapped(tick: TickMessage, scene: Scene) -> Iterator[Unmapped]:
 
 
 def _known(piece: Piece, tick: TickMessage) -> bool:
-    """True for a piece that stands where the robot's map has it: where it was announced last, else at home."""
+    """True for a piece that stands where the robot's map has it: at its last announced pose, else at home."""
     home = (*piece.centre, 0.0)
     here = furniture_poses(tick).get(piece.name, home)
     x, y, turn = tick.announced.get(piece.name, home)
@@ -302,13 +302,13 @@ def _gripper(tick: TickMessage, scene: Scene) -> str:
     step = tick.arm[-1] if slowed(tick.arm) else None
     if step is None or step.obstacle_distance is None:
         return ""
-    unnamed = "something that moves" if step.limiter == "moving obstacle" else ""  # else furniture, which it works at
+    unnamed = "something that moves" if step.limiter == "moving obstacle" else ""  # else furniture that it works at
     label = limited_by(tick, scene) or unnamed
     return label and f"keeping the gripper off {label.rstrip(',')} ({step.obstacle_distance:.1f} m)"
 
 
 def _nearest_to_hand(tick: TickMessage, scene: Scene) -> tuple[float, str]:
-    """Distance [m] and label; an infinite distance when there is nothing."""
+    """Distance [m] and label of the unmapped body nearest to the gripper; infinite when there is none."""
     hand = gripper(tick, scene)
     return min(((thing.shape.distance(hand), thing.label) for thing in unmapped(tick, scene)), default=(math.inf, ""))
 
@@ -327,7 +327,7 @@ def _past(tick: TickMessage, scene: Scene, things: list[Unmapped]) -> str:
 
 
 def _nearest(tick: TickMessage, scene: Scene, things: list[Unmapped], limit: float) -> tuple[str, float, str] | None:
-    """Label, distance from the base [m] and side of the nearest thing."""
+    """Label, distance from the base [m] and side of the nearest thing; None beyond ``limit`` [m]."""
     x, y, heading = tick.robot.true_pose
     body = scene.robot.footprint
     centre = (x + body.offset_x * math.cos(heading), y + body.offset_x * math.sin(heading))

@@ -44,7 +44,7 @@ TIMING_WINDOW = 10.0  # [s]
 _PERIOD_NAME = f"Computing, last {TIMING_WINDOW:.0f} s"
 _PERIOD_WORDS = "Time from the sensors to the commands of one control period of 50 ms."
 _SCALE = 1.2 * BUDGET  # [ms] length of the bars
-_STAGE_STYLES = {  # of the stages: name and colour
+_STAGE_STYLES = {  # stage of the period: name and colour
     "map": ("map from the scan", "#0d9488"),
     "place": ("places to stand", "#65a30d"),
     "plan": ("way and plan", "#2563eb"),
@@ -60,7 +60,7 @@ def score_card(tick: TickMessage, status: StatusMessage | None, scene: Scene | N
     rows: list[tuple[str, ...]] = [("time", f"<b>{_time(tick):.2f} s</b>")]
     if tick.score is not None:
         rows += _count(tick, tick.score)
-    tasks = sorted((task.kind, task.target) for task in tick.tasks)  # published times are of these, in any order
+    tasks = sorted((task.kind, task.target) for task in tick.tasks)  # published times are for these tasks, in any order
     if scene is not None and tasks != sorted((kind_of(task), name_of(task)) for task in scene.tasks):
         beside = '<hr><div class="mu">the task list was changed: no time to compare with</div>'
     else:
@@ -70,12 +70,12 @@ def score_card(tick: TickMessage, status: StatusMessage | None, scene: Scene | N
 
 
 def _time(tick: TickMessage) -> float:
-    """[s] of the work: a finished run goes on for 2 s, so that the robot comes to rest."""
+    """Time [s] of the work, without the 2 s after it in which the robot comes to rest."""
     return tick.time if tick.ended is None else tick.ended
 
 
 def progress(tick: TickMessage, status: StatusMessage | None, scene: Scene | None = None) -> str:
-    """Picks, places and contacts so far in one line, as HTML; of a finished run the whole `score_card`."""
+    """Picks, places and contacts so far in one line, as HTML; the whole `score_card` for a finished run."""
     score = tick.score
     if tick.done:
         return score_card(tick, status, scene)
@@ -178,20 +178,20 @@ def _stack(label: str, stages: list[tuple[str, float]]) -> str:
 
 WINDOW = 60.0  # [s]
 EVERY = 5  # updates (of 0.1 s) between pictures
-PANEL_WIDTH, HEIGHT, AXIS = 320, 92, 46  # [px]; of a plot, and more with its axis of time
+PANEL_WIDTH, HEIGHT, AXIS = 320, 92, 46  # [px] of the panel; of a plot, and of its time axis
 FONT = "10px sans-serif"
 PLOTS, PLOTS_KEY = "Plots of the last minute", "G"
-BUCKET = 0.5  # [s] of which a curve has one value; fixed in time, so that a curve only shifts
+BUCKET = 0.5  # [s] per value of a curve; fixed in time, so that a curve only shifts
 WORST = dict.fromkeys(("linear_slack", "angular_slack", "period", "torque", "wrist"), np.fmax) | {"distance": np.fmin}
 FAR = 1.5  # [m] top of the plot of distances; nothing near is drawn beyond it
 BLUE, ORANGE, TEAL, VIOLET, LIMIT = "#3b82d6", "#d97706", "#0d9488", "#8b5cf6", "#dc4a4a"
-JOINTS = (BLUE, "#0891b2", TEAL, "#65a30d", ORANGE, "#db2777", VIOLET)  # on light and on dark
+JOINTS = (BLUE, "#0891b2", TEAL, "#65a30d", ORANGE, "#db2777", VIOLET)  # readable on light and on dark pages
 NEAR, SLOW = "rgba(220, 60, 60, 0.22)", "rgba(240, 160, 40, 0.22)"  # regions, as in the paper's figure
 
 
 @dataclass(frozen=True, kw_only=True)
 class Plot:
-    """Curves with what they are compared with."""
+    """Curves with their limits and regions."""
 
     title: str  # HTML
     unit: str  # HTML
@@ -199,7 +199,7 @@ class Plot:
     curves: tuple[tuple[Array, str], ...]  # values, shape (n,), and colour
     limits: tuple[float, ...] = ()  # dashed lines
     regions: tuple[tuple[float, str], ...] = ()  # upper end and colour, from 0 up
-    range: tuple[float, float | None] = (0.0, None)  # lower and upper end; None: of the curves
+    range: tuple[float, float | None] = (0.0, None)  # lower and upper end; None: from the curves
 
     def data(self, time: Array) -> tuple[Array, ...]:
         """Columns of a plot, each shape (n,): times [s], curves, limits, and ends of the regions."""
@@ -207,7 +207,7 @@ class Plot:
         return (time, *(values for values, _ in self.curves), *(np.full(len(time), end) for end in ends))
 
     def add(self, gui: viser.GuiApi, time: Array, *, last: bool) -> viser.GuiUplotHandle:
-        """Add its widget; the ``last`` one has the axis of time for all."""
+        """Add the widget of this plot; the ``last`` one has the time axis for all."""
         none = {"points": {"show": False}}
         series: list[Any] = [{}, *({"stroke": colour, "width": 1.5, **none} for _, colour in self.curves)]
         series += [{"width": 1, "stroke": LIMIT, "dash": (5, 4), **none} for _ in self.limits]
@@ -235,7 +235,7 @@ class Plot:
 
 
 def thinned(samples: NDArray[np.float64]) -> NDArray[np.float64]:
-    """One row for every `BUCKET`: its last period, but of the columns in `WORST` the worst of its periods."""
+    """One row for every `BUCKET`: its last period, with the worst value of its periods in the columns of `WORST`."""
     bucket = np.floor(samples[:, 0] / BUCKET + 1e-9)
     starts = np.flatnonzero(np.diff(bucket, prepend=bucket[0] - 1.0))
     rows = samples[np.append(starts[1:], len(samples)) - 1].copy()
@@ -246,7 +246,7 @@ def thinned(samples: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def plots(samples: NDArray[np.float64], base: BaseLimits, parameters: Mapping[str, ParameterValue]) -> list[Plot]:
-    """All plots of the samples (`History.samples`, at least one) that end at the shown period."""
+    """All plots of the samples (`History.samples`, at least one), which end at the shown period."""
     column = {name: samples[:, k] for k, name in enumerate(Sample._fields)}
     d_s, d_i, _ = bands(parameters)
     distance, spin = column["distance"], math.degrees(base.yaw_rate)
@@ -313,15 +313,15 @@ def number(value: float, form: str, *, none: str = "") -> str:
 
 
 class PlotsPanel:
-    """The plots in a panel at the left, opened by a button or the key G. Closed at the start; costs nothing then."""
+    """The plots in a panel at the left, opened by a button or the key G. Costs nothing while closed, as at first."""
 
     def __init__(self, gui: viser.GuiApi, hub: Hub) -> None:
         self._gui, self._hub = gui, hub
         self._panel: viser.PanelHandle | None = None
         self._tab: Any = None
         self._drawn: list[tuple[viser.GuiHtmlHandle, viser.GuiUplotHandle]] = []
-        self._ranges: list[tuple[float, float | None]] = []  # of those
-        self._lock = threading.Lock()  # the panel is opened and closed in another thread than it is drawn in
+        self._ranges: list[tuple[float, float | None]] = []  # of the drawn plots
+        self._lock = threading.Lock()  # one thread opens and closes the panel, another draws it
         self._count = 0
         self._tick: TickMessage | None = None
         toggle, hint = hub.watching(self._toggle), f"curves of the last minute; key {PLOTS_KEY}"
@@ -344,11 +344,11 @@ class PlotsPanel:
         rows = thinned(samples)
         found = plots(rows, shown.scene.robot.base, {} if shown.status is None else shown.status.parameters)
         with self._lock:
-            if self._panel is not None:  # not closed meanwhile
+            if self._panel is not None:  # not closed in the meantime
                 self._draw(found, rows[:, 0])
 
     def _draw(self, found: list[Plot], time: Array) -> None:
-        """Fill in the widgets, which are made first, and anew for another robot or with forces."""
+        """Fill in the widgets; make them first, and again when the ranges change (other robot, forces)."""
         ranges = [plot.range for plot in found]
         if ranges != self._ranges:
             self._ranges = ranges

@@ -31,7 +31,7 @@ from motm_twin.ui.panel.widgets import AMBER, BLUE, GREEN, MUTED, RED, Block, ca
 from motm_twin.ui.scene.cameras import PRESETS
 from motm_twin.ui.scene.scene_view import SceneView
 
-# No arrow keys: they belong to the slider or list that has the focus. None of W A S D Q E: they fly Viser's camera.
+# No arrow keys: they belong to the slider or list that has the focus. Not W A S D Q E: they fly Viser's camera.
 _FLY, _WRIST = ("Fly the camera", "W A S D Q E"), ("View of the wrist camera", "I")
 _SHOWN = {"delete": "Del", "escape": "Esc"}
 SHORT = """<div class="short"><b>Look</b><span>drag to turn, right-drag to move, wheel to zoom</span>
@@ -71,7 +71,7 @@ def add_commands(
         table.append((f"Camera: {preset}", str(number), partial(scene.cameras.choose, visitor.client, preset), False))
     table.append(("How to drive", "H", help_card.show_keys, False))
     help_card.keys = [(label, _SHOWN.get(key, key)) for label, key, *_ in table if key is not None]
-    help_card.keys[-1:-1] = [_FLY, _WRIST, (PLOTS, PLOTS_KEY)]  # the page's own, and a panel that has its command
+    help_card.keys[-1:-1] = [_FLY, _WRIST, (PLOTS, PLOTS_KEY)]  # keys of the page, and of a panel with its own command
     for label, key, act, drives in table:
         guard = hub.driving if drives else hub.watching
         command = visitor.client.gui.add_command(label, hotkey=key)  # type: ignore[arg-type]
@@ -101,7 +101,7 @@ class HelpCard:
             gui.add_button("Close", hint="H or Esc").on_click(self._hub.watching(lambda *_: self._hide_keys()))
 
     def _hide_keys(self) -> bool:
-        """Close the window; False when there is none."""
+        """Close the window; False when none was open."""
         window, self._window = self._window, None
         if window is not None:
             window.close()
@@ -112,10 +112,10 @@ class HelpCard:
 warnings.filterwarnings("ignore", message="Queued a .* on a closed connection")
 
 WIDTH = 330  # [px]
-AS_WANTED = 0.03  # share of the wanted speed by which the measured one may differ and need not be shown
-TOP = '<i class="motm-top"></i>'  # its block stays in sight when the panel is scrolled
-CROSSHAIR = "<style>canvas, div:has(> canvas) {cursor: crosshair !important}</style>"  # the floor is clicked next
-INK, PAST = "var(--motm-ink)", "var(--motm-past)"  # of the time: live, and looking back
+AS_WANTED = 0.03  # share of the wanted speed: a smaller difference of the measured one is not shown
+TOP = '<i class="motm-top"></i>'  # marks the block that stays in sight when the panel is scrolled
+CROSSHAIR = "<style>canvas, div:has(> canvas) {cursor: crosshair !important}</style>"  # next click: the floor
+INK, PAST = "var(--motm-ink)", "var(--motm-past)"  # colours of the time: live, and looking back
 _STATES = {
     "playing": ("Running", GREEN),
     "paused": ("Paused", MUTED),
@@ -143,14 +143,14 @@ class Panels:
         status = shown.status
         scene = None if status is None else (status.scene, status.variant, status.seed)
         if scene != self._scene and None not in (scene, self._scene):
-            self._hub.what_if.stop()  # a comparison is about one scene
+            self._hub.what_if.stop()  # a comparison belongs to one scene
         self._scene = scene or self._scene
         for panel in list(self._panels.values()):
             try:
                 if not panel.visitor.gone:
                     panel.update(shown)
             except Exception as error:
-                if not panel.visitor.gone:  # else it left meanwhile, and its widgets with it
+                if not panel.visitor.gone:  # else the visitor has left, and its widgets are gone
                     self._hub.tell_error(panel.visitor, error, "The panel has an error")
 
     async def _enter(self, client: viser.ClientHandle) -> None:
@@ -227,7 +227,7 @@ class Panel:
 def status_card(
     state: str, status: StatusMessage | None, note: str, *, time: float | None = None, live: bool = True, says: str = ""
 ) -> str:
-    """State, time [s], speed, what the robot does (HTML), and a note when something is wrong; always of one height.
+    """State, time [s], speed, what the robot does (HTML), and a note when something is wrong; of constant height.
 
     ``time``: of the shown period, which is an earlier one when not ``live``.
     """
@@ -241,7 +241,7 @@ def status_card(
     alarm = _STATES[state][1] if state in {"error", "lost", "done"} else AMBER
     if says:
         rows += [says, f'<div class="alert" title="{text(note)}" style="color:{alarm}">{text(note)}</div>']
-    else:  # nothing is done yet: room for a long note
+    else:  # no activity yet: room for a long note
         rows.append(f'<div class="long" style="color:{alarm}">{text(note)}</div>')
     return card(ends(chip(name, colour), clock), *rows, style="padding:8px 12px 2px")
 
@@ -256,7 +256,7 @@ def _speed(state: str, status: StatusMessage) -> str:
 
 
 class Wheel(Block):
-    """The driver, once there are two people: asking for a hand-over, and handing over."""
+    """Shows who drives once there are two people; buttons to ask for a hand-over and to hand over."""
 
     def __init__(self, gui: viser.GuiApi, hub: Hub, visitor: Visitor) -> None:
         super().__init__(gui, hub, visitor)
@@ -334,7 +334,7 @@ class Overlay(Block):
         self._scene: object = None
         self._count = -1
         playback = hub.playback
-        self._acts: dict[str, tuple[bool, Callable[..., object]]] = {  # for the driver only, and what is done
+        self._acts: dict[str, tuple[bool, Callable[..., object]]] = {  # for the driver only, action
             "toggle": (True, lambda: replay.toggle() or drive.press()),
             "reset": (True, lambda: self.send(Reset())),
             "step": (True, self._step),
@@ -396,14 +396,14 @@ class Overlay(Block):
         await guard(lambda *_: act(*more))(event)
 
     def _step(self, periods: int) -> None:
-        """Step the twin on from the newest period; otherwise show the period that is so many later, or earlier."""
+        """Step the twin when going on from the newest period; otherwise show the one ``periods`` later or earlier."""
         if periods > 0 and self.hub.view.at is None:
             self.send(Step())
         else:
             self._replay.step(int(periods))
 
     def _cancel_drive(self) -> None:
-        """Do not drive to the proposed place; without one, undo the drive that was confirmed last."""
+        """Drop the proposed drive; without one, remove the drive that was confirmed last."""
         view, newest = self.hub.view, None if self.shown is None else self.shown.newest
         index = drive_index(newest, view.sent_to)
         if view.going is not None:
@@ -412,7 +412,7 @@ class Overlay(Block):
             self.send(RemoveTask(index=index))
 
     def _compare_without_next(self) -> None:
-        """Compare the run with one that does not count what comes after the next target."""
+        """Compare the run with one whose placement ignores the way on to the next target (weight 0)."""
         if self.shown is not None and self.shown.newest is not None:
             self.hub.what_if.start({NEXT_WEIGHT: 0.0}, 0, self.shown.newest.run)
 
@@ -433,7 +433,7 @@ def sent_to(tick: TickMessage | None, target: str) -> str:
 
 
 def drive_index(tick: TickMessage | None, target: str) -> int | None:
-    """Number of the drive to this target that has not ended; None when there is none."""
+    """Index of the task that drives to this target and has not ended; None when there is none."""
     for index, task in enumerate([] if tick is None else tick.tasks):
         if task.kind == "drive_to" and task.target == target and task.status in ("waiting", "active"):
             return index

@@ -1,4 +1,4 @@
-"""The Replay tab: what a branch would do, a played recording, and files to take home. The timeline does the rest."""
+"""The Replay tab: effect of a branch, position in a played recording, downloads. The timeline does the rest."""
 
 import asyncio
 import io
@@ -16,7 +16,7 @@ from motm_twin.ui.history import Span
 from motm_twin.ui.hub import Hub, Shown, Visitor
 from motm_twin.ui.panel.widgets import HOLD, Block, note
 
-SPAN_LEAST = 1.0  # [s] of the slider
+SPAN_LEAST = 1.0  # [s] least length of the slider
 SPEEDS = {"1/4": 0.25, "1/2": 0.5, "1x": 1.0, "2x": 2.0, "4x": 4.0}
 EXPORTS = {"10 s": 10.0, "30 s": 30.0, "60 s": 60.0}
 PICTURE = (1200, 1920)  # [px] height, width
@@ -59,11 +59,11 @@ class ReplayTab(Block):
         self._announce(shown)
 
     def step(self, periods: int) -> None:
-        """Look one period earlier or later."""
+        """Show an earlier or later period."""
         self.hub.playback.step(periods, self.hub.span)
 
     def toggle(self) -> bool:
-        """Play or pause what is looked back at; False while the newest period is shown."""
+        """Play or pause the history while looking back; False while the newest period is shown."""
         playback = self.hub.playback
         if self.shown is None or self.shown.live:
             return False
@@ -131,7 +131,7 @@ class ReplayTab(Block):
         self.visitor.client.send_file_download(name, content, save_immediately=True)
 
     def _show_position(self, shown: Shown) -> None:
-        """Of a recording that is played: the position in it."""
+        """Show the position in the recording that the twin plays, if any."""
         span = [] if shown.status is None else shown.status.span
         self._position.visible = bool(span)
         if not span or shown.status is None or time.monotonic() - self._sought <= HOLD:
@@ -163,7 +163,7 @@ class ReplayTab(Block):
 def file_name(status: StatusMessage | None, ending: str, *, looked_at: float | None = None) -> str:
     """A name for a file to be downloaded: scene, variant, seed and time, in letters that any system takes.
 
-    ``looked_at``: time [s] of the earlier period that is shown, and not the newest.
+    ``looked_at``: time [s] of the earlier period that is shown; None when it is the newest.
     """
     if status is None:
         return f"twin.{ending}"
@@ -201,7 +201,7 @@ def branched(newest: TickMessage) -> tuple[str, str]:
 
 
 def rerun_text(name: str) -> str:
-    """Hint to use a saved session, as HTML; ``name`` is one of `file_name`."""
+    """Hint on how to use a saved session, as HTML; ``name`` comes from `file_name`."""
     return note(
         f'Saved as <b style="overflow-wrap:anywhere">{name}</b>. '
         "Rerun it bit for bit:<br><code>motm-twin rerun FILE</code><br>"

@@ -17,11 +17,11 @@ from motm_twin.ui.panel.explain import method_title
 from motm_twin.ui.panel.widgets import AMBER, RED, Block, card, follow, note, set_marks, table, text
 from motm_twin.ui.what_if import RUNS, Outcome, State
 
-INTERVAL = 0.2  # [s] between two sendings; the last value wins
+INTERVAL = 0.2  # [s] between two messages; the last value wins
 HOLD = 1.5  # [s] after a person has moved a slider, it is not set from outside
 SHIPPED = "As shipped"  # of `PRESETS`
 OWN = "(own)"
-MOST_NAMED = 3  # parameters of a comparison
+MOST_NAMED = 3  # parameters of a comparison that are named
 WATCH = "Watch both runs"
 APART = "Try in what-if only"
 NOW, SHOWN, START = "from now", "from the shown moment", "from the start"
@@ -110,9 +110,9 @@ class TuneTab(Block):
 
 
 def summary(values: "TuningValues", method: str = "", *, live: bool = True) -> str:
-    """Number of parameters that are changed, and the runs they act on, as HTML; ``live``: no earlier moment is shown.
+    """Number of parameters that are changed, and the runs they act on, as HTML.
 
-    ``method``: title of the one that drives.
+    ``method``: title of the driving method; ``live``: the newest period is shown.
     """
     count = len(values.changed())
     of = f" with {text(method)}" if method else ""
@@ -127,7 +127,7 @@ class TuningValues:
 
     def __init__(self, now: Callable[[], float] = time.monotonic) -> None:
         self._now = now
-        self.shipped: Values = dict(DEFAULTS)  # with the method that drives
+        self.shipped: Values = dict(DEFAULTS)  # with the driving method
         self.wanted: Values = dict(DEFAULTS)  # as the widgets show them
         self.running: Values = {}  # the twin's values that differ from the defaults
         self.apart = False  # the widgets are for a comparison only
@@ -142,21 +142,21 @@ class TuningValues:
         return changed
 
     def move(self, name: str, value: ParameterValue) -> None:
-        """A person has moved a widget."""
+        """Take a value that a person has set with a widget."""
         self.wanted[name] = value
         self._touched[name] = self._now()
         if not self.apart:
             self._pending[name] = value
 
     def reset(self, names: list[str], values: Values | None = None) -> None:
-        """Set these back to how they were shipped, or to the values that are given, one for each."""
+        """Set these parameters to their shipped values, or to those given in ``values``."""
         for name in names:
             value = (self.shipped if values is None else values)[name]
             if not value == self.wanted[name] == self._run(name):
                 self.move(name, value)
 
     def preset(self, name: str) -> Values:
-        """Apply one of `PRESETS`; parameters that it does not set take the defaults, whichever method drives."""
+        """Values of one of `PRESETS`; parameters that it does not set have the defaults, whichever method drives."""
         return self.shipped if name == SHIPPED else {**DEFAULTS, **PRESETS[name]}
 
     def due(self) -> list[SetParameter]:
@@ -179,17 +179,17 @@ class TuningValues:
         return changed
 
     def part(self, apart: bool) -> None:
-        """Use the widgets for a comparison only, or for the twin again, whose values they then take."""
+        """Use the widgets for a comparison only, or for the twin again; `follow` then takes the twin's values."""
         self.apart = apart
         self._pending.clear()
         self._touched.clear()
 
     def changed(self) -> Values:
-        """The widgets that are not as shipped."""
+        """Values of the widgets that differ from the shipped ones."""
         return {name: value for name, value in self.wanted.items() if value != self.shipped[name]}
 
     def compared(self) -> Values:
-        """All values of a comparison: those not as shipped here or in the running twin."""
+        """All values of a comparison: those that differ from the shipped ones here or in the running twin."""
         return {
             name: value for name, value in self.wanted.items() if not value == self.shipped[name] == self._run(name)
         }
@@ -204,7 +204,7 @@ class TuningValues:
 
 
 def shipped_with(status: StatusMessage) -> Values:
-    """Values that the method that drives was shipped with; those unknown to this page or out of bounds are left out."""
+    """Shipped values of the driving method, without those that are unknown to this page or out of bounds."""
     own = next((choice.parameters for choice in status.methods if choice.name == status.method), {})
     values = dict(DEFAULTS)
     for name, value in own.items():
@@ -297,7 +297,7 @@ class WhatIfBlock(Block):
 
 
 def result(state: State, earlier: str = "") -> str:
-    """State of a comparison, as HTML; ``earlier``: branch or reset, when it has begun another run since."""
+    """State of a comparison, as HTML; ``earlier``: "branch" or "reset" when one has begun another run since."""
     if state.phase == "idle":
         return note("Both runs are computed beside the twin, with the same disturbances, and shown in the scene.")
     if state.phase == "failed":
@@ -311,7 +311,7 @@ def result(state: State, earlier: str = "") -> str:
         rows.append(("placed", f"{before.places}", f"{after.places}"))
         rows.append(("contacts caused", *(f"{one.contacts} of {one.all_contacts}" for one in (before, after))))
         rows.append(("driven", f"{before.path_length:.1f} m", f"{after.path_length:.1f} m"))
-        begins = (one.forecast_from_s for one in (before, after))  # where no clock cuts searches
+        begins = (one.forecast_from_s for one in (before, after))  # in a forecast no clock cuts searches
         rows.append(("forecast", *("no" if begin is None else f"from {begin:.1f} s" for begin in begins)))
     names = [f"{parameter(name).title}: {_shown(value)}" for name, value in state.values.items()]
     what = ", ".join(names[:MOST_NAMED]) + (f", and {len(names) - MOST_NAMED} more" if len(names) > MOST_NAMED else "")
@@ -334,7 +334,7 @@ def _verdict(state: State, before: Outcome | None, after: Outcome | None) -> str
         return f'<div class="mu">{words}</div>'
     words = []
     if before.success and after.success:
-        gain = round(after.time_s, 1) - round(before.time_s, 1)  # of what is shown above
+        gain = round(after.time_s, 1) - round(before.time_s, 1)  # from the rounded times shown above
         guess = "" if before.forecast_from_s is after.forecast_from_s is None else " (forecast)"
         word = "as fast" if abs(gain) < 0.05 else f"{abs(gain):.1f} s {'slower' if gain > 0 else 'faster'}"
         words.append(f"changed: {word}{guess}")
@@ -347,7 +347,7 @@ def _verdict(state: State, before: Outcome | None, after: Outcome | None) -> str
 
 
 def begun_since(state: State, newest: TickMessage | None) -> str:
-    """Cause of another run since a comparison: "branch", "reset", or "" for none."""
+    """Cause of a new run since the comparison: "branch", "reset", or "" for none."""
     if newest is None or state.run < 0 or newest.run == state.run:
         return ""
     return "branch" if newest.past >= 0 else "reset"

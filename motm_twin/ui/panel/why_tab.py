@@ -1,4 +1,4 @@
-"""The Why tab: reasons of the robot, the task in hand, a candidate that was clicked, the arm, events, timing, score."""
+"""The Why tab: reasons of the robot, the current task, the clicked candidate, the arm, events, timing, score."""
 
 import math
 from collections import Counter
@@ -55,7 +55,7 @@ _SLACK = (
 )
 _MANIPULABILITY = "Manipulability: how freely the hand can move; 0: stretched out or locked. The mark: ready pose. Now"
 _REFERENCE = "From the fingers to where they are to be (the reference of the arm's program):"
-_FREELY, _SLIGHTLY = 0.999, 0.05  # of k
+_FREELY, _SLIGHTLY = 0.999, 0.05  # of k: full above the first, none below the second
 _NEGLIGIBLE = 2e-3  # [m/s], [rad/s] of slack
 PROGRAMS = {  # outcome of the arm's program: word, and what it means
     ProgramStatus.SOLVED: ("moves as wanted", "The arm's program (a quadratic program) keeps all limits."),
@@ -117,7 +117,7 @@ def headline(tick: bus.TickMessage, scene: Scene | None = None) -> str:
 
 
 def says(tick: bus.TickMessage, scene: Scene | None = None) -> str:
-    """One sentence: what the robot does, and whom it avoids."""
+    """One sentence: the robot's activity, and the body that it avoids."""
     near = avoided(tick, scene)
     return explain.doing(tick) + (near and f", {near}") + "."
 
@@ -128,19 +128,19 @@ def held_up(tick: bus.TickMessage, scene: Scene | None = None) -> str:
 
 
 def _reasons(tick: bus.TickMessage, scene: Scene | None) -> list[tuple[str, bool]]:
-    """Reasons of `explain.waiting`, without the one that the headline of an ended run already gives."""
+    """Reasons of `explain.waiting`, without one that the headline of an ended run already gives."""
     said = explain.doing(tick).lower() if tick.done else ""
     return [(why, holds) for why, holds in explain.waiting(tick, limited_by(tick, scene)) if why.lower() != said]
 
 
 def now_card(tick: bus.TickMessage, scene: Scene | None = None, status: bus.StatusMessage | None = None) -> str:
-    """Reasons why the robot waits, and its motion; with the scene by names, with the status the method that drives."""
+    """Reasons why the robot waits, and its motion; names need the scene, the driving method needs the status."""
     rows = [sentence(why, AMBER if holds else MUTED) for why, holds in _reasons(tick, scene)]
     if tick.done and explain.stands(tick):
         return card(*rows, _driven_by(status))
     motion = moving(*tick.robot.twist)
     reach, task = tick.plan.time_to_range, explain.active_task(tick)
-    planned = task is not None and not (tick.preview and task.status == "waiting")  # for the task in hand
+    planned = task is not None and not (tick.preview and task.status == "waiting")  # the plan is for this task
     if reach is not None and planned and not tick.done:
         motion += " &middot; target in reach" + (f" in {reach:.1f} s" if reach > 0.0 else " <b>now</b>")
     rows.append(f'<div class="mu" style="margin-top:4px">{motion}</div>')
@@ -158,7 +158,7 @@ def moving(speed: float, turn: float) -> str:
 
 
 def _driven_by(status: bus.StatusMessage | None) -> str:
-    """The method that decides, HTML."""
+    """The driving method, HTML."""
     if status is None or not status.method:
         return ""
     about = next((choice.summary for choice in status.methods if choice.name == status.method), "")
@@ -167,7 +167,7 @@ def _driven_by(status: bus.StatusMessage | None) -> str:
 
 
 def task_card(tick: bus.TickMessage) -> str:
-    """The task in hand: the place to stand for it, and the result of the local plan."""
+    """The current task: the base placement for it, and the result of the local plan."""
     task, plan, placement = explain.active_task(tick), tick.plan, tick.placement
     if task is None:
         return ""
@@ -195,7 +195,7 @@ def task_card(tick: bus.TickMessage) -> str:
 def arm_card(tick: bus.TickMessage, parameters: Mapping[str, ParameterValue], scene: Scene | None = None) -> str:
     """The arm's program: solved or not, active limits, manipulability, and the obstacle that it avoids.
 
-    With the scene also names, and remarks on things that the map does not have.
+    With the scene it also has names, and remarks on bodies that are not in the map.
     """
     if not tick.arm:
         return ""
@@ -272,7 +272,7 @@ def events_card(tick: bus.TickMessage, events: Sequence[bus.EventMessage]) -> st
 
 
 def candidate_card(placement: bus.PlacementMessage, index: int | None, next_weight: float = 1.05) -> str:
-    """Costs of one candidate, or why it is out; of the chosen one, with the legend, when none is picked."""
+    """Costs of one candidate, or why it is rejected; with none picked, the chosen one and the legend."""
     if index is None or not 0 <= index < len(placement.poses):
         chosen = placement.chosen
         if not 0 <= chosen < len(placement.poses):
@@ -285,7 +285,7 @@ def candidate_card(placement: bus.PlacementMessage, index: int | None, next_weig
 
 
 def _title(placement: bus.PlacementMessage, index: int) -> str:
-    """Rank and choice, with its number on hover; candidates are numbered round the target."""
+    """Rank of a candidate, and whether it is chosen; on hover its number, counted round the target."""
     own, known = placement.cost[index], [cost for cost in placement.cost if cost is not None]
     place = "" if own is None else f", {_nth(1 + sum(cost < own for cost in known))} of {len(known)}"
     chosen = ", <b>chosen</b>" if index == placement.chosen else ""
@@ -293,7 +293,7 @@ def _title(placement: bus.PlacementMessage, index: int) -> str:
 
 
 def _nth(number: int) -> str:
-    """First comes without its number: "best", "2nd best"."""
+    """Rank in words: "best", "2nd best"."""
     ending = "th" if number % 100 in (11, 12, 13) else {1: "st", 2: "nd", 3: "rd"}.get(number % 10, "th")
     return "best" if number == 1 else f"{number}{ending} best"
 
@@ -330,7 +330,7 @@ def _dearer(placement: bus.PlacementMessage, index: int) -> str:
 
 
 def _hint(placement: bus.PlacementMessage) -> str:
-    """Hint to click, and the reasons why the grey ones are out."""
+    """Hint to click, and the reasons why the grey candidates are rejected."""
     count = len(placement.poses)
     if not count:
         return ""
@@ -344,7 +344,7 @@ def _hint(placement: bus.PlacementMessage) -> str:
 
 
 def legend(placement: bus.PlacementMessage) -> str:
-    """The scale of costs; the scene has a legend of the rest."""
+    """The colour scale of costs; the legend in the scene explains the rest."""
     known = [cost for cost in placement.cost if cost is not None]
     low, high = (f"{min(known):.1f} s", f"{max(known):.1f} s") if known else ("cheap", "dear")
     scale = f'<span class="fill" style="height:8px;border-radius:4px;background:{colours.viridis_css()}"></span>'
@@ -362,7 +362,7 @@ _WRIST = "What a sensor at the hand's mount would read, the weight of the hand i
 
 
 def forces_card(tick: bus.TickMessage) -> str:
-    """Forces of now and the newest grasp; "" without contact dynamics."""
+    """Present forces and the newest grasp; "" without contact dynamics."""
     felt = tick.forces
     if felt is None:
         return ""
@@ -378,7 +378,7 @@ def forces_card(tick: bus.TickMessage) -> str:
 
 
 def _torque(felt: bus.ForcesMessage) -> str:
-    """The joint that feels most, on a bar with the thresholds."""
+    """The joint with the largest torque, on a bar with the thresholds."""
     sizes = [abs(value) for value in felt.external_torque]
     most = max(sizes)
     colour = RED if most > ACCELERATING else AMBER if most > NOMINAL else GREEN

@@ -31,7 +31,7 @@ class Block:
         self._driven: list[Any] = []
 
     def update(self, shown: Shown) -> None:
-        """Show this; called about ten times a second, from one thread."""
+        """Show an update of the page; called about ten times a second, from one thread."""
         self.shown = shown
         self._refresh(shown)
         for part in self.parts:
@@ -67,7 +67,7 @@ class Block:
     def choice(
         self, label: str, options: Sequence[str], act: Callable[[str], object] | None = None, **more: Any
     ) -> viser.GuiDropdownHandle[str]:
-        """A list of the driver to choose from; ``act`` gets the chosen one."""
+        """A dropdown list for the driver; ``act`` gets the chosen option."""
         return self.driven(self.gui.add_dropdown(label, tuple(options), **more), act)
 
     def button(self, label: str, act: Callable[[], object], *, anybody: bool = False, **options: Any) -> Any:
@@ -80,27 +80,27 @@ class Block:
         self, options: Sequence[str], act: Callable[[str], object], *, label: str = "", hint: str | None = None,
         anybody: bool = False,
     ) -> Any:  # fmt: skip
-        """A row of small buttons, over the whole width without a label; ``act`` gets the name of the pressed one."""
+        """A row of small buttons, at full width without a label; ``act`` gets the name of the pressed button."""
         row = self.gui.add_button_group(label, tuple(options), hint=hint)
         row.on_click((self.hub.watching if anybody else self.hub.driving)(lambda event, _: act(event.target.value)))
         return row if anybody else self.driven(row)
 
 
 def follow(widget: Any, value: Any) -> None:
-    """Set a widget from outside, unless a person has just changed it: the choice may still be under way.
+    """Set a widget from outside, unless a person has just changed it: that choice may still be on its way.
 
-    Viser sets the new value first and calls back then. Set from another thread in between, the choice would be lost.
+    Viser sets the new value first and then calls back. A value set in between by another thread would undo the choice.
     """
     if widget.value != value and time.time() - widget.update_timestamp > HOLD:
         widget.value = value
-        widget._impl.update_timestamp = 0.0  # nobody has changed it by hand
+        widget._impl.update_timestamp = 0.0  # this was no change by hand
 
 
 def set_disabled(widget: Any, disabled: bool) -> None:
     """Make a widget grey, or usable again.
 
     A row of buttons can be created disabled, but Viser's handle refuses to change that later: the
-    change is sent as Viser sends those of other widgets.
+    change is sent the way Viser sends it for other widgets.
     """
     if not isinstance(widget, viser.GuiButtonGroupHandle):
         widget.disabled = disabled
@@ -112,12 +112,12 @@ def set_disabled(widget: Any, disabled: bool) -> None:
 
 
 def set_marks(slider: Any, marks: Sequence[tuple[float, str]]) -> None:
-    """Give a slider other marks, sent as Viser sends what it lets change: its handle does not offer them."""
+    """Replace the marks of a slider. Its handle does not offer this: they are sent as Viser sends its properties."""
     slider._marks = tuple({"value": value, "label": label} for value, label in marks)
 
 
 def text(value: object) -> str:
-    """Escaped for HTML."""
+    """The value as text, escaped for HTML."""
     return html.escape(str(value))
 
 

@@ -1,7 +1,7 @@
-"""Cubes, Temis and persons with their trails, obstacles that somebody added, and tracks as the robot follows them.
+"""Cubes, Temis and persons with their trails, added obstacles, and the tracks of the robot's tracker.
 
-The arrow of a track ends where somebody will be in one second. The ellipses hold its place 1 s and 2 s from now: the
-farther ahead, the less sure. A bold ring marks the one that the robot waits for, makes way for, or passes.
+The arrow of a track ends at its position in one second. The ellipses hold its position in 1 s and 2 s: they grow with
+the uncertainty. A bold ring marks the track that the robot waits for, makes way for, or passes.
 """
 
 import math
@@ -27,9 +27,9 @@ from motm_twin.ui.scene.robot_view import COLOURED, add_lines
 
 ROOT = "/bodies"
 TRAIL_LENGTH = 48  # points
-TRAIL_GAP = 0.06  # [m] between two of them
-FASTEST = 3.0  # [m/s] a faster body was moved by hand: none drives or is thrown this fast
-TRAIL_PAUSE = 1.0  # [s] longest gap that may explain a jump; a farther one begins a new trail
+TRAIL_GAP = 0.06  # [m] between two points
+FASTEST = 3.0  # [m/s] a faster body was moved by hand: bodies drive and fly slower
+TRAIL_PAUSE = 1.0  # [s] longest gap counted to explain a jump; a larger jump begins a new trail
 MESHES = {"temi": 0.97, "person": 1.75}  # [m] height of the mesh
 FROZEN = "frozen"
 
@@ -39,7 +39,7 @@ class _Drawn:
     handle: viser.GlbHandle | viser.BoxHandle
     shape: tuple
     shadow: viser.GlbHandle | None = None
-    sign: viser.LabelHandle | None = None  # that it is frozen
+    sign: viser.LabelHandle | None = None  # says that it is frozen
     trail: deque = field(default_factory=lambda: deque(maxlen=TRAIL_LENGTH))
     place: tuple = ()
     time: float = 0.0  # [s] simulated, of the period it was drawn in
@@ -53,7 +53,7 @@ class BodyView:
         self._bodies: dict[str, _Drawn] = {}
         self._colours: dict[str, colours.Rgb] = {}
         self._trails = add_lines(server.scene, f"{ROOT}/trails", COLOURED, 0.02)
-        self.on = True  # Temis, persons and their trails, and what the robot holds
+        self.on = True  # False hides Temis, persons and their trails, and the held cube
 
     def show(self, scene: Scene) -> None:
         """Forget the bodies of the last scene."""
@@ -62,7 +62,7 @@ class BodyView:
         self._colours = {item.name: colours.of_cube(item.colour) for item in scene.objects}
 
     def update(self, tick: TickMessage) -> None:
-        """Draw the bodies of a tick; one that is held here is drawn under the pointer."""
+        """Draw the bodies of a tick; a body that a visitor drags is drawn under the pointer."""
         drawn = {f"object/{_part(item.name)}": item for item in tick.objects}
         drawn |= {f"body/{_part(body.name)}": body for body in (*tick.agents, *tick.obstacles)}
         for name, body in drawn.items():
@@ -152,12 +152,12 @@ class BodyView:
 
 
 def _part(name: str) -> str:
-    """A name as one part of the path of a node, which overlay.js reads: one with "/" is no child of another body."""
+    """A name as one part of a node's path, which overlay.js reads; a "/" in it makes no child of another body."""
     return quote(name, safe="")
 
 
 def _lengthen(trail: deque, place: tuple[float, float], seconds: float) -> None:
-    """One more point; a new trail where the body did not come by itself: it was put there, or time went back."""
+    """Add a point; begin a new trail when the body was put there by hand, or time went back."""
     reach = TRAIL_GAP + FASTEST * min(seconds, TRAIL_PAUSE)
     if trail and (seconds <= 0.0 or math.dist(trail[-1], place) > reach):
         trail.clear()
@@ -166,17 +166,17 @@ def _lengthen(trail: deque, place: tuple[float, float], seconds: float) -> None:
 
 
 TRACKS = "/tracks"
-MOST = 12  # that are drawn
-SHADES = {1.0: 0.8, 2.0: 0.45}  # how much of the colour the ellipse after so many seconds has
+MOST = 12  # tracks drawn
+SHADES = {1.0: 0.8, 2.0: 0.45}  # [s] ahead: share of the colour that the ellipse has
 HEAD = 0.07  # [m] half the width of an arrow's head
-STANDS = 0.1  # [m/s] a slower one has neither arrow nor ellipses, and the robot waits when it is slower
-HEIGHT, OVER, BESIDE = 0.02, 0.15, 0.1  # [m] of lines and numbers over the floor; of the ring beside a track
+STANDS = 0.1  # [m/s] a slower track has neither arrow nor ellipses; a slower robot counts as waiting
+HEIGHT, OVER, BESIDE = 0.02, 0.15, 0.1  # [m] height of lines and of numbers; gap between a track and its ring
 SOON = 4.0  # [s] a later encounter may still turn out otherwise
 _CIRCLE = ring(1.0)
 
 
 class Met(NamedTuple):
-    """A track that the robot meets, and a phrase about it with a gap for its name."""
+    """A track that the robot meets, and a phrase about it with a placeholder for its name."""
 
     track: TrackMessage
     words: str
@@ -212,7 +212,7 @@ class TrackView:
 
 
 def _beside(track: TrackMessage) -> tuple[float, float, float]:
-    """Place [m] of a number: at the tip of the arrow, outside of the body in any case."""
+    """Place [m] of a number: at the tip of the arrow, and always outside of the body."""
     (x, y), (vx, vy), speed = track.position, track.velocity, math.hypot(*track.velocity)
     u, v = (vx / speed, vy / speed) if speed >= STANDS else (0.0, -1.0)
     away = max(speed, track.radius + 2.0 * BESIDE)
@@ -220,7 +220,7 @@ def _beside(track: TrackMessage) -> tuple[float, float, float]:
 
 
 def met(tick: TickMessage) -> Met | None:
-    """The track that the robot waits for, makes way for or passes, in this order; None when it meets nobody."""
+    """The track that the robot waits for, makes way for or passes, in this order; None without one."""
     if tick.done:
         return None
     plan, tracks = tick.plan, {track.track: track for track in tick.tracks}
@@ -263,7 +263,7 @@ def lines_of(track: TrackMessage) -> tuple[NDArray[np.float64], NDArray[np.float
 
 
 def _arrow(place: NDArray[np.float64], velocity: NDArray[np.float64]) -> NDArray[np.float64]:
-    """From a place to where it is after one second, with a head, shape (3, 2, 3)."""
+    """Arrow from a place to the place after one second, with a head, shape (3, 2, 3)."""
     tip, ahead = place + velocity, velocity / max(float(np.linalg.norm(velocity)), 1e-9)
     across = np.array([-ahead[1], ahead[0], 0.0])
     ends = [tip - HEAD * (2.0 * ahead + side * across) for side in (1.0, -1.0)]
@@ -271,5 +271,5 @@ def _arrow(place: NDArray[np.float64], velocity: NDArray[np.float64]) -> NDArray
 
 
 def _tone(share: float) -> NDArray[np.float64]:
-    """Colour of people with this share, blended with the floor's colour; linear light, 0 to 255."""
+    """Colour of people, blended by this share with the floor's colour; linear light, 0 to 255."""
     return colours.linear(np.array(colours.PEOPLE) * share + FLOOR * (1.0 - share))

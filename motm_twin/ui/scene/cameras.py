@@ -1,8 +1,8 @@
 """Cameras: one per visitor, with presets; poses that show a scene; and visibility for a visitor.
 
-Moves are eased, never cut. Manual control always wins: in a fixed view it makes the camera free; in one that
-rides along, the ride pauses while the view is turned, and continues from the new angle. The page says when mouse,
-finger or key may turn the view. A camera pose that it reports then, and that was not sent to it, is the visitor's.
+Moves are eased, never cut. Manual control always wins: in a fixed view it makes the camera free; in a view
+that rides along, the ride pauses while the view is turned, and continues from the new angle. The page reports when
+mouse, finger or key may turn the view. A camera pose that it reports then, and that we did not send, is the visitor's.
 """
 
 import itertools
@@ -22,36 +22,36 @@ from motm_twin.model.scene_shapes import outline
 from motm_twin.ui.scene.picking import Ray, Surroundings
 
 FIELD_OF_VIEW = math.radians(40.0)  # vertical
-FROM_FAR = math.radians(9.0)  # of the plan view, in which upright lines are to be points
+FROM_FAR = math.radians(9.0)  # of the plan view: narrow, so that upright lines appear as points
 ASPECT = 1.18  # width / height of the picture beside the panel on a 1280 x 800 screen
-SAME_ASPECT = 0.03  # share by which an aspect ratio may differ without another pose
+SAME_ASPECT = 0.03  # share by which an aspect ratio may differ and keep the same pose
 _EDGE = 0.93  # share of the picture that is used
-BELOW = 0.12  # share of its height that timeline and legend take
+BELOW = 0.12  # share of the picture's height that timeline and legend take
 _FROM = np.array([-0.40, -0.72, 0.60])  # direction of the overview from the scene
 _ABOVE = np.array([0.0, -0.002, 1.0])
 _ROBOT = 0.45  # [m] kept free round the start
-_TALL = 1.0  # [m] height of what may be anywhere
+_TALL = 1.0  # [m] height kept in the picture over every point
 View = tuple[Array, Array]  # position and look-at point [m]
 PRESETS = ("Overview", "Top", "Follow", "Gripper", "Free")
-RIDES = {  # eye and look-at point [m] in a frame that is level, has its x axis ahead, and moves with base or hand
+RIDES = {  # eye and look-at point [m] in a level frame, x axis ahead, that moves with base or hand
     "Follow": (np.array([-2.6, 0.9, 1.9]), np.array([0.5, 0.0, 0.35])),
     "Gripper": (np.array([-0.10, -0.42, 0.30]), np.array([0.04, 0.0, -0.12])),
 }
 EASE = 0.7  # [s] of a move from one view to another
 SWING = 1.6  # [1/s] how fast a ride turns with the robot
-FRAMED = 1.2  # [m] from the hand to its target, within which the camera of the hand shows both
-UNFRAMED = 0.25  # [m] between them that the camera shows without going back
-REST = 0.5  # [s] after the hand's last move the ride goes on
-ECHO = 0.03  # [m] a reported camera this near to a sent one was not moved by hand
-TURNED = 5.0  # [s] after mouse, finger or key, in which a page reports where they put the camera
-PANEL = 334  # [px] that the docked panel takes from the picture (overlay.js); for the moments until a page tells
-NARROW = 700  # [px] of a page on which the panel lies over the picture (overlay.js)
+FRAMED = 1.2  # [m] from the hand to its target: within this the camera of the hand shows both
+UNFRAMED = 0.25  # [m] between hand and target that fits without moving the camera back
+REST = 0.5  # [s] after the visitor's last move the ride goes on
+ECHO = 0.03  # [m] a reported camera this near to a sent one is its echo, not moved by hand
+TURNED = 5.0  # [s] after mouse, finger or key: within this a reported pose may be theirs
+PANEL = 334  # [px] width of the docked panel (overlay.js); used until a page reports its aspect ratio
+NARROW = 700  # [px] largest width of a page whose panel lies over the picture (overlay.js)
 ASPECTS = 0.1, 10.0  # width / height of a picture, at least and at most
-_SIGHT_EDGE = 0.9  # share of the picture in which a body is seen
-_PARTS = (0.35, 0.9)  # of the height of a body, which must both be in sight
-_OWN = 0.3  # [m] by which a hit may lie before the point: the body itself, or its own edge
-NUDGE = 1e-2  # [m] between two positions that Viser takes for different ones
-_MEMORY = 90  # sent poses that echoes are compared with
+_SIGHT_EDGE = 0.9  # share of the picture in which a body counts as seen
+_PARTS = (0.35, 0.9)  # heights, as shares of the body's, that must both be in sight
+_OWN = 0.3  # [m] a hit may lie before the point by this much: the body itself or its edge
+NUDGE = 1e-2  # [m] shift that makes Viser take a position for a new one
+_MEMORY = 90  # number of sent poses that echoes are compared with
 
 
 def overview(scene: Scene, aspect: float = ASPECT, *, below: float = BELOW) -> View:
@@ -83,7 +83,7 @@ def extent(scene: Scene) -> Array:
 
 
 def _fitted(points: Array, direction: Array, aspect: float, below: float, fov: float = FIELD_OF_VIEW) -> View:
-    """The nearest eye in a direction that has all points within the picture, centred; and its look-at point."""
+    """The nearest eye in a direction with all points centred within the picture, and its look-at point."""
     aspect = ASPECT if abs(aspect / ASPECT - 1.0) <= SAME_ASPECT else aspect
     forward = -direction / np.linalg.norm(direction)
     right = np.cross(forward, [0.0, 0.0, 1.0])
@@ -91,10 +91,10 @@ def _fitted(points: Array, direction: Array, aspect: float, below: float, fov: f
     up = np.cross(right, forward)
     deep, tangent = points @ forward, math.tan(fov / 2)
     wide, lower, upper = _EDGE * tangent * aspect, (_EDGE - 2.0 * below) * tangent, _EDGE * tangent
-    edges = (points @ right, wide, wide), (points @ up, lower, upper)  # of the picture: points along it, slopes
+    edges = (points @ right, wide, wide), (points @ up, lower, upper)  # per axis: points, slopes of both edges
     axes = [(low, high, np.max(-at - low * deep), np.max(at - high * deep)) for at, low, high in edges]
-    back = min(-(before + behind) / (low + high) for low, high, before, behind in axes)  # both edges hold everything
-    x, y = (0.5 * (behind - before + (high - low) * back) for low, high, before, behind in axes)  # as much room at both
+    back = min(-(before + behind) / (low + high) for low, high, before, behind in axes)  # both axes hold all points
+    x, y = (0.5 * (behind - before + (high - low) * back) for low, high, before, behind in axes)  # centred
     position = x * right + y * up + back * forward
     along = (0.2 - position[2]) / forward[2]
     return position, position + along * forward
@@ -106,20 +106,20 @@ class _Eye:
 
     mode: str = "Overview"
     sent: deque[Array] = field(default_factory=lambda: deque(maxlen=_MEMORY))
-    look_at: Array | None = None  # [m] what it was sent last
+    look_at: Array | None = None  # [m] sent last
     target: View | None = None  # of a fixed view
-    aspect: float = 0.0  # that the target is for
+    aspect: float = 0.0  # aspect of the picture that the target was computed for
     seen: float = 0.0  # aspect of the picture at the last update
-    told: float = 0.0  # aspect of the picture beside the panel, as the page tells it; 0: it has not
+    told: float = 0.0  # aspect of the picture beside the panel, reported by the page; 0: not yet
     drawn: bool = False  # the page has drawn the scene since the last view was sent
     ease_from: View | None = None
     ease_start: float = -math.inf
     ease_fov: float = FIELD_OF_VIEW  # at the start of the move
-    aside: Array = field(default_factory=lambda: np.zeros(3))  # [m] from the hand to the middle of what a ride frames
+    aside: Array = field(default_factory=lambda: np.zeros(3))  # [m] from the hand to the middle of the framed part
     heading: float | None = None  # [rad] of the ride's frame
-    offset: View | None = None  # in the ride's frame, when a hand chose it
-    turned_at: float = -math.inf  # when mouse, finger or key may have turned it last
-    hand_at: float = -math.inf  # when they moved it last
+    offset: View | None = None  # in the ride's frame, when the visitor has chosen it
+    turned_at: float = -math.inf  # last time when mouse, finger or key may have turned it
+    hand_at: float = -math.inf  # last time when they moved it
 
 
 class Cameras:
@@ -140,7 +140,7 @@ class Cameras:
             self._scene, (position, look_at) = scene, overview(scene)
             for eye in self._eyes.values():
                 eye.target = None
-                eye.sent.append(position)  # a page that is only just coming may begin there
+                eye.sent.append(position)  # a page that is just opening may begin there
                 eye.look_at = look_at
         self._server.initial_camera.position, self._server.initial_camera.look_at = position, look_at
 
@@ -156,7 +156,7 @@ class Cameras:
             eye.ease_start, eye.ease_fov = time.monotonic(), client.camera.fov
 
     def turned(self, client: viser.ClientHandle) -> None:
-        """Take the page's word that mouse, finger or key may turn this visitor's view now."""
+        """Take the page's report that mouse, finger or key may turn this visitor's view now."""
         with self._lock:
             if eye := self._eyes.get(client.client_id):
                 eye.turned_at = time.monotonic()
@@ -165,10 +165,10 @@ class Cameras:
         """Take the width / height of a page's picture, once its panel is docked."""
         with self._lock:
             if eye := self._eyes.get(client.client_id):
-                eye.told = max(ASPECTS[0], min(ASPECTS[1], float(aspect)))  # in this order nan is the most
+                eye.told = max(ASPECTS[0], min(ASPECTS[1], float(aspect)))  # in this order nan becomes the maximum
 
     def drawn(self, client: viser.ClientHandle) -> None:
-        """Send a fixed view once more to a page that has drawn the scene: what came before may have been lost."""
+        """Send a fixed view once more to a page that has drawn the scene: an earlier one may have been lost."""
         with self._lock:
             if eye := self._eyes.get(client.client_id):
                 eye.target, eye.drawn = None, True
@@ -181,7 +181,7 @@ class Cameras:
     def update(self, pose: Array, hand: Array, dt: float, *, ride: bool = True, target: Array | None = None) -> None:
         """Advance moves and rides; base pose, transform of the hand (4, 4), and time [s] since the last call.
 
-        ``ride``: those that ride along go on now, with a new picture; ``target``: place [m] that the hand is to reach.
+        ``ride``: cameras that ride along move now, with a new picture; ``target``: point [m] for the hand to reach.
         """
         now = time.monotonic()
         clients = self._server.get_clients()
@@ -199,14 +199,14 @@ class Cameras:
         for number, ((position, look_at), fov, again) in wanted.items():
             client = clients[number]
             with client.atomic():
-                if again:  # Viser does not send twice the same; of what it queues, the last is sent
+                if again:  # Viser sends no equal value twice, and only the last one of its queue
                     client.camera.position = position + NUDGE
-                client.camera.position = position  # takes the look-at point along, so this comes first
+                client.camera.position = position  # moves the look-at point too, so this comes first
                 client.camera.look_at = look_at
                 client.camera.fov = fov
 
     def _fov(self, eye: _Eye, client: viser.ClientHandle, now: float) -> float:
-        """Field of view [rad]; during a move between both, so that the middle of the picture keeps its size."""
+        """Field of view [rad]; interpolated during a move, so that the middle of the picture keeps its size."""
         if eye.mode == "Free":
             return client.camera.fov
         goal = FROM_FAR if eye.mode == "Top" else FIELD_OF_VIEW
@@ -230,7 +230,7 @@ class Cameras:
                 eye.target = goal
         look_at = start[1] + (goal[1] - start[1]) * part
         ends = ((start, eye.ease_fov), (goal, FROM_FAR if eye.mode == "Top" else FIELD_OF_VIEW))
-        near = [(view[0] - view[1]) * math.tan(end / 2) for view, end in ends]  # as from where everything has its size
+        near = [(view[0] - view[1]) * math.tan(end / 2) for view, end in ends]  # distances that show the same size
         return look_at + (near[0] + (near[1] - near[0]) * part) / math.tan(fov / 2), look_at
 
     def _fixed(self, eye: _Eye, client: viser.ClientHandle) -> View | None:
@@ -261,7 +261,7 @@ class Cameras:
         way = np.zeros(3) if self._target is None else self._target - place
         wanted = 0.5 * way if np.linalg.norm(way) < FRAMED else np.zeros(3)
         eye.aside = eye.aside + (wanted - eye.aside) * min(1.0, SWING * dt)
-        span = 2.0 * float(np.linalg.norm(eye.aside))  # of hand and target, which both are to be seen
+        span = 2.0 * float(np.linalg.norm(eye.aside))  # [m] between hand and target, which must both be visible
         return place + eye.aside + (1.0 + span / UNFRAMED) * (R @ position), place + eye.aside + R @ look_at
 
     def _frame(self, mode: str) -> tuple[Array, float]:
@@ -280,13 +280,13 @@ class Cameras:
                 return
             now, step = time.monotonic(), _step(np.array(eye.sent), position)
             for _ in range(step or 0):
-                eye.sent.popleft()  # a page does not go back to what it has shown
+                eye.sent.popleft()  # a page does not go back to an earlier pose
             arrived = step is not None and len(eye.sent) == 1
             there = arrived and (eye.look_at is None or bool(np.linalg.norm(eye.look_at - camera.look_at) < ECHO))
             if there or (step is not None and not arrived) or now - eye.turned_at > TURNED:
                 if not there and eye.mode not in RIDES and eye.ease_from is None:
-                    # A page that begins puts its camera back after what it was sent; and Viser does not send what it
-                    # has just been told, though it has sent something else since: send both again.
+                    # A page that is opening puts its camera back after it was sent a pose; and Viser does not send a
+                    # pose that the page has just reported, though it has sent another since: send both again.
                     eye.target = None
                 return
             eye.ease_from = None
@@ -297,9 +297,9 @@ class Cameras:
 
     async def _enter(self, client: viser.ClientHandle) -> None:
         number, eye = client.client_id, _Eye()
-        eye.sent.append(np.array(client.camera.position))  # the page tells it again when its size changes
+        eye.sent.append(np.array(client.camera.position))  # the page reports it again when its size changes
         with self._lock:
-            if self._scene is not None:  # its camera may be reported before it has moved to the overview
+            if self._scene is not None:  # a page may report its camera before it moves to the overview
                 position, eye.look_at = overview(self._scene)
                 eye.sent.append(position)
             self._eyes[number] = eye
@@ -321,7 +321,7 @@ def _eased(eye: _Eye, now: float) -> float:
 
 
 def _between(start: float, goal: float, part: float) -> float:
-    """Field of view [rad] at a share of a move; the camera distance at which sizes stay the same changes linearly."""
+    """Field of view [rad] at a share of a move; the camera distance that keeps sizes the same changes linearly."""
     return 2.0 * math.atan(1.0 / (1.0 / math.tan(start / 2) * (1.0 - part) + part / math.tan(goal / 2)))
 
 
@@ -340,9 +340,9 @@ def _widened(client: viser.ClientHandle, before: float, now: float) -> View | No
 
 
 def _step(sent: Array, position: Array) -> int | None:
-    """Index of the sent position, of (n, 3), that a page is at, or has left on the way to the next; None for none.
+    """Index of the sent position, shape (n, 3), that a page is at or has just left for the next; None without one.
 
-    The last one is preferred, then the earliest.
+    The last position is preferred, then the earliest.
     """
     step = np.diff(sent, axis=0, append=sent[-1:])
     square = np.maximum((step**2).sum(axis=1), 1e-12)
@@ -367,7 +367,7 @@ class Visibility:
         return all(self._sees(np.array([*place, part * height])) for part in _PARTS)
 
     def middle(self) -> tuple[float, float] | None:
-        """The floor point [m] in the middle of the picture; None when that is the sky."""
+        """The floor point [m] in the middle of the picture; None when the sky is there."""
         if self._forward[2] > -1e-6:
             return None
         point = self._eye - self._forward * self._eye[2] / self._forward[2]

@@ -1,7 +1,7 @@
 """Dragging, turning and throwing by mouse, and the marks of the selection: a ring, a name and a knob to turn it.
 
-The twin is told through Zenoh, at most 20 times a second; the newest place wins. A cube is different: it follows the
-pointer over tops and floor on the page, and is put down when it is let go.
+Moves are sent to the twin through Zenoh, at most 20 times a second; the newest place wins. A cube is different: it
+follows the pointer over tops and floor on the page only, and the twin puts it down when it is released.
 """
 
 import math
@@ -25,30 +25,30 @@ from motm_twin.ui.hub import Hub, Visitor
 from motm_twin.ui.scene.picking import Ray, Surroundings, furniture_poses
 
 INTERVAL = 0.05  # [s] between two moves of one body
-KEEP_ALIVE = 0.5  # [s] a body that is held still is held again this often
-SETTLE = 0.25  # [s] a body is drawn where it was let go, until the twin has it there
-THROW_WINDOW = 0.15  # [s] before the release that a throw is measured over
+KEEP_ALIVE = 0.5  # [s] between repeated moves of a body that is held still
+SETTLE = 0.25  # [s] a released body is drawn at its release until the twin has it there
+THROW_WINDOW = 0.15  # [s] before the release, over which a throw is measured
 THROW_FROM, THROW_UP_TO = 0.4, 2.5  # [m/s] slower is put down; faster is slowed to this
 SELECTION = "/selection"
 CORNERS = 48  # of the ring
-ROOM = 0.07  # [m] between the selected and its ring
+ROOM = 0.07  # [m] between the selected thing and its ring
 STEM = 0.16  # [m] from the ring to the knob
-KNOB = 0.055  # [m] its radius
-FROZEN_SIGN = 0.2  # [m] the sign of a frozen body is high
+KNOB = 0.055  # [m] radius of the knob
+FROZEN_SIGN = 0.2  # [m] height of the sign of a frozen body
 SIGN: dict[str, Any] = {"font_screen_scale": 0.78, "anchor": "bottom-center"}  # of names over things
-SIGN_GAP = 0.05  # [m] over what is selected
+SIGN_GAP = 0.05  # [m] over the selected thing
 Point = tuple[float, float]
 DragHandle = viser.GlbHandle | viser.BoxHandle
 
 
 @dataclass(frozen=True)
 class _Grip:
-    """Place of a body relative to the hand that has taken it, and the height of the hand [m]."""
+    """Place of a body relative to the pointer that holds it, and the height of the pointer [m]."""
 
     x: float
     y: float
     height: float
-    slack: float = 0.0  # [m] it stays where it was until the hand has moved this far
+    slack: float = 0.0  # [m] the body stays until the pointer has moved this far
 
 
 @dataclass
@@ -62,18 +62,18 @@ class Held:
     z: float = 0.0  # of a cube's lower face
     cube: bool = False
     changed: bool = True
-    velocity: Point | None = None  # set when it is let go
+    velocity: Point | None = None  # set at the release
     gone_at: float = 0.0
     trace: deque[tuple[float, float, float]] = field(default_factory=lambda: deque(maxlen=40))
 
     @property
     def free(self) -> bool:
-        """It was let go."""
+        """True when it was released."""
         return self.velocity is not None
 
     @property
     def waits(self) -> bool:
-        """There is something to send."""
+        """True when there is something to send."""
         return self.free or (self.changed and not self.cube)
 
 
@@ -91,14 +91,14 @@ class Drag:
         self._thread.start()
 
     def held(self, name: str) -> Held | None:
-        """The hold on a body that is held or was just released; None: it is where the twin has it."""
+        """The hold on a body that is held or was just released; None when the twin's place counts."""
         with self._lock:
             return self._held.get(name)
 
     def attach(self, handle: DragHandle, name: str, *, where: Callable[[], Point], slack: float = 0.0) -> None:
-        """Make a drawn body or piece draggable; ``where`` tells its place [m].
+        """Make a drawn body or piece draggable; ``where`` returns its place [m].
 
-        ``slack``: how far [m] the hand must move before the thing does.
+        ``slack``: distance [m] that the pointer must move before the thing does.
         """
         act = self._hub.watching(lambda event, visitor: self._on_drag(name, where, slack, event, visitor))
         handle.on_drag("left")(act)
@@ -108,7 +108,7 @@ class Drag:
         handle.on_drag("left")(self._hub.watching(lambda event, visitor: self._on_cube(name, event, visitor)))
 
     def turn(self, name: str, visitor: Visitor, place: Point, heading: float, *, last: bool) -> None:
-        """Turn something on the spot to a heading [rad]; ``last``: and let it go."""
+        """Turn something on the spot to a heading [rad]; ``last``: then release it."""
         with self._lock:
             held = self._hold(name, Held(visitor, *place))
             held.heading, held.changed = heading, True
@@ -117,7 +117,7 @@ class Drag:
             self._lock.notify()
 
     def leave(self, visitor: Visitor) -> None:
-        """Let go of everything that a visitor holds."""
+        """Release everything that a visitor holds."""
         with self._lock:
             for held in self._held.values():
                 if held.visitor is visitor and not held.free:
@@ -132,7 +132,7 @@ class Drag:
         self._thread.join(1.0)
 
     def allowed(self, name: str, event: viser.SceneNodeDragEvent, visitor: Visitor) -> bool:
-        """True when this gesture may go on; the visitor is told once when it may not."""
+        """True when this gesture may go on; otherwise the visitor is told the reason once."""
         key = (event.client_id, name)
         if event.phase == "start":
             self._grips.pop(key, None)
@@ -172,7 +172,7 @@ class Drag:
             if grip.slack:
                 self._grips[key] = replace(grip, slack=0.0)
             if self._hub.view.placing == name:
-                self._hub.view.placing = ""  # it is being put by hand
+                self._hub.view.placing = ""  # it is being placed by hand
             self._move(name, visitor, place)
         if event.phase == "end":
             self._release(name)
@@ -212,7 +212,7 @@ class Drag:
                 orders = self._orders(time.monotonic())
             for name, visitor, command in orders:
                 if not self._hub.command(visitor, command).ok:
-                    with self._lock:  # refused: it stays where the twin has it
+                    with self._lock:  # refused: the body stays where the twin has it
                         self._held.pop(name, None)
                         for key in [key for key in self._grips if key[1] == name]:
                             self._grips[key] = None
@@ -244,12 +244,12 @@ class Drag:
 
 
 def throw(trace: list[tuple[float, float, float]], now: float) -> Point:
-    """Velocity [m/s] at the release, from (time, x, y) of the last moves; (0, 0) when it was held still or slow."""
+    """Velocity [m/s] at the release, from (time, x, y) of the last moves; (0, 0) when it was still or slow."""
     if len(trace) < 2 or now - trace[-1][0] > THROW_WINDOW:
         return 0.0, 0.0
     end = trace[-1]
     earlier = [entry for entry in trace if end[0] - entry[0] >= THROW_WINDOW]
-    start = earlier[-1] if earlier else trace[0]  # on a slow page this is longer ago
+    start = earlier[-1] if earlier else trace[0]  # longer ago on a slow page
     seconds = max(end[0] - start[0], INTERVAL)
     vx, vy = (end[1] - start[1]) / seconds, (end[2] - start[2]) / seconds
     speed = math.hypot(vx, vy)
@@ -297,7 +297,7 @@ class SelectionView:
         self._radius, self._name, self._place = 0.0, "", (0.0, 0.0)
 
     def update(self, name: str, tick: TickMessage, surroundings: Surroundings, *, live: bool) -> None:
-        """Mark the thing of this name; hide the marks when there is none. ``live``: show the knob to turn it by."""
+        """Mark the thing of this name; hide the marks when there is none. ``live``: show the knob that turns it."""
         spot = spot_of(name, tick, surroundings) if name else None
         self._name = name
         turns = spot is not None and spot.turns and live
@@ -321,7 +321,7 @@ class SelectionView:
             self._knob.position = (x + reach * math.cos(heading), y + reach * math.sin(heading), KNOB)
 
     def _turn(self, event: viser.SceneNodeDragEvent, visitor: Visitor) -> None:
-        """The knob is dragged round: the body faces it."""
+        """Turn the body to face the dragged knob."""
         if not self._drag.allowed(SELECTION, event, visitor):
             return
         pointed = on_plane(np.asarray(event.client.camera.position), np.asarray(event.end_position), KNOB)

@@ -28,9 +28,9 @@ from motm_twin.ui.scene.picking import furniture_poses
 
 FIXED, MOVABLE = "/scene", "/furniture"
 LABEL_GAP = 0.10  # [m] above the rim of a bin
-SLACK = 0.04  # [m] the hand must move before a piece does: one that is only touched stays where it is
+SLACK = 0.04  # [m] the pointer must move this far before a piece does: a mere click leaves it in place
 TOP = 0.03  # [m] thickness of a wooden top
-THINNEST = 1e-4  # [m] of a part
+THINNEST = 1e-4  # [m] least thickness of a part
 BOARD_GAP = 0.3  # [m] between the boards of a shelf
 PICTURE = 1.2  # [m] side of a surface picture
 Part = tuple[trimesh.Trimesh, str]
@@ -155,7 +155,7 @@ def _slab(solid: Solid, rounding: float, material: str) -> Part:
 def _closed(
     solid: Solid, outline: shapely.Polygon, *, inset: float, recess: float, foot: float, top: tuple[float, str]
 ) -> list[Part]:
-    """A white body on a dark foot that stands back, under a top with this thickness [m] and material."""
+    """A white body on a recessed dark foot, under a top with this thickness [m] and material."""
     low, high = solid.z_min + foot, solid.z_max - top[0]
     return [
         (_extrude(outline.buffer(-inset), low, high), "white"),
@@ -219,7 +219,7 @@ def _extrude(outline: shapely.Polygon, z_min: float, z_max: float) -> trimesh.Tr
     triangles = shapely.orient_polygons(shapely.get_parts(shapely.constrained_delaunay_triangles(outline)))
     corners = shapely.get_coordinates(triangles).reshape(-1, 4, 2)[:, :3].reshape(-1, 2)
     unique, faces = np.unique(corners, axis=0, return_inverse=True)
-    height = max(z_max - z_min, THINNEST)  # a shelf of one board has no sides
+    height = max(z_max - z_min, THINNEST)  # the sides of a shelf with one board have no height
     prism = trimesh.creation.extrude_triangulation(unique, faces.reshape(-1, 3), height)
     prism.apply_translation((0.0, 0.0, z_min))
     return prism
@@ -235,7 +235,7 @@ def _assemble(parts: list[Part]) -> trimesh.Scene:
 
 
 def _textured(triangles: np.ndarray, material: str) -> trimesh.Trimesh:
-    """Flat triangles, shape (n, 3, 3), with the picture laid on along the axis that each one faces."""
+    """Flat triangles, shape (n, 3, 3), with the picture projected along the axis that each one faces."""
     normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     corners = triangles.reshape(-1, 3)
     axis = np.repeat(np.abs(normals).argmax(axis=1), 3)[:, None]
@@ -305,12 +305,12 @@ class FurnitureView:
             name: self._add(f"{MOVABLE}/piece{number}", scene, piece)
             for number, (name, piece) in enumerate(pieces(scene).items())
         }
-        for number, box in enumerate(scene.bins):  # that stand on something fixed
+        for number, box in enumerate(scene.bins):  # bins that stand on something fixed
             if not any(box.name in drawn.piece.bins for drawn in self._drawn.values()):
                 self._add_bin(f"{MOVABLE}/bin{number}", box, (0.0, 0.0))
 
     def update(self, tick: TickMessage) -> None:
-        """Put the pieces where a hand has them, or else the tick; one that is in neither is at home."""
+        """Place the pieces: where a visitor drags them, else as in the tick, else at home."""
         moved = furniture_poses(tick)
         for name, drawn in self._drawn.items():
             pose, held = moved.get(name, (*drawn.piece.centre, 0.0)), self._drag.held(name)

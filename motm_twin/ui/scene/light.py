@@ -1,4 +1,4 @@
-"""Light, and the surfaces that carry their own: soft shadows, floor, ground and sky as pictures.
+"""Light, and self-luminous surfaces: soft shadows, floor, ground and sky as pictures.
 
 Floor, ground and sky shine by themselves: their tones do not depend on the light, they meet without an edge, and in
 software rendering they cost a fraction of lit surfaces. All pictures are computed, so that none has to be shipped.
@@ -22,13 +22,13 @@ from trimesh.visual.texture import TextureVisuals
 from motm_twin.model.scene import Scene
 
 SUN = (-5.2, 0.6, 8.0)  # direction [m] that sunlight comes from: from the left of the overview
-SHADOW_SHIFT = (-SUN[0] / SUN[2], -SUN[1] / SUN[2])  # [m] that a shadow is away, per metre of height
+SHADOW_SHIFT = (-SUN[0] / SUN[2], -SUN[1] / SUN[2])  # [m] shift of a shadow per metre of height
 _LIGHTS = (  # name, colour, intensity, direction it comes from
     ("sun", (255, 243, 224), 2.3, SUN),
     ("fill", (214, 228, 255), 0.75, (4.0, -6.0, 4.0)),
     ("back", (255, 255, 255), 0.5, (2.0, 6.0, 3.0)),
 )
-NO_SHADOW: dict[str, Any] = {"cast_shadow": False, "receive_shadow": False}  # of nodes: shadows are pictures
+NO_SHADOW: dict[str, Any] = {"cast_shadow": False, "receive_shadow": False}  # options of nodes: shadows are pictures
 SHADOW_HEIGHT = 0.005  # [m] above the floor
 LYING = SHADOW_HEIGHT + 0.002  # [m] shadows of bodies lie on those of furniture
 SHADOW_PIXELS = 40  # per metre
@@ -52,14 +52,14 @@ Bounds = tuple[float, float, float, float]
 
 
 def add_lights(scene: viser.SceneApi) -> None:
-    """Add the lights; none of them casts shadows, those are baked into pictures.
+    """Add the lights; none of them casts shadows, which are baked into pictures.
 
-    Tried: real shadows. They took 45 % (sun) and 65 % (lamp) of the pictures per second in software rendering, and
+    Tried: real shadows. They cost 45 % (sun) and 65 % (lamp) of the frame rate in software rendering, and
     Viser 1.1.1 lets a sun cast them straight down wherever it stands.
     """
     scene.set_up_direction("+z")
     scene.configure_default_lights(enabled=False)
-    scene.configure_environment_map(None)  # twenty times the cost of lights where there is no graphics card
+    scene.configure_environment_map(None)  # costs twenty times as much as lights without a graphics card
     scene.configure_fog(near=30.0, far=90.0, enabled=False)  # with fog, a hovered candidate stops the drawing
     scene.add_light_hemisphere("/light/sky", sky_color=(244, 249, 255), ground_color=(150, 142, 134), intensity=1.35)
     for name, colour, strength, place in _LIGHTS:
@@ -88,7 +88,7 @@ def _without_light(tree: dict[str, Any]) -> None:
 
 
 def on_screen(linear: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Tone curve of the viewer (ACES, as three.js has it), shape (..., 3) linear light to sRGB 0-255."""
+    """Tone curve of the viewer (ACES as in three.js), from linear light to sRGB 0-255, shape (..., 3)."""
     v = (linear / 0.6) @ np.array([(0.59719, 0.076, 0.0284), (0.35458, 0.90834, 0.13383), (0.04823, 0.01566, 0.83777)])
     v = (v * (v + 0.0245786) - 0.000090537) / (v * (0.983729 * v + 0.4329510) + 0.238081)
     v = v @ np.array(
@@ -100,7 +100,7 @@ def on_screen(linear: NDArray[np.float64]) -> NDArray[np.float64]:
 
 @functools.cache
 def _greys() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Greys as they are seen, and the pixel values (sRGB 0-255) that give them."""
+    """Greys on the screen, and the pixel values (sRGB 0-255) that produce them."""
     code = np.linspace(0.0, 255.0, 512)
     v = code / 255.0
     linear = np.where(v < 0.04045, v / 12.92, ((v + 0.055) / 1.055) ** 2.4)
@@ -118,7 +118,7 @@ def before_tone_curve(wanted: NDArray[np.float64]) -> NDArray[np.uint8]:
 def shadow_glb(blocks: list[Block]) -> bytes:
     """The shadow of upright blocks as a mesh to lie on the floor, in the frame of their outlines.
 
-    Dark where a block touches the floor, and where it keeps the sun away.
+    It is dark where a block touches the floor, and where it blocks the sun.
     """
     cast = [shapely.union(_shifted(outline, low), _shifted(outline, high)).convex_hull for outline, low, high in blocks]
     touching = [outline for outline, low, _ in blocks if low < _NEAR_FLOOR]
@@ -143,7 +143,7 @@ def shadow_glb(blocks: list[Block]) -> bytes:
 
 @functools.cache
 def round_shadow_glb(radius: float, height: float) -> bytes:
-    """The shadow of something round and upright; it does not turn with its body."""
+    """The shadow of a round, upright body; it does not turn with the body."""
     disc = shapely.Point(0.0, 0.0).buffer(radius, quad_segs=8)
     return shadow_glb([(disc, 0.0, 0.3 * height), (disc.buffer(-0.6 * radius), 0.0, height)])
 
@@ -199,9 +199,9 @@ def _shining_glb(points: np.ndarray, faces: np.ndarray, uv: np.ndarray, picture:
 
 
 def floor(scene: Scene) -> tuple[NDArray[np.float64], Bounds]:
-    """The floor of a scene as it shall look, sRGB 0-255, and its bounds [m].
+    """The wanted look of a scene's floor, sRGB 0-255, and its bounds [m].
 
-    Tiles of one metre with numbers along two sides; at the edges it goes over into the ground around.
+    Tiles of one metre with numbers along two sides; the edges fade into the surrounding ground.
     """
     x_min, y_min, x_max, y_max = scene.bounds
     area = (x_min - MARGIN, y_min - MARGIN, x_max + MARGIN, y_max + MARGIN)
@@ -209,7 +209,7 @@ def floor(scene: Scene) -> tuple[NDArray[np.float64], Bounds]:
     x = area[0] + (np.arange(width) + 0.5) / FLOOR_PIXELS
     y = area[3] - (np.arange(height) + 0.5) / FLOOR_PIXELS
     odd = (np.floor(x)[None, :] + np.floor(y)[:, None]) % 2.0
-    tiles = FLOOR * (1.0 + 0.02 * (2.0 * odd - 1.0))[..., None]  # every other one a little lighter
+    tiles = FLOOR * (1.0 + 0.02 * (2.0 * odd - 1.0))[..., None]  # every other tile is a little lighter
     marked = Image.fromarray(tiles.astype(np.uint8))
     _draw_metres(marked, area, scene.bounds)
     around = ground_tone(np.hypot(x[None, :] - (area[0] + area[2]) / 2, y[:, None] - (area[1] + area[3]) / 2))

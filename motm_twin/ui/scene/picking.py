@@ -2,7 +2,7 @@
 
 The first thing along a ray from the eye is found by geometry, so small things can be hit too. Viser could tell which
 node is clicked, but then outlines every clickable one in yellow, reports a click on a body to the ground as well, and
-asks for pixels that a finger does not hit.
+needs a hit on the pixel, which a finger misses.
 """
 
 import asyncio
@@ -25,10 +25,10 @@ from motm_twin.model.scene_shapes import moved_scene, outline, pieces, rectangle
 from motm_twin.ui.hub import PLACES, Hub, Visitor
 
 SELECTABLE = ("object", "bin", "body", "piece")
-SLACK, SLACK_LEAST = 0.006, 0.015  # [rad], [m] by which a small thing may be missed: some seven pixels of a laptop
+SLACK, SLACK_LEAST = 0.006, 0.015  # [rad], [m] by which a click may miss a small thing: some seven pixels on a laptop
 CANDIDATE_HEIGHT = 0.035  # [m]
-CANDIDATES, RING = 192, 72  # drawn at most; of the smallest ring, drawn even when rejected
-SAME_PLACE = 0.4  # [m] from the place that the first click proposed, the second confirms it
+CANDIDATES, RING = 192, 72  # most that are drawn; of these on the smallest ring, drawn even when rejected
+SAME_PLACE = 0.4  # [m] a second click this near to the proposed place confirms it
 _ROBOT = ((0.36, 0.0, 0.4), (0.2, 0.4, 1.0))  # radius, lower and upper end [m] of base and arm
 _NO_HIT = math.inf
 _Prism = tuple[str, str, shapely.Polygon, float, float]  # kind, name, outline [m], lower and upper end [m]
@@ -36,7 +36,7 @@ _Prism = tuple[str, str, shapely.Polygon, float, float]  # kind, name, outline [
 
 @dataclass(frozen=True)
 class Ray:
-    """From the eye through the pointer; ``direction`` has length 1."""
+    """A ray from the eye through the pointer; ``direction`` has length 1."""
 
     origin: Array
     direction: Array
@@ -74,7 +74,7 @@ class Surroundings:
         self.now = scene
 
     def update(self, tick: TickMessage) -> None:
-        """Furniture may have moved."""
+        """Take the places of furniture from a tick."""
         moved = furniture_poses(tick)
         gone = tuple(name for name in tick.removed if name in self.pieces)
         key = (tuple(moved.items()), gone)
@@ -93,7 +93,7 @@ class Surroundings:
     def first(self, ray: Ray, tick: TickMessage, *, candidates: bool) -> Hit | None:
         """The first thing along a ray; candidates only when they are shown."""
         solid = self.solid(ray, tick)
-        behind = self.solid(ray, tick, bins=False)  # bins are open: what lies in one can be seen
+        behind = self.solid(ray, tick, bins=False)  # bins are open: their contents are visible
         limit = _NO_HIT if behind is None else behind.distance
         small = [_object(ray, item) for item in tick.objects]
         if candidates:
@@ -102,7 +102,7 @@ class Surroundings:
         return min(near, key=lambda hit: hit.distance) if near else solid
 
     def solid(self, ray: Ray, tick: TickMessage, *, bins: bool = True) -> Hit | None:
-        """The first thing along a ray that is not small."""
+        """The first body, piece, fixed solid or floor along a ray; small things are left out."""
         prisms = [prism for prism in self._prisms if bins or prism[0] != "bin"]
         for body in (*tick.agents, *tick.obstacles):
             prisms.append(("body", body.name, body_outline(body), 0.0, body.size[2] or 1.0))
@@ -115,7 +115,7 @@ class Surroundings:
         return None if distance == _NO_HIT else Hit(kind, name, ray.at(distance), distance)
 
     def surface(self, ray: Ray) -> Array | None:
-        """Point [m] of furniture, a bin's floor or the ground that a ray meets from above: a cube can be put there."""
+        """Point [m] for a cube: where a ray meets furniture, a bin's floor or the ground from above."""
         best = _plane(ray, 0.0)
         for kind, _, shape, low, high in self._prisms:
             best = min(best, _plate(ray, shape, low if kind == "bin" else high))
@@ -218,7 +218,7 @@ class Clicks:
             return
         hub.keep_wheel(visitor)
         ray = Ray.through(event.ray_origin, np.add(event.ray_origin, event.ray_direction))
-        aiming = bool(view.sending or view.placing)  # at the floor: dots that lie there are not meant
+        aiming = bool(view.sending or view.placing)  # at the floor: candidates there are ignored
         hit = self.surroundings.first(ray, tick, candidates=PLACES not in visitor.hidden and not aiming)
         kind = "" if hit is None else hit.kind
         if kind != "floor":
@@ -265,7 +265,7 @@ class Clicks:
             view.going = (x, y)
 
     async def drive(self, visitor: Visitor) -> None:
-        """Have the robot drive to the proposed place, before anything else."""
+        """Send the robot to the proposed place, before any other task."""
         view, tick = self._hub.view, self.tick
         if view.going is None or tick is None:
             return
@@ -276,7 +276,7 @@ class Clicks:
                 self._hub.tell(visitor, f"drive to {view.sent_to} is added when time goes on", "Task", "green")
 
     async def _order(self, visitor: Visitor, command: Command) -> bool:
-        """Have a command carried out; a refusal is told by the hub."""
+        """Send a command and return its success; the hub tells the visitor of a refusal."""
         if reason := self._hub.refusal(visitor):
             self._hub.tell(visitor, reason)
             return False
@@ -286,7 +286,7 @@ class Clicks:
 def delivery(tasks: Sequence[TaskMessage], cube: str, box: str) -> list[Command]:
     """Commands that add a pick and its place at the end of the list.
 
-    A cube that waits in the list already goes to this bin instead; none when it does so anyway.
+    If the cube already waits in the list, its job is redirected to this bin; no command when that is its bin already.
     """
     wanted, planned = (Pick(object=cube), Place(bin=box)), waiting_job(tasks, cube)
     if planned is None:
@@ -296,7 +296,7 @@ def delivery(tasks: Sequence[TaskMessage], cube: str, box: str) -> list[Command]
 
 
 def waiting_job(tasks: Sequence[TaskMessage], cube: str) -> tuple[int, str] | None:
-    """Index of a waiting pick of this cube, and the bin it is to be placed in; None when there is none."""
+    """Index of a waiting pick of this cube, and the bin of its place task; None when there is none."""
     for index, task in enumerate(tasks):
         if task.kind == "pick" and task.target == cube and task.status == "waiting":
             place = next((later for later in tasks[index:] if later.kind == "place"), None)

@@ -1,10 +1,10 @@
 """The robot, link by link, and the robots of a comparison.
 
-Those are tinted glass beside the real one. Dynamic bodies of either run are cylinders, where that run has them, not
-where they are now. Other robots are one batched node per link.
+The compared robots are tinted glass beside the real one. Dynamic bodies of either run are cylinders at their places in
+that run, not in the twin. The compared robots are one batched node per link.
 
-Ghosts are silhouettes of the base on its way, one whole robot at its next grasp or release, and a base where a click
-was. Each silhouette is one convex hull of which only the front is drawn, so nothing shines through itself. The arm of
+Ghosts are silhouettes of the base on its way, one whole robot at its next grasp or release, and a base at a clicked
+place. Each silhouette is one convex hull of which only the front is drawn, so nothing shines through itself. The arm of
 the whole robot reaches for the target from the chosen place of the base.
 """
 
@@ -31,22 +31,22 @@ from motm_twin.ui.what_if import RUNS, Other
 ROOT, OTHERS = "/robot", "/others"
 AWAY = (0.0, 0.0, -100.0)  # [m] where unused parts of a batch wait
 NO_LINES = np.zeros((1, 2, 3), dtype=np.float32)
-COLOURED = np.zeros((1, 2, 3), dtype=np.uint8)  # of lines that are to have several colours
+COLOURED = np.zeros((1, 2, 3), dtype=np.uint8)  # for lines that will have several colours
 MOST = 2  # robots of a comparison
-MOST_MOVERS = 16  # of each run that are drawn
+MOST_MOVERS = 16  # dynamic bodies drawn per run
 COLOUR_NAMES = ("orange", "green")  # of `colours.OTHERS`
 _ROUND = 20  # corners of a cylinder
 _WITHIN = 0.96  # scale of the second run's movers: inside those of the first where they coincide
 _LABEL_HEIGHT = 1.15  # [m]
-_LABEL_STEP = 0.3  # [m] that the second label stands higher
-_SAME, _NEAR = 0.15, 1.1  # [m] between two robots that stand at one place, and whose labels would touch
+_LABEL_STEP = 0.3  # [m] the second label is higher by this much
+_SAME, _NEAR = 0.15, 1.1  # [m] below these, two robots are at one place; their labels would touch
 Label = tuple[str, tuple[float, float, float]]  # text, place [m]
 
 
 def add_batch(
     scene: viser.SceneApi, path: str, mesh: tuple[Any, Any], count: int, colour: Any, **options: Any
 ) -> viser.BatchedMeshHandle:
-    """One node of so many equal meshes (vertices, faces), all out of sight."""
+    """One node of ``count`` equal meshes (vertices, faces), all out of sight."""
     vertices, faces = mesh
     return scene.add_batched_meshes_simple(
         path, np.asarray(vertices, dtype=np.float32), np.asarray(faces, dtype=np.uint32), lod="off",
@@ -58,7 +58,7 @@ def add_batch(
 def add_lines(
     scene: viser.SceneApi, path: str, colour: Any, thickness: float, points: Any = NO_LINES
 ) -> viser.LineSegmentsHandle:
-    """Line segments, hidden. A node that is made with one colour stays white when it gets several."""
+    """Hidden line segments. A node created with one colour stays white when it is given several."""
     return scene.add_line_segments(path, points, colour, thickness=thickness, visible=False)
 
 
@@ -77,7 +77,7 @@ class RobotView:
 
     def __init__(self, server: viser.ViserServer) -> None:
         scene = server.scene
-        self.kinematics: Frankie | None = None  # of one without an arm only the base is drawn
+        self.kinematics: Frankie | None = None  # None without an arm: only the base is drawn
         self._links = [
             scene.add_glb(f"{ROOT}/link/{link}", glb_bytes(link), visible=False, **NO_SHADOW) for link in LINKS
         ]
@@ -86,7 +86,7 @@ class RobotView:
             for part, dark in (("base", box_shadow_glb(0.7, 0.5, 0.3)), ("arm", round_shadow_glb(0.15, 1.0)))
         ]
         self.on = True
-        self.hand = np.eye(4)  # transform to the world, for a camera that rides on it
+        self.hand = np.eye(4)  # transform to the world, for the camera that rides with it
 
     def update(self, tick: TickMessage) -> None:
         """Move the links to the pose of the tick."""
@@ -119,7 +119,7 @@ class ComparisonView:
         self._shown = False
 
     def update(self, others: Sequence[Other]) -> None:
-        """Draw these, at most `MOST`."""
+        """Draw these robots, at most `MOST`."""
         robots = others[:MOST]
         if self.kinematics is None or not (robots or self._shown):
             return
@@ -161,7 +161,7 @@ class ComparisonView:
 
 
 def labels(robots: Sequence[Other]) -> list[Label]:
-    """Texts above these robots and their places: one label for two that are near each other, so that none touch."""
+    """Texts above these robots and their places: two that are near each other share one."""
     if len(robots) == MOST:
         a, b = robots
         apart = math.dist(a.pose[:2], b.pose[:2])
@@ -178,14 +178,14 @@ def labels(robots: Sequence[Other]) -> list[Label]:
 
 
 SILHOUETTES = 3
-FREE = 0.8  # [m] round the robot without any: the robot itself is to be seen
-APART = 0.55  # [m] between two
+FREE = 0.8  # [m] round the robot without silhouettes, so that it stays visible
+APART = 0.55  # [m] between two silhouettes
 FADES_IN = (0.10, 0.18, 0.26)  # opacity, the nearest first
 ARRIVAL_OPACITY = 0.34
 PROPOSED_OPACITY = 0.45
-ARRIVAL_LINKS = LINKS[:-2]  # fingers are too small to matter there
-OVER_BIN = 0.22  # [m] of the tool over the floor of a bin
-_STEPS, _DAMPING, _MOST = 80, 0.05, 0.2  # iterations; [m]; [rad] of one
+ARRIVAL_LINKS = LINKS[:-2]  # without the fingers, which are too small to matter
+OVER_BIN = 0.22  # [m] height of the tool over the floor of a bin
+_STEPS, _DAMPING, _MOST = 80, 0.05, 0.2  # iterations; damping [m]; largest step [rad]
 _DOWN = np.array([0.0, 0.0, -1.0])
 
 
@@ -204,11 +204,11 @@ class GhostView:
         self._proposed = add("proposed", base, 1, colours.TARGET, PROPOSED_OPACITY, visible=False)
         self._going: tuple[float, float] | None = None
         self.kinematics: Frankie | None = None
-        self._known, self._q = (), READY  # arrival that was computed last, and its joints
+        self._known, self._q = (), READY  # last computed arrival, and its joints [rad]
         self.on = True
 
     def propose(self, going: tuple[float, float] | None, tick: TickMessage) -> None:
-        """A base at the place [m] where a drive is proposed, heading as it would come straight there; None hides it."""
+        """Show a base at the proposed place [m] of a drive, heading as if driven straight there; None hides it."""
         if going == self._going or self.kinematics is None:
             return
         self._going, self._proposed.visible = going, going is not None
@@ -234,7 +234,7 @@ class GhostView:
             place = tick.tasks[tick.task_index].kind == "place"
             point = np.array([spot.x, spot.y, spot.z + (OVER_BIN if place else 0.5 * spot.height)])
             key = tuple(np.round([*arrival, *point], 2).tolist())
-            if key != self._known:  # else the arm reaches as before
+            if key != self._known:  # else the joints are still valid
                 self._known, self._q = key, reaching(self.kinematics, arrival, point)
             whole[0] = self.kinematics.link_transforms(arrival, self._q)[: len(ARRIVAL_LINKS)]
         put_batch(self._arrival, 1, whole)
@@ -248,7 +248,7 @@ def hull_mesh(link: str) -> tuple[Array, Array]:
 
 
 def arrival_pose(tick: TickMessage) -> Array | None:
-    """Chosen place of the base, shape (3,); None when there is none, or the robot is there already."""
+    """Chosen place of the base, shape (3,); None without one, or when the robot is already there."""
     placement = tick.placement
     goal = np.array([0.0 if value is None else value for value in placement.goal])
     here = np.array(tick.robot.true_pose)
@@ -258,7 +258,7 @@ def arrival_pose(tick: TickMessage) -> Array | None:
 
 
 def silhouette_poses(plan: Array, arrival: Array | None) -> Array:
-    """Up to `SILHOUETTES` poses of the plan (n, 3), shape (j, 3): off the robot, off the arrival and off each other."""
+    """Up to `SILHOUETTES` poses of the plan (n, 3), shape (j, 3), apart from robot, arrival and each other."""
     chosen: list[Array] = []
     for pose in plan:
         taken = [*chosen, *(() if arrival is None else (arrival,))]
@@ -271,7 +271,7 @@ def silhouette_poses(plan: Array, arrival: Array | None) -> Array:
 
 
 def reaching(kinematics: Frankie, base: Array, point: Array) -> Array:
-    """Joints (7,) [rad] with the tool at a world point (3,) [m] and pointing down, as near as damped steps come."""
+    """Joints (7,) [rad] with the tool at a world point (3,) [m] and pointing down; damped least squares."""
     q = READY.copy()
     side = np.array([point[0] - base[0], point[1] - base[1]])
     q[0] = np.clip(np.arctan2(side[1], side[0]) - base[2], Q_MIN[0], Q_MAX[0])

@@ -1,7 +1,7 @@
 """The shared 3D scene: everything that is drawn in it, the plan of the base, and small marks on the task.
 
-The plan has candidates by cost, the way to the chosen one and on to the next target, and the local plan. Marks are the
-place where the robot believes its target, points to drive to, and wrong beliefs.
+The plan has candidates by cost, the path to the chosen one and on to the next target, and the local plan. Marks are the
+believed place of the target, points to drive to, and wrong beliefs.
 """
 
 import dataclasses
@@ -35,7 +35,7 @@ APART = 0.028  # [m] a candidate is shifted along its heading, so that both head
 OFF = 0.01  # [m] a belief must be wrong by this much to be shown
 MOST_BELIEFS, MOST_DRIVES = 16, 8
 Points = list[list[float]]
-_PATH_STYLES = {  # of paths: colour, height and width [m], dashed
+_PATH_STYLES = {  # path: colour, height and width [m], dashed
     "global_path": (colours.WAY_THERE, 0.022, 0.032, False),
     "next_path": (colours.WAY_ON, 0.018, 0.028, False),
     "bezier": (colours.PLAN_LIGHT, 0.026, 0.02, False),
@@ -216,14 +216,14 @@ def target_spot(tick: TickMessage, surroundings: Surroundings) -> Spot | None:
 
 
 def drive_points(tick: TickMessage) -> list[tuple[float, float]]:
-    """Points [m] that the robot is still to drive to."""
+    """Targets [m] of the drives that are left."""
     ended, left = ("done", "failed", "skipped"), tick.tasks[tick.task_index :]
     points = [task.target for task in left if task.kind == "drive_to" and task.status not in ended]
     return [(float(x), float(y)) for x, y in (point.strip("()").split(",") for point in points)]
 
 
 def believed(tick: TickMessage) -> np.ndarray:
-    """Believed places of cubes that are elsewhere, shape (n, 3) [m]."""
+    """Believed places [m] of cubes that are truly elsewhere, shape (n, 3)."""
     true = {item.name: item.position for item in tick.objects}
     known = [(belief.position, true[belief.name]) for belief in tick.beliefs if belief.name in true]
     return np.array([place for place, real in known if math.dist(place, real) > OFF]).reshape(-1, 3)
@@ -247,7 +247,7 @@ def _joined(*meshes: trimesh.Trimesh) -> tuple[np.ndarray, np.ndarray]:
     return whole.vertices, whole.faces
 
 
-CLOCK = "/clock"  # node whose position is the time [s] and run of a picture, for the page's script
+CLOCK = "/clock"  # node whose position holds the time [s] and run of a picture, for the page's script
 MAP = "/map"  # node of the ground
 MAP_HEIGHT = 0.002  # [m] above the floor
 
@@ -279,15 +279,15 @@ class SceneView:
         self._job = (-1, -1)  # run and task, whose candidates are numbered
 
     def stop(self) -> None:
-        """Let go of everything."""
+        """End the thread that sends drags."""
         self._drag.stop()
 
     def leave(self, visitor: Visitor) -> None:
-        """A visitor is gone: everything that it held is let go."""
+        """Release everything that a departed visitor held."""
         self._drag.leave(visitor)
 
     def draw(self, shown: Shown, dt: float, *, slow: bool) -> None:
-        """Draw one picture, all of one period; ``slow``: also what has changed within the period, such as a choice."""
+        """Draw one picture, all of one period; ``slow``: also changes within the period, such as a choice."""
         if shown.scene is not None and shown.scene is not self._scene:
             self._show_scene(shown.scene)
         tick, surroundings = shown.tick, self._surroundings
@@ -297,7 +297,7 @@ class SceneView:
         self.clicks.surroundings, self.clicks.tick = surroundings, tick
         self._forget_candidate(tick)
         fresh = tick is not self._drawn
-        live = self._hub.what_if.watched is None  # else two other runs are watched, and their Temis
+        live = self._hub.what_if.watched is None  # else two compared runs are watched, with their Temis
         if live != self._live:
             self._live, fresh = live, True
             for part in (self._bodies, self._ghosts, self._plan, self._robot, self._tracks):
@@ -311,7 +311,7 @@ class SceneView:
             self._selection.update(shown.view.selected, tick, surroundings, live=shown.live)
             if fresh or slow:
                 self._draw_plan(shown, tick, surroundings)
-            self._clock.position = (tick.time, tick.run, 0.0)  # the last: what has come before it is one picture
+            self._clock.position = (tick.time, tick.run, 0.0)  # last: it closes the picture
         self._drawn = tick
         spot = target_spot(tick, surroundings)
         target = None if spot is None else np.array([spot.x, spot.y, spot.z + 0.5 * spot.height])
@@ -355,7 +355,7 @@ class SceneView:
 
 
 def hits(scan: ScanMessage, height: float) -> Array:
-    """Points [m] where beams have ended, shape (n, 3), in the world."""
+    """End points [m] of the beams that hit something, in the world, shape (n, 3)."""
     ranges = np.array(scan.ranges, dtype=float)  # nan for None
     x, y, heading = scan.pose
     angles = scan.angle_min + scan.angle_step * np.arange(len(ranges)) + heading
