@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from motm_twin.model.geometry import Array
+from motm_twin.model.geometry import Array, frozen
 from motm_twin.model.motion import kernel
 from motm_twin.model.scene import AGENT_MOVES
 from motm_twin.planning.collision import Body
@@ -42,14 +42,14 @@ NOBODY.setflags(write=False)
 def expected(movers: Array, step: float, horizon: float) -> Array:
     """Discs x, y, radius [m] of dynamic obstacles every half ``step`` [s] until ``horizon`` [s], shape (n, k, 3).
 
-    ``movers``: x, y [m], velocity [m/s], radius [m] in the columns, shape (k, 5) or more. The last discs are those at
+    Read-only. ``movers``: x, y [m], velocity [m/s], radius [m], shape (k, 5) or more. The last discs are those at
     the horizon itself.
     """
     if horizon <= 0.0 or not len(movers):
-        return NOBODY.copy()
+        return NOBODY
     times = np.minimum(0.5 * step * np.arange(2 * math.ceil(horizon / step - 1e-9) + 1), horizon)
     places = movers[None, :, :2] + times[:, None, None] * movers[None, :, 2:4]
-    return np.concatenate((places, np.broadcast_to(movers[None, :, 4:5], (*places.shape[:2], 1))), axis=2)
+    return frozen(np.concatenate((places, np.broadcast_to(movers[None, :, 4:5], (*places.shape[:2], 1))), axis=2))
 
 
 @kernel
