@@ -1,4 +1,4 @@
-"""Kernels of the tracks: points that nothing explains, their segments, and what they say about a track."""
+"""Kernels of the tracks: scan points off the furniture, their segments, and the correction of a track by them."""
 
 import math
 
@@ -29,17 +29,6 @@ def ends_off_furniture(ranges, directions, origin, reach, distance, corner, reso
                 ends[count, 0], ends[count, 1], beams[count] = x, y, k
                 count += 1
     return ends[:count].copy(), beams[:count].copy()
-
-
-@njit(cache=True)
-def on_discs(points: Array, discs: Array, slack: float) -> NDArray[np.bool_]:
-    """Which points (n, 2) are on discs (k, 3) or within ``slack`` [m] of one; shape (n,)."""
-    found = np.zeros(points.shape[0], np.bool_)
-    for i in range(points.shape[0]):
-        for k in range(discs.shape[0]):
-            away = math.hypot(points[i, 0] - discs[k, 0], points[i, 1] - discs[k, 1])
-            found[i] = found[i] or away <= discs[k, 2] + slack
-    return found
 
 
 @njit(cache=True)
@@ -122,8 +111,8 @@ def correct(state, covariance, own, sensor, radius, alone, partly, sizes):
     """Correct a track with its points (n, 2): changes ``state`` (4,) and ``covariance`` (4, 4).
 
     ``alone``: its segment shows nothing else; ``partly``: something nearer hides one side of it. ``sizes``: least and
-    greatest radius [m], share by which a radius shrinks, noise of a middle [m]. Returns the radius [m], and how far the
-    points are from the middle [m].
+    greatest radius [m], share by which a radius shrinks, noise of a middle [m]. Returns the radius
+    [m], and the distance of the farthest point from the middle, less the noise [m].
     """
     least, most, shrinks, noise = sizes
     middle = fitted_circle(own, state[:2], radius)

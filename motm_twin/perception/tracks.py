@@ -32,7 +32,6 @@ from motm_twin.perception.track_kernels import (
     correct,
     ends_off_furniture,
     is_hidden,
-    on_discs,
     passed,
     predict,
     segments,
@@ -271,8 +270,9 @@ class DynamicTracker(Stateful[TrackState]):
         by_stood, by_static = beside(
             at, world.seen_points, stood, static, world.origin, world.resolution, world.occupied.shape
         )
-        moved = [(*track.state[:2].tolist(), track.radius) for track in self._state.tracks if track.moved > -math.inf]
-        free = ~by_stood | on_discs(at, np.array(moved).reshape(-1, 3), world.resolution)  # they may set off again
+        moved = [track for track in self._state.tracks if track.moved > -math.inf]  # they may set off again
+        discs = np.array([(*track.state.tolist(), track.radius) for track in moved]).reshape(-1, 5)
+        free = ~by_stood | on_ways(at, discs, 0.0, world.resolution)
         return Points(at[free], beam[free], scan.ranges[beam[free]], by_static[free])
 
     def _merge(self) -> None:

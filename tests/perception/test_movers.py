@@ -318,6 +318,14 @@ def _seen_to_move(course: float, speed: float) -> None:
     raise AssertionError(tracker.snapshot())
 
 
+@pytest.mark.parametrize("course", [0.0, 1.2, 2.4, -1.6])
+def test_what_creeps_is_seen_to_move_once_it_has_left_its_place(course: float) -> None:
+    """At 0.08 m/s, slower than what goes on moving must be."""
+    velocity = 0.08 * np.array([math.cos(course), math.sin(course)])
+    worlds = _follow(np.array([1.6, 0.0]), velocity, 6.0, drive=0.0, seed=4, tracker=DynamicTracker(FLOOR))
+    assert any(len(world.movers) for world in worlds)
+
+
 def test_a_side_of_a_static_box_that_was_seen_to_move_is_static_again_when_it_stands() -> None:
     """A pose that is some centimetres off moves a side of a box; its cells were held back as long as it flickered."""
     mapper, tracker, rng = Mapper(FLOOR), DynamicTracker(FLOOR), np.random.default_rng(0)
