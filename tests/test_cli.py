@@ -102,6 +102,16 @@ def test_a_run_prints_what_touched_what_and_when(call, tmp_path):
     assert re.search(r"contacts 1 caused of 1,.*\n  1\.\d+ s: base in temi, [\d.]+ mm deep\n", printed), printed
 
 
+def test_a_run_prints_the_doubts_about_its_variant_on_standard_error(call, tmp_path):
+    floating = "bins:\n  tray: {at: [0.0, -2.0], floor_z: 0.7}\nvariants:\n  one: {}\n  two: {bins: {tray: null}}\n"
+    path = tmp_path / "floating.yaml"
+    path.write_text(SECOND.read_text(encoding="utf-8") + floating)
+    doubted, good = (call("run", path, "--variant", name, "--json", "-") for name in ("one", "two"))
+    assert re.match(r"doubt: .*floating.yaml:\d+: bins.tray: it floats: ", doubted.stderr), doubted.stderr
+    assert "doubt" not in good.stderr
+    assert json.loads(doubted.stdout)["success"] and json.loads(good.stdout)["success"]
+
+
 def test_a_saved_run_reruns_to_the_same_state_until_something_is_changed(call, short, tmp_path):
     equal = call("rerun", short.session, "--json", "-")
     assert equal.returncode == 0, equal.stderr

@@ -17,6 +17,7 @@ from rich.progress import BarColumn, Progress, TextColumn
 from rich.table import Table
 
 from motm_twin import processes
+from motm_twin.cli.scene import warn_of_doubts
 from motm_twin.cli.settings import RunSettings
 from motm_twin.control.method import Method
 from motm_twin.control.tick import Tick
@@ -58,6 +59,7 @@ def run(given: RunSettings) -> int:
     refuse_unwritable(given.json)
     parameters = parse_changes(given.changes) if given.changes else {}
     scene = with_plant(load_scene(given.scene, given.variant, given.seed), given.plant)
+    warn_of_doubts(given.scene, given.variant, given.seed)
     result = run_headless(scene, find_method(given.method), parameters, save=given.save, plot=given.plot)
     if given.json is not None:
         write_json(result, given.json)

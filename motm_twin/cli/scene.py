@@ -7,7 +7,7 @@ from pathlib import Path
 
 from motm_twin.generate.scenes import DIFFICULTY, generate
 from motm_twin.model.names import SceneError
-from motm_twin.model.scene_doubts import doubts
+from motm_twin.model.scene_doubts import doubts, variant_doubts
 from motm_twin.model.scene_file import check_document, load_document, text_document
 from motm_twin.model.scene_file import list_scenes as shipped_scenes
 from motm_twin.model.scene_format import json_schema
@@ -61,6 +61,12 @@ def _check(name_or_path: str) -> int:
     return OK
 
 
+def warn_of_doubts(name_or_path: str, variant: str | None, seed: int | None) -> None:
+    """Print the doubts about a scene that `load_scene` accepts to standard error, before it runs."""
+    for doubt in variant_doubts(load_document(name_or_path), variant, seed):
+        print(f"doubt: {doubt}", file=sys.stderr)
+
+
 def print_schema() -> int:
     """Print the JSON Schema of the scene format."""
     print(schema_text(), end="")
@@ -103,4 +109,4 @@ def _refuse(error: SceneError) -> int:
     return BAD_INPUT
 
 
-__all__ = ["check_scenes", "generate_scene", "list_scenes", "print_schema", "schema_text"]
+__all__ = ["check_scenes", "generate_scene", "list_scenes", "print_schema", "schema_text", "warn_of_doubts"]

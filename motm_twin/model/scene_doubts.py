@@ -1,4 +1,4 @@
-"""Doubts about a scene that can run, but probably not as its author meant: printed by `scene check`, no refusals."""
+"""Doubts about a scene that can run, but probably not as its author meant: printed, not refused."""
 
 import itertools
 import math
@@ -41,6 +41,12 @@ def doubts(document: Document) -> tuple[SceneError, ...]:
             found.setdefault(str(doubt), (doubt, []))[1].append(chosen)
     named = [_naming(doubt, among if len(among) < len(variants) else []) for doubt, among in found.values()]
     return tuple(sorted([*named, *about_slots(document)], key=lambda doubt: (doubt.file, doubt.line or 0)))
+
+
+def variant_doubts(document: Document, variant: str | None, seed: int | None) -> tuple[SceneError, ...]:
+    """Doubts about one variant as `load_scene` loads it, with these arguments."""
+    root, chosen = with_variant(document, variant)
+    return tuple(about_scene(Resolver(root, seed).scene(document.name, chosen), root))
 
 
 def _naming(doubt: SceneError, variants: list[str]) -> SceneError:
@@ -199,4 +205,5 @@ __all__ = [
     "about_slots",
     "about_support",
     "doubts",
+    "variant_doubts",
 ]
