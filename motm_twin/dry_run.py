@@ -69,13 +69,13 @@ class _Log:
 
     def __init__(self, plant: Plant) -> None:
         self._plant = plant
-        self.told: list[Actuation] = []
+        self.commands: list[Actuation] = []
 
     def observe(self) -> Observation:
         return self._plant.observe()
 
     def command(self, actuation: Actuation) -> None:
-        self.told.append(actuation)
+        self.commands.append(actuation)
         self._plant.command(actuation)
 
     def step(self, dt: float) -> None:
@@ -83,9 +83,9 @@ class _Log:
 
 
 def _kept(known: KnownWorld, ticks: list[Tick], log: _Log, failures: tuple[str, ...]) -> Rehearsed:
-    told, lag = log.told, known.robot.base.velocity_lag
-    assert len(told) == ARM_STEPS * len(ticks)
-    twists = np.array([actuation.twist for actuation in told[ARM_STEPS - 1 :: ARM_STEPS]]).reshape(-1, 2)
+    commands, lag = log.commands, known.robot.base.velocity_lag
+    assert len(commands) == ARM_STEPS * len(ticks)
+    twists = np.array([actuation.twist for actuation in commands[ARM_STEPS - 1 :: ARM_STEPS]]).reshape(-1, 2)
     seen = [tick.observation for tick in ticks]
     poses = np.array([command_pose(one.pose, one.twist, lag) for one in seen]).reshape(-1, 3)
     steps = [step for tick in ticks for step in tick.arm]
@@ -96,8 +96,8 @@ def _kept(known: KnownWorld, ticks: list[Tick], log: _Log, failures: tuple[str, 
         in_range=_flags(tick.plan.time_to_range == 0.0 for tick in ticks),
         blocked=_flags(tick.placement.mode == Mode.CLOSEST and tick.plan.status == PlanStatus.IDLE for tick in ticks),
         q=frozen(np.array([sample.q for sample in samples])),
-        rates=frozen(np.array([actuation.joint_velocity for actuation in told])),
-        closed=_flags(actuation.gripper == "close" for actuation in told),
+        rates=frozen(np.array([actuation.joint_velocity for actuation in commands])),
+        closed=_flags(actuation.gripper == "close" for actuation in commands),
         phases=tuple(step.phase for step in steps),
         outcomes=tuple((n, step.outcome) for n, step in enumerate(steps) if step.outcome),
         failures=failures,

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from motm_twin.control.announcements import Announcements, check_announce
 from motm_twin.control.arm.controller import Manipulator, NoArm
 from motm_twin.control.arm.parameters import ArmParameters
 from motm_twin.control.loop import ControlLoop, Settings
@@ -14,7 +15,6 @@ from motm_twin.control.parameters import Parameters
 from motm_twin.control.targets import world_in_odometry
 from motm_twin.control.task_list import TaskList, edited
 from motm_twin.control.tick import Tick
-from motm_twin.control.told import Told, check_announce
 from motm_twin.control.tuning import check, parameter, tuned
 from motm_twin.dry_run import dry_run
 from motm_twin.methods.registry import FAST
@@ -92,7 +92,7 @@ class Twin:
         if self._external is not None:
             self._external.begin(self.scene)
         self.plant: TwinPlant = self._external or make_plant(self.scene)
-        self._told = Told(self.scene, self._start)
+        self._announcements = Announcements(self.scene, self._start)
         self.edits: list[LoggedEdit] = []
         self.cuts: list[Cut] = []
         self.refused: list[str] = []  # accepted edits that an external robot refused in the last period
@@ -118,21 +118,21 @@ class Twin:
     @property
     def parameters(self) -> dict[str, ParameterValue]:
         """Parameters of `control.tuning` that now differ from their defaults."""
-        return self._told.parameters
+        return self._announcements.parameters
 
     @property
     def next_parameters(self) -> dict[str, ParameterValue]:
         """`parameters` after the queued edits."""
-        told = Told(self.scene, self.parameters)
+        announced = Announcements(self.scene, self.parameters)
         for edit in self._queue:
             if isinstance(edit, SetParameter):
-                self._set_parameter(told, edit)
-        return told.parameters
+                self._set_parameter(announced, edit)
+        return announced.parameters
 
     @property
     def announced(self) -> dict[str, PlanarPose]:
         """Poses of announced pieces of furniture by name: reference point x, y [m], turn [rad]."""
-        return self._told.map[0]
+        return self._announcements.map[0]
 
     def post(self, edit: Edit) -> None:
         """Queue an edit for the next period. Raises ValueError if it is not possible; then nothing changes."""
@@ -195,8 +195,8 @@ class Twin:
                 applied.append(edit)
         if self.parameters != before:
             self._retune()
-        if self._told.lag != self.loop.response.lag:
-            self._told.lag = self.loop.response.lag
+        if self._announcements.lag != self.loop.response.lag:
+            self._announcements.lag = self.loop.response.lag
             self._rebuild()
         return self.loop.period(tuple(applied), budget, restarted=restarted)
 
@@ -249,8 +249,8 @@ class Twin:
     def parts(self) -> dict[str, HasState]:
         """All parts with state, by name; an external robot keeps its own state."""
         if not isinstance(self.plant, HasState):
-            return {"told": self._told, **self.loop.parts()}
-        return {"plant": self.plant, "told": self._told, **self.loop.parts()}
+            return {"announcements": self._announcements, **self.loop.parts()}
+        return {"plant": self.plant, "announcements": self._announcements, **self.loop.parts()}
 
     def snapshot(self) -> dict[str, Any]:
         """A copy of the whole state with random generators and the log of edits, without queued edits."""
@@ -263,9 +263,9 @@ class Twin:
         """Continue from a snapshot of the same scene; queued edits are forgotten."""
         if self._external is not None:
             raise ValueError("a robot in another program can not go back in time")
-        known, parameters = (self._told.map, self._told.lag), self.parameters
-        self._told.restore(state["told"])
-        if (self._told.map, self._told.lag) != known or self._broken is not None:
+        known, parameters = (self._announcements.map, self._announcements.lag), self.parameters
+        self._announcements.restore(state["announcements"])
+        if (self._announcements.map, self._announcements.lag) != known or self._broken is not None:
             self._build()
         elif self.parameters != parameters:
             self._retune()
@@ -281,7 +281,7 @@ class Twin:
 
     def _build(self) -> None:
         """Build the control loop at its start from the current announcements and parameters."""
-        known = self._told.known()
+        known = self._announcements.known()
         numbers = self._tuned()
         self.loop = ControlLoop(
             known,
@@ -323,7 +323,7 @@ class Twin:
 
     def _rehearse(self, edits: Timed) -> Rehearsed:
         """Dry run of the task from its start, with the robot's current knowledge and parameters."""
-        return dry_run(Twin, self._told.known(), self._tuned(), edits)
+        return dry_run(Twin, self._announcements.known(), self._tuned(), edits)
 
     def _search_clock(self) -> Callable[[], float] | None:
         return self._clock if self._budget.seconds is not None else None
@@ -344,7 +344,7 @@ class Twin:
         if isinstance(edit, WorldEdit):
             self.plant.apply(edit)
         elif isinstance(edit, SetParameter):
-            self._set_parameter(self._told, edit)
+            self._set_parameter(self._announcements, edit)
         elif isinstance(edit, Announce):
             self._announce(edit.name)
         elif isinstance(edit, Drive):
@@ -355,11 +355,11 @@ class Twin:
             self.loop.edit_tasks(edit)
             self.plant.expect_tasks(self.loop.sequence.tasks)
 
-    def _set_parameter(self, told: Told, edit: SetParameter) -> None:
-        """Set a parameter in ``told``; an edit without a value restores that of the start."""
+    def _set_parameter(self, announced: Announcements, edit: SetParameter) -> None:
+        """Set a parameter in ``announced``; an edit without a value restores that of the start."""
         default = parameter(edit.name).default
         value = self._start.get(edit.name, default) if edit.value is None else check(edit.name, edit.value)
-        told.set_parameter(edit.name, value, default)
+        announced.set_parameter(edit.name, value, default)
 
     def _forget_queue(self) -> tuple[Edit, ...]:
         """Empty the queue and return its edits; results of checking them in advance are dropped."""
@@ -406,10 +406,10 @@ class Twin:
 
     def _announce(self, name: str) -> None:
         """Move a piece of furniture in the map to its true pose, with the bins and believed objects on it."""
-        on_piece, truth = self._told.on_piece(name), self.plant.truth()
+        on_piece, truth = self._announcements.on_piece(name), self.plant.truth()
         if truth is None:
             return
-        motion = self._told.place_piece(name, truth)
+        motion = self._announcements.place_piece(name, truth)
         self.plant.expect_map(self.announced)
         if motion is None:
             return

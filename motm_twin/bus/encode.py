@@ -122,8 +122,8 @@ def bodies(truth: Truth | None) -> dict[str, Any]:
     groups, names = ("objects", "agents", "obstacles", "furniture"), ("removed", "faults")
     if truth is None:
         return {field: [] for field in (*groups, *names)}
-    told = {group: [body_message(body) for body in getattr(truth, group)] for group in groups}
-    return told | {name: list(getattr(truth, name)) for name in names}
+    listed = {group: [body_message(body) for body in getattr(truth, group)] for group in groups}
+    return listed | {name: list(getattr(truth, name)) for name in names}
 
 
 def tick_message(

@@ -68,14 +68,14 @@ class EventLog:
         if wanted is None:
             return msgspec.json.encode(kept[-1]) if kept else None
         events = [event for event in kept if event.seq >= int(wanted)]
-        told = messages.EventsMessage(
+        reply = messages.EventsMessage(
             version=messages.EVENTS_VERSION,
             numbered_since=self._since,
             oldest=newest - len(kept) + 1,
             newest=newest,
             events=events,
         )
-        return msgspec.json.encode(told)
+        return msgspec.json.encode(reply)
 
 
 class EventWatch:

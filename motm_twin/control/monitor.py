@@ -226,8 +226,8 @@ class Monitor(Stateful[MonitorState]):
         since, tracks = observation.time - world.stamp, np.ascontiguousarray(world.tracks)
         arm = overhang(observation.q, self._mount, self._stop) if self.profile.has_arm else NO_ARM
 
-        def met_by(told: Array, holds: int) -> int:
-            return met_in_stop(state, (float(told[0]), float(told[1])), holds, since, tracks, arm, self._stop)
+        def met_by(commanded: Array, holds: int) -> int:
+            return met_in_stop(state, (float(commanded[0]), float(commanded[1])), holds, since, tracks, arm, self._stop)
 
         met = met_by(twist, BRAKES_BOTH)
         if met < 0 or met_by(twist, HOLDS_TURN) < 0:
@@ -328,14 +328,14 @@ class Monitor(Stateful[MonitorState]):
     def _stopping(self, twist: Array, dt: float, holds: int) -> Array:
         """The next command of a passively safe stop from a twist (2,), which `holds` speed, turn or none."""
         v, w = np.where(np.abs(twist) > _NOISE, twist, 0.0).tolist()
-        (v_told, w_told), base = self._state.twist.tolist(), self.profile.base
+        (v_cmd, w_cmd), base = self._state.twist.tolist(), self.profile.base
         share = lag_share(base.velocity_lag, dt)
         back = base.reverse_speed if v > 0.0 else math.inf
-        v_next, w_next = v_told, w_told
+        v_next, w_next = v_cmd, w_cmd
         if holds != HOLDS_SPEED or abs(w) <= _STANDS:
-            v_next = braked(v_told, v, base.linear_acceleration * dt, back, share)
+            v_next = braked(v_cmd, v, base.linear_acceleration * dt, back, share)
         if holds != HOLDS_TURN or abs(v) <= _STANDS:
-            w_next = braked(w_told, w, base.yaw_acceleration * dt, math.inf, share)
+            w_next = braked(w_cmd, w, base.yaw_acceleration * dt, math.inf, share)
         return self._within_limits(np.array([v_next, w_next]), dt)
 
     def _brake(self, dt: float) -> Array:
@@ -460,25 +460,25 @@ def near_points(ranges: Array, angle_min: float, angle_step: float, origin: Arra
 
 
 @njit(cache=True)
-def stopping_poses(twist: Array, told: Array, holds: int, stop: Stop) -> Array:
+def stopping_poses(twist: Array, commanded: Array, holds: int, stop: Stop) -> Array:
     """Poses of a base that begins to brake, every 50 ms, in its own frame; shape (k, 3).
 
-    ``twist`` (2,): as measured; ``told`` (2,): commanded last. The command falls as fast as the limits allow. The base
+    ``twist`` (2,): measured; ``commanded`` (2,): commanded last. It falls as fast as the limits allow. The base
     follows with its lag, from its measured speed if that is higher than commanded, else from the command. ``holds``:
     see `model.passive_safety.met_in_stop`.
     """
-    v_told, w_told = told[0], told[1]
-    v, w = _faster(twist[0], v_told), _faster(twist[1], w_told)
+    v_cmd, w_cmd = commanded[0], commanded[1]
+    v, w = _faster(twist[0], v_cmd), _faster(twist[1], w_cmd)
     x, y, heading = 0.0, 0.0, 0.0
     poses = [(x, y, heading)]
-    while max(abs(v), abs(w)) >= STANDS or v_told != 0.0 or w_told != 0.0:
-        brakes_v, brakes_w = holds != HOLDS_SPEED or w_told == 0.0, holds != HOLDS_TURN or v_told == 0.0
+    while max(abs(v), abs(w)) >= STANDS or v_cmd != 0.0 or w_cmd != 0.0:
+        brakes_v, brakes_w = holds != HOLDS_SPEED or w_cmd == 0.0, holds != HOLDS_TURN or v_cmd == 0.0
         if brakes_v:
-            v_told = math.copysign(max(abs(v_told) - stop.linear * PERIOD, 0.0), v_told)
+            v_cmd = math.copysign(max(abs(v_cmd) - stop.linear * PERIOD, 0.0), v_cmd)
         if brakes_w:
-            w_told = math.copysign(max(abs(w_told) - stop.turning * PERIOD, 0.0), w_told)
-        v_now = followed(v, v_told, stop.linear * PERIOD, stop.share)
-        w_now = followed(w, w_told, stop.turning * PERIOD, stop.share)
+            w_cmd = math.copysign(max(abs(w_cmd) - stop.turning * PERIOD, 0.0), w_cmd)
+        v_now = followed(v, v_cmd, stop.linear * PERIOD, stop.share)
+        w_now = followed(w, w_cmd, stop.turning * PERIOD, stop.share)
         x, y, heading = step(x, y, heading, v, w, v_now, w_now, PERIOD)
         v, w = v_now, w_now
         poses.append((x, y, heading))
@@ -486,9 +486,9 @@ def stopping_poses(twist: Array, told: Array, holds: int, stop: Stop) -> Array:
 
 
 @njit(cache=True)
-def _faster(measured: float, told: float) -> float:
+def _faster(measured: float, commanded: float) -> float:
     """The measured or the commanded speed, whichever is higher in the direction of the command."""
-    return measured if measured * told > 0.0 and abs(measured) > abs(told) + _NOISE else told
+    return measured if measured * commanded > 0.0 and abs(measured) > abs(commanded) + _NOISE else commanded
 
 
 @njit(cache=True)

@@ -22,10 +22,11 @@ JOINTS = 7
 class MotionSettings(msgspec.Struct, frozen=True, kw_only=True):
     """Limits of the checks of motion. Shares leave room for a base that is 40 % faster or slower than commanded."""
 
-    asked: Annotated[float, Number("", OWN, "share of the largest speed that is told from noise")] = 0.1
+    asked: Annotated[float, Number("", OWN, "share of the largest speed that is distinguished from noise")] = 0.1
     stands: Annotated[float, Number("", OWN, "share of what was asked: a joint that does less stands")] = 0.15
     base_stands: Annotated[
-        float, Number("", OWN, "the same of a base, which takes a second to come to rest, and may be slower than told")
+        float,
+        Number("", OWN, "of a base, which takes a second to come to rest, and may be slower than commanded"),
     ] = 0.55
     stuck_after: Annotated[float, Number("s", OWN, "that wheels, a joint or fingers stand, or follow again")] = 0.25
     late: Annotated[
@@ -34,13 +35,14 @@ class MotionSettings(msgspec.Struct, frozen=True, kw_only=True):
     memory: Annotated[float, Number("s", OWN, "over which it is reckoned by which share a base is slower")] = 1.5
     lately: Annotated[float, Number("s", OWN, "over which its lag is: one that has just begun shows at once")] = 0.25
     smooth: Annotated[
-        float, Number("s", OWN, "over which a twist is smoothed, and changes, before that is told from its noise")
+        float,
+        Number("s", OWN, "over which a twist is smoothed, and changes, before that counts as no noise"),
     ] = 0.1
     limited: Annotated[float, Number("", OWN, "share of a limit at which a base is at it")] = 0.95
     changes: Annotated[
         float, Number("", OWN, "share of the largest acceleration, for `smooth`: less change of speed tells no lag")
     ] = 0.1
-    apart: Annotated[float, Number("", OWN, "of the square that tells lag from another speed than told")] = 0.05
+    apart: Annotated[float, Number("", OWN, "of the square that tells lag from another speed than commanded")] = 0.05
     forgotten: Annotated[float, Number("s", OWN, "without a demand: what is stuck is given another chance")] = 2.0
     joint_asked: Annotated[
         float, Number("rad/s", OWN, "from which a joint that stands does not follow: above the noise of its rates")
@@ -55,14 +57,14 @@ class MotionState:
     """Memory of the checks of motion."""
 
     expected: Array = field(default_factory=lambda: np.zeros(2))  # twist that the base should have now
-    told: Array = field(default_factory=lambda: np.zeros(2))  # twist commanded last
+    commanded: Array = field(default_factory=lambda: np.zeros(2))  # twist commanded last
     rates: Array = field(default_factory=lambda: np.zeros(JOINTS))  # joint rates commanded last [rad/s]
     recent: list[tuple[float, Array]] = field(default_factory=list)  # times [s] and joint rates of recent commands
     astray: Array = field(default_factory=lambda: np.zeros(JOINTS))  # [rad/s] by which joints are outside of those
     time: float | None = None
     standing: float = 0.0  # [s] that the base has stood although it should move
     moving: float = 0.0  # [s] that the base has moved as it should
-    resting: float = 0.0  # [s] that the base was not told to move
+    resting: float = 0.0  # [s] that the base was not commanded to move
     smooth: Array = field(default_factory=lambda: np.zeros((2, 2)))  # expected and measured twist, smoothed
     free: Array = field(default_factory=lambda: np.zeros(2))  # [s] since each axis was at a limit
     sums: Array = field(default_factory=lambda: np.zeros((5, 2)))  # of `_lag`, for both axes
@@ -73,7 +75,7 @@ class MotionState:
     still: Array = field(default_factory=lambda: np.zeros(JOINTS))  # [s] that each joint has stood despite a command
     doubted: int = field(default=-1, metadata=LATER)  # a joint that went astray, counted from 0: not relied on ...
     doubt: float = field(default=0.0, metadata=LATER)  # ... until it has moved for so long [s]
-    idle: float = 0.0  # [s] that the stuck joint was not told to move
+    idle: float = 0.0  # [s] that the stuck joint was not commanded to move
     joint: int = -1  # the stuck joint, counted from 0
     gripper: str = "open"
     since: float = 0.0  # [s] when the gripper's command changed
@@ -83,8 +85,8 @@ class MotionState:
 
 def skip(state: MotionState) -> None:
     """Reset the checks when the reported state is too old to judge the motion by."""
-    state.expected = state.told.copy()
-    state.smooth = np.array([state.told, state.told])
+    state.expected = state.commanded.copy()
+    state.smooth = np.array([state.commanded, state.commanded])
     state.standing = state.moving = 0.0
     state.sums, state.newest, state.late = np.zeros((5, 2)), np.zeros((3, 2)), 0.0
     state.still, state.astray = np.zeros(JOINTS), np.zeros(JOINTS)
@@ -94,7 +96,7 @@ def skip(state: MotionState) -> None:
 
 def note_command(state: MotionState, actuation: Actuation, now: Observation) -> None:
     """Remember the command that the robot gets now."""
-    state.told, state.rates = actuation.twist.copy(), actuation.joint_velocity.copy()
+    state.commanded, state.rates = actuation.twist.copy(), actuation.joint_velocity.copy()
     state.recent.append((now.time, state.rates))
     if actuation.gripper != state.gripper:
         state.gripper, state.since, state.width, state.fingers = actuation.gripper, now.time, now.gripper_width, ""
@@ -105,7 +107,7 @@ def check_base(state: MotionState, now: Observation, dt: float, base: BaseLimits
     """Compare the measured twist with that of a base of this profile."""
     share = lag_share(base.velocity_lag, dt)
     most = np.array([base.linear_acceleration, base.yaw_acceleration])
-    change = np.clip(share * (state.told - state.expected), -most * dt, most * dt)
+    change = np.clip(share * (state.commanded - state.expected), -most * dt, most * dt)
     state.expected = state.expected + change
     if dt <= 0.0:
         return
@@ -204,8 +206,8 @@ def _astray(state: MotionState, now: Observation) -> Array:
     state.recent = [one for one in state.recent if now.time - one[0] <= lately]
     if not state.recent:
         return np.zeros(JOINTS)
-    told = np.array([rates for _, rates in state.recent])
-    return now.dq - np.clip(now.dq, told.min(axis=0), told.max(axis=0))
+    commanded = np.array([rates for _, rates in state.recent])
+    return now.dq - np.clip(now.dq, commanded.min(axis=0), commanded.max(axis=0))
 
 
 def check_fingers(state: MotionState, now: Observation, profile: RobotProfile, settings: MotionSettings) -> None:

@@ -36,7 +36,7 @@ class ResponseSettings(msgspec.Struct, frozen=True, kw_only=True):
         float, Number("", OWN, "share of the square of what a model expects, that its misfit is at most")
     ] = 0.2
     settles: Annotated[
-        float, Number("s", OWN, "after which a base is at its speed, and a fault has been told by another name")
+        float, Number("s", OWN, "after which a base is at its speed, and a fault has been reported under another name")
     ] = 1.5
     steady: Annotated[
         float, Number("s", OWN, "over which the scale of the base is reckoned while its speed is steady")
@@ -55,7 +55,7 @@ class ResponseSettings(msgspec.Struct, frozen=True, kw_only=True):
     )
     slow: Annotated[float, Number("", OWN, "share of the largest speed below which a scale is not reckoned")] = 0.2
     unchanged: Annotated[
-        float, Number("", OWN, "share of the largest speed within which what the base is told does not change")
+        float, Number("", OWN, "share of the largest speed within which the command of the base does not change")
     ] = 0.02
 
 

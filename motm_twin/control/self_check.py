@@ -69,7 +69,7 @@ class SelfCheckState:
     good: Scan | None = None  # newest sweep that is used
     waiting: Scan | None = None  # a sweep not used until the pose at which it was made is known
     findings: tuple[Finding, ...] = ()
-    told: tuple[tuple[str, str], ...] = ()  # kind and subject of the findings of the last period
+    reported: tuple[tuple[str, str], ...] = ()  # kind and subject of the findings of the last period
 
 
 class SelfCheck(Stateful[SelfCheckState]):
@@ -181,17 +181,17 @@ class SelfCheck(Stateful[SelfCheckState]):
         events = [
             Event(time=time, kind="fault", text=str(one.consequence))
             for key, one in now.items()
-            if key not in state.told
+            if key not in state.reported
         ]
-        ended = [(kind.replace("_", " "), subject) for kind, subject in state.told if (kind, subject) not in now]
+        ended = [(kind.replace("_", " "), subject) for kind, subject in state.reported if (kind, subject) not in now]
         events += [Event(time=time, kind="fault", text=f"ended: {kind} ({subject})") for kind, subject in ended]
-        state.told = tuple(now)
+        state.reported = tuple(now)
         return events
 
     def begin_from(self, twist: Array) -> None:
         """Expect this twist (2,) of a base that was not commanded for a while."""
         self._state.motion.expected = twist.copy()
-        self._state.motion.told = twist.copy()
+        self._state.motion.commanded = twist.copy()
 
     def _usable_scan(self, now: Observation, believed: Observation) -> Scan | None:
         """The newest sweep that can be used, with the pose that is believed."""

@@ -1,1 +1,1 @@
-"""Robots that live in another program: a plant that drives one, and a reference robot."""
+"""Robots in another program: a plant that drives one, and a reference robot."""

@@ -1,4 +1,4 @@
-"""A robot in another program as a Plant: observed where it will be when the next command acts, told by messages."""
+"""A robot in another program as a Plant, commanded by messages and predicted to when the next command acts."""
 
 import math
 import time
@@ -18,16 +18,16 @@ from motm_twin.model.scene import PlanarPose, Scene, Task
 
 
 class NotPossible(ValueError):
-    """This robot can not do that; the message says what and why."""
+    """A request that this robot does not support; the message says which one and why."""
 
 
-GONE = 1.0  # [s] without a state after which the robot is waited for
-AGAIN = 0.5  # [s] after which a grant that had no answer is sent again
-SILENT_WAIT = 0.05  # [s] that a step waits for a robot that has not answered the one before
-BEHIND = 0.2  # [s] that control falls behind the robot's clock before it skips what it missed
+GONE = 1.0  # [s] without a state after which the robot counts as away
+AGAIN = 0.5  # [s] after which a grant without an answer is sent again
+SILENT_WAIT = 0.05  # [s] that a step waits for a robot that did not answer the previous grant
+BEHIND = 0.2  # [s] that control may fall behind the robot's clock before it skips the missed time
 LONGEST_STEP = 0.2  # [s] that a step waits at most
 ROUNDING = 1e-6  # [s]
-FIRST_STATES = 100  # steps of a shared clock in which a robot must have shown itself
+FIRST_STATES = 100  # steps of a shared clock within which a robot must send state and scan
 _CLEARANCES = ("min_base_clearance", "min_arm_clearance", "min_ee_obstacle", "ee_obstacle")
 
 
@@ -37,9 +37,9 @@ def scan_of(data: plant_messages.ScanData, origin: float) -> Scan:
 
 
 def detection_of(data: plant_messages.DetectionData, origin: float, T_run_odometry: Array | None = None) -> Detection:
-    """A received detection, times counted from ``origin`` [s]; of a restarted robot in the odometry frame of the run.
+    """A received detection in the odometry frame of the run, times counted from ``origin`` [s].
 
-    ``T_run_odometry`` is that of the restarted robot.
+    ``T_run_odometry``: pose of a restarted robot's odometry frame in that frame; None: they are the same.
     """
     seen = plant_messages.from_message(data, Detection, stamp=data.stamp - origin)
     if T_run_odometry is None:
@@ -54,13 +54,13 @@ def truth_of(data: plant_messages.TruthData) -> Truth:
 
 
 class RemoteRehearsal:
-    """Edits that wait to be applied, tried by the robot."""
+    """Pending edits, checked by the robot."""
 
     def __init__(self, link: RobotLink) -> None:
         self._link, self._accepted = link, list[WorldEdit]()
 
     def accept(self, edit: WorldEdit) -> None:
-        """Take an edit after those that were accepted before; raises ValueError when the world will not take it."""
+        """Add an edit to those accepted before; raises ValueError when the robot refuses it."""
         _request(self._link, edit, check=True, before=tuple(self._accepted))
         self._accepted.append(edit)
 
@@ -73,24 +73,24 @@ def _request(link: RobotLink, edit: WorldEdit, *, check: bool, before: tuple[Wor
 
 
 class ZenohPlant:
-    """Drives one robot. With ``mirror`` it only shows it: nothing is ever sent."""
+    """Drives one robot. As a ``mirror`` it only shows it: no command is ever sent, only the question for `Info`."""
 
     def __init__(self, link: RobotLink, scene: Scene, *, sender: str = "twin") -> None:
-        """A robot that can be reset is put to the start of the scene before it is driven."""
+        """A robot that can be reset is reset to the start of the scene before it is driven."""
         self.link, self.mirror, self.scene = link, link.listen_only, scene
         self._info: plant_messages.Info | None = None
         self._sender, self._reset_wanted = sender, not self.mirror
         self._reset_refused = ""  # why the robot does not begin the run
-        self._seq = time.time_ns() // 1000  # rises also when this program starts again
-        self._newest_sent = -1  # number of the newest command to the robot that is taken up
+        self._seq = time.time_ns() // 1000  # rises also across restarts of this program
+        self._newest_sent = -1  # number of the newest command to this robot
         self._predictor = Predictor(scene.robot, plant_messages.HOLD)
-        self._clock_sets = 0  # of the link, as far as is known here
+        self._clock_sets = 0  # of the link, when the robot was taken up
         self._origin: float | None = None  # robot's clock at time 0 of the run
-        self._to_odometry: Array | None = None  # of a robot that was started again: its odometry in the run's
+        self._to_odometry: Array | None = None  # `T_run_odometry` of a restarted robot
         self._clock = ClockOffset()
         self._lead = Lead(0.01)
-        self._at = 0.0  # [s] robot's clock: when this step observes
-        self._acts_at = -np.inf  # [s] robot's clock: time of the newest observation
+        self._at = 0.0  # [s] robot's clock: time of this step
+        self._acts_at = -np.inf  # [s] robot's clock: time of the newest observation, when its command acts
         self._latest: Observation | None = None
         self._interrupted, self._silent_since = False, 0.0
         self._arrived: list[tuple[int, float]] = []
@@ -102,30 +102,30 @@ class ZenohPlant:
 
     @property
     def shared(self) -> bool:
-        """The robot's time passes when it is granted."""
+        """True when the robot's time passes only as it is granted."""
         return self._info is not None and self._info.clock == "shared"
 
     def truth(self) -> Truth | None:
-        """Ground truth of a robot that tells it."""
+        """Newest ground truth; None from a robot that sends none."""
         data = self.link.newest("truth")
         return None if data is None else truth_of(data)
 
     def rehearsal(self) -> RemoteRehearsal:
-        """Asks the robot about edits, one after another. Raises NotPossible."""
+        """A rehearsal in which the robot checks edits, one after another. Raises NotPossible."""
         self._require_editable()
         return RemoteRehearsal(self.link)
 
     def apply(self, edit: WorldEdit) -> None:
-        """Change the world of a simulated robot; raises ValueError when it can not be."""
+        """Change the world of a simulated robot; raises ValueError when it refuses."""
         self._require_editable()
         _request(self.link, edit, check=False)
 
     def expect_tasks(self, tasks: Sequence[Task]) -> None:
-        """Tell the referee of a simulated robot the task list of now."""
+        """Tell the referee of a simulated robot the present task list."""
         self._notify(plant_messages.TaskNotice(version=plant_messages.VERSION, tasks=tuple(tasks)))
 
     def expect_map(self, announced: Mapping[str, PlanarPose]) -> None:
-        """Tell the referee of a simulated robot where furniture was announced."""
+        """Tell the referee of a simulated robot the announced poses of furniture."""
         self._notify(plant_messages.TaskNotice(version=plant_messages.VERSION, announced=dict(announced)))
 
     def _notify(self, notice: plant_messages.TaskNotice) -> None:
@@ -140,13 +140,13 @@ class ZenohPlant:
             raise NotPossible(f"{name}: its world can not be changed from here: move the real things")
 
     def ready(self) -> bool:
-        """True when there is a robot to observe now; takes up one that has come. Call it between periods."""
+        """True when a robot can be observed now; takes up a new one. Call it between periods."""
         if self._same() and self._origin is not None and not self._replaced():
             return self._fresh()
         return self._take_up()
 
     def _replaced(self) -> bool:
-        """True when somebody else is there instead of the robot. One that still answers was only silent."""
+        """True when another robot has replaced this one. A robot that still answers was only silent."""
         if not self.link.successor:
             return False
         info = self.link.info()
@@ -156,7 +156,7 @@ class ZenohPlant:
         return False
 
     def _same(self) -> bool:
-        """True when the robot that is listened to is the one that was taken up, by the same clock."""
+        """True when the link listens to the robot that was taken up, and its clock was not set since."""
         return self._info is not None and self._is_taken_up(self.link.life)
 
     def _is_taken_up(self, life: str) -> bool:
@@ -182,7 +182,7 @@ class ZenohPlant:
         )
 
     def _lacking(self) -> str:
-        """Messages that a robot that is heard has not sent yet; "" for one that is not heard."""
+        """Clause about messages that are still missing, or refused; "" when there are none."""
         if time.monotonic() - self.link.last_sign > GONE:
             return self._refused()
         if self._info is None:
@@ -190,7 +190,7 @@ class ZenohPlant:
         return "" if self.link.newest("scan") is not None else f": hears its state, no scan yet{self._refused()}"
 
     def _refused(self) -> str:
-        """Clause about the first key whose messages are refused now, or about an intruder; "" when there is neither."""
+        """Clause about the first key whose messages are refused now, or about an intruder; "" for neither."""
         for name in NAMES:
             why = self.link.refusal(name)
             if why:
@@ -199,7 +199,7 @@ class ZenohPlant:
         return f": another robot (life {other[:20]!r}) sends on its keys, too, and is not listened to" if other else ""
 
     def observe(self) -> Observation:
-        """The robot at the time at which a command that is given now acts."""
+        """The robot, predicted to the time at which a command given now acts; for a mirror, its newest state."""
         state: plant_messages.RobotState | None = self.link.newest("state")
         assert state is not None and self._origin is not None, "observe comes after ready"
         arrived, self._arrived = self._arrived, []
@@ -235,7 +235,7 @@ class ZenohPlant:
         return self._latest
 
     def command(self, actuation: Actuation) -> None:
-        """Send what to do from the time of the last observation on."""
+        """Send an actuation that acts from the time of the last observation on."""
         if self.mirror:
             return
         assert self._info is not None
@@ -268,28 +268,28 @@ class ZenohPlant:
         """Wait until dt [s] have passed on the robot's clock."""
         if self.shared and not self.mirror:
             self._grant(self._at + dt)
-        elif self.mirror:  # until its newest state is dt [s] further, or should have been
+        elif self.mirror:  # until a state that is dt [s] later has come, or should have
             target, wait = self._acts_at + dt, dt if time.monotonic() - self.link.last_sign > GONE else 10.0 * dt
             with self.link.changed:
                 self.link.changed.wait_for(lambda: self._reached("state", target), wait)
         else:
             self._at += dt
             behind = self._robot_now() - self._at
-            if behind > BEHIND or behind < -LONGEST_STEP:  # late, or its clock is another one than was thought
+            if behind > BEHIND or behind < -LONGEST_STEP:  # late, or the estimate of its clock has jumped
                 self._at += behind
                 self._interrupted = True
             elif behind < 0.0:
                 time.sleep(-behind)
 
     def interrupted(self) -> bool:
-        """True when control was away since the last call: the robot may have been stopped by itself meanwhile."""
+        """True when control paused since the last call: the robot may have stopped by itself meanwhile."""
         interrupted, self._interrupted = self._interrupted, False
         if not self.mirror and not self.shared and self._robot_now() - self._at > BEHIND:
             self._at, interrupted = self._robot_now(), True
         return interrupted
 
     def begin(self, scene: Scene) -> None:
-        """Another run: a robot that can be reset begins again in this scene, another goes on from where it is."""
+        """Begin another run: a robot that can be reset starts in this scene, any other goes on from its pose."""
         if scene.robot != self.scene.robot:
             self._predictor = Predictor(scene.robot, plant_messages.HOLD)
         self.scene = scene
@@ -298,7 +298,7 @@ class ZenohPlant:
         self._latest, self._interrupted = None, False
 
     def _on_state(self, state: plant_messages.RobotState, received: float) -> None:
-        """In Zenoh's thread. The clock of a robot that is not taken up yet says nothing about that of the run."""
+        """Take in a state, in Zenoh's thread; ignored from a robot not taken up: its clock is not that of the run."""
         if not self._is_taken_up(state.life):
             return
         self._clock.state(state.stamp, received)
@@ -314,7 +314,7 @@ class ZenohPlant:
         return self._at if offset is None else time.monotonic() + offset
 
     def _age(self, state: plant_messages.RobotState) -> float:
-        if self.shared:  # time that was not granted does not pass: a silent robot is waited for, by `_fresh`
+        if self.shared:  # time passes only as granted: `_fresh` waits for a silent robot
             clock = self.link.newest("clock") if self.mirror else None
             return max(0.0, (self._at if clock is None else clock.stamp) - state.stamp)
         if self.mirror:
@@ -340,7 +340,7 @@ class ZenohPlant:
         return self._detections[1], None if data is None else data.stamp - origin
 
     def _grant(self, until: float) -> None:
-        """Shared clock: let time pass until then, and wait for the answer."""
+        """Shared clock: grant time up to ``until`` [s], and wait for the answer."""
         wait = SILENT_WAIT if self._silent_since else 2.0 * AGAIN
         deadline = time.monotonic() + wait
         while True:
@@ -359,7 +359,7 @@ class ZenohPlant:
         return newest is not None and newest.stamp >= until - ROUNDING
 
     def _answers(self) -> bool:
-        """Shared clock: the robot answers again; what it said before it fell silent is no answer."""
+        """Shared clock: True when the robot answers again; messages from before its silence do not count."""
         before = self.link.newest("clock")
         self.link.grant(self._at, self._newest_sent)
         with self.link.changed:
@@ -369,14 +369,14 @@ class ZenohPlant:
         return answers
 
     def _fresh(self) -> bool:
-        """True when the robot has shown itself lately."""
+        """True when the robot was heard lately."""
         now = time.monotonic()
         if self.shared and not self.mirror:
             return not self._silent_since or now - self._silent_since < GONE or self._answers()
         return now - self.link.last_sign < GONE
 
     def _take_up(self) -> bool:
-        """Take up the robot that is there now; whether it can be observed."""
+        """Take up the robot that is there now; True when it can be observed."""
         if not self._same() or self.link.successor or self.link.newest("state") is None:
             info = self.link.info()
             if info is None:
@@ -390,7 +390,7 @@ class ZenohPlant:
         return self._settle()
 
     def _adopt(self, info: plant_messages.Info) -> None:
-        """Another robot, or the same one after it was started again or its clock was set: forget the one before."""
+        """Take up another robot, or the same one after a restart or a set clock; forget the one before."""
         self.link.live(info.life)
         self._info, self._clock_sets = info, self.link.clock_sets
         self._predictor.clear()
@@ -416,12 +416,12 @@ class ZenohPlant:
         return True
 
     def _settle(self) -> bool:
-        """True when state and scan of the robot are there; then the run begins, or goes on, at its clock."""
+        """Begin or continue the run on the robot's clock; False while its state, scan or clock is missing."""
         if self.shared and not self.mirror:
             clock = self.link.newest("clock")
             self._at = 0.0 if clock is None else clock.stamp
             if clock is None:
-                self.link.grant(0.0)  # shows itself
+                self.link.grant(0.0)  # asks for its state
             for _ in range(FIRST_STATES):
                 if self._shown() or self._silent_since:
                     break

@@ -1,8 +1,8 @@
-"""The reference robot: the simulated plant as a robot that is commanded by messages. Knows no transport and no control.
+"""The reference robot: the simulated plant as a robot that is commanded by messages, over any transport.
 
-Time passes in steps of 10 ms; who calls `step` decides when. Its link may be a bad one, in simulated time, repeatable
-by its seed: messages are delayed, overtake each other or are lost; with outages. A guard decides which commands are
-accepted, which one acts now, and when the last one expires.
+Time passes in steps of 10 ms, one for each call of `step`. The robot emulates a bad link in simulated time, repeatable
+by its seed: messages are delayed, overtake each other or are lost, and there are outages. A guard decides which
+commands are accepted, which one acts now, and when the last one expires.
 """
 
 import bisect
@@ -69,18 +69,18 @@ class LinkSpec(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Link(Generic[T]):
-    """One direction of a link; times [s] come in as arguments and never fall."""
+    """One direction of a link; times [s] come in as arguments and never decrease."""
 
     def __init__(self, spec: LinkSpec, direction: int) -> None:
-        """``direction``: tells the random numbers of two directions apart."""
+        """``direction``: a number by which two directions draw different random numbers."""
         self.spec = spec
         self._rng = np.random.default_rng([spec.seed, 0x11E4, direction])
         self._number = itertools.count()
         self._under_way: list[tuple[float, int, T]] = []
-        self._out_from, self._window_end = 0.0, 0.0  # [s] of the outage of now
+        self._out_from, self._window_end = 0.0, 0.0  # [s] begin of the present outage, end of its window
 
     def send(self, item: T, now: float) -> None:
-        """Give a message to the link."""
+        """Send a message; it may be lost."""
         spec = self.spec
         lost, place = self._rng.random(2)
         if lost >= spec.loss and not self._in_outage(now):
@@ -88,7 +88,7 @@ class Link(Generic[T]):
             heapq.heappush(self._under_way, (due, next(self._number), item))
 
     def _in_outage(self, now: float) -> bool:
-        """True when there is an outage now [s]; it is one of both directions."""
+        """True during an outage at ``now`` [s], the same in both directions."""
         spec = self.spec
         if not spec.outage:
             return False
@@ -100,7 +100,7 @@ class Link(Generic[T]):
         return self._out_from <= now < self._out_from + spec.outage
 
     def arrived(self, now: float) -> list[T]:
-        """Messages that are there by now, in the order of arrival; each is given once."""
+        """Messages that have arrived by ``now`` [s], in order; each is returned once."""
         items: list[T] = []
         while self._under_way and self._under_way[0][0] <= now + EARLY:
             items.append(heapq.heappop(self._under_way)[2])
@@ -113,16 +113,16 @@ MAX_WAITING = 200  # commands
 MAX_AHEAD = 1.0  # [s] that a command may be given ahead
 MAX_LATE = 0.30  # [s] lateness beyond which a command is refused
 SILENCE = 1.0  # [s] of silence after which another sender may command, and numbers restart
-MAX_JUMP = 1000  # between the numbers of two commands: 10 s of them lost at once
+MAX_JUMP = 1000  # between the numbers of two commands: 10 s of lost commands
 SLACK = 1e-6  # rounding of limits
 
 
 class RefusedCommand(ValueError):
-    """A command that is not obeyed; the message says why."""
+    """A command that the robot refuses; the message says why."""
 
 
 class CommandGuard:
-    """Accepts commands of one sender in order, each for its time; the robot's clock comes in as arguments."""
+    """Accepts commands of one sender in order, each for its time; times of the robot's clock come in as arguments."""
 
     def __init__(self, life: str, limits: BaseLimits) -> None:
         """For one life of a robot with these limits."""
@@ -132,12 +132,12 @@ class CommandGuard:
         self._grip: tuple[str, float | None] = "open", None
         self._decode = msgspec.json.Decoder(RobotCommand).decode
         self.commander, self._last_sign = "", -math.inf
-        self._newest, self._acted = -1, -1  # numbers of the commander's: the highest that was taken, and that acted
+        self._newest, self._acted = -1, -1  # the commander's: highest number accepted, last one that acted
         self._heard: list[tuple[int, float]] = []
         self.refused, self.refusal = 0, ""
 
     def offer(self, payload: bytes, now: float) -> None:
-        """Take a command that arrives now [s], or count it as refused."""
+        """Accept a command that arrives at ``now`` [s], or count it as refused."""
         try:
             self._take(payload, now)
         except RefusedCommand as refusal:
@@ -243,7 +243,7 @@ class ReferenceRobot:
     def __init__(self, scene: Scene, *, send: Send, link: LinkSpec | None = None, clock: str = "real") -> None:
         """``send`` is called for every message that leaves; ``clock``: real or shared, see `Info`."""
         self._send, self._spec, self._clock = send, link or LinkSpec(), clock
-        self._physics = scene.physics  # of this robot, whatever scene a twin puts it into
+        self._physics = scene.physics  # used for scenes that name none
         self._begin(scene)
 
     def _begin(self, scene: Scene) -> None:
@@ -268,12 +268,12 @@ class ReferenceRobot:
         return Info(version=VERSION, life=self.life, name=name, clock=self._clock, step=SUBSTEP, can=can)
 
     def show(self) -> None:
-        """Send the state of now, without any time passing."""
+        """Send the present state; no time passes."""
         self._sent = (None, None)
         self._tell()
 
     def command(self, payload: bytes) -> None:
-        """A command leaves its sender now."""
+        """Put a command on the link now."""
         self._up.send(payload, self.time)
 
     def step(self) -> None:
@@ -286,7 +286,7 @@ class ReferenceRobot:
         self._tell()
 
     def reset(self, request: ResetRequest) -> PlantAnswer:
-        """Begin again: another life."""
+        """Begin again, as another life, in the scene of the request or the same one."""
         try:
             self._begin(request.scene or self.scene)
         except ValueError as error:
@@ -294,7 +294,7 @@ class ReferenceRobot:
         return PlantAnswer(version=VERSION, ok=True, life=self.life)
 
     def edit(self, request: EditRequest) -> PlantAnswer:
-        """Change the world, or say whether it could be changed."""
+        """Change the world, or check that it can be changed."""
         try:
             if request.check:
                 rehearsal = self._plant.rehearsal()
@@ -308,7 +308,7 @@ class ReferenceRobot:
         return PlantAnswer(version=VERSION, ok=True)
 
     def tasks(self, notice: TaskNotice) -> PlantAnswer:
-        """Tell the referee the task list of now, or where furniture was announced."""
+        """Tell the referee the present task list, or announced poses of furniture."""
         if notice.tasks is not None:
             self._plant.expect_tasks(notice.tasks)
         if notice.announced is not None:
@@ -316,7 +316,7 @@ class ReferenceRobot:
         return PlantAnswer(version=VERSION, ok=True)
 
     def report(self) -> dict[str, object]:
-        """Counts of the referee."""
+        """Results of the referee, and refused commands."""
         truth = self._plant.truth()
         clearance = truth.min_base_clearance
         return {
@@ -343,17 +343,17 @@ class ReferenceRobot:
         now, plant, guard = self.time, self._plant, self._guard
         seen = plant.observe()
         if seen.scan is not None and seen.scan is not self._sent[0]:
-            self._down.send(("scan", encode(to_message(seen.scan, ScanData, **self._about()))), now)
+            self._down.send(("scan", encode(to_message(seen.scan, ScanData, **self._header()))), now)
         picture = (seen.camera_stamp, seen.detections)
         if seen.camera_stamp is not None and picture != self._sent[1]:
             detections = [to_message(one, DetectionData) for one in seen.detections]
-            frame = DetectionList(**self._about(), stamp=seen.camera_stamp, detections=detections)
+            frame = DetectionList(**self._header(), stamp=seen.camera_stamp, detections=detections)
             self._down.send(("detections", encode(frame)), now)
         self._sent = (seen.scan, picture)
         state = to_message(
             seen,
             RobotState,
-            **self._about(),
+            **self._header(),
             seq=self._steps,
             stamp=now,
             heard=guard.heard(),
@@ -367,10 +367,10 @@ class ReferenceRobot:
         if self._steps % TRUTH_STEPS == 0:
             self._truth()
         if self._clock == "shared":
-            self._send("clock", encode(ClockReached(**self._about(), stamp=now)))
+            self._send("clock", encode(ClockReached(**self._header(), stamp=now)))
 
     def _truth(self) -> None:
-        self._send("truth", encode(to_message(self._plant.truth(), TruthData, **self._about(), stamp=self.time)))
+        self._send("truth", encode(to_message(self._plant.truth(), TruthData, **self._header(), stamp=self.time)))
 
-    def _about(self) -> dict[str, Any]:
+    def _header(self) -> dict[str, Any]:
         return {"version": VERSION, "life": self.life}

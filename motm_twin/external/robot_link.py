@@ -1,7 +1,7 @@
-"""The twin's end of the keys of a robot: the newest of everything it says, commands, questions, and its clock.
+"""The twin's end of a robot's keys: its newest messages, commands and requests to it, and estimates of its clock.
 
-Zenoh's threads only read, check and store. What can not be used is dropped and counted, and the last reason kept; the
-twin tells it.
+Zenoh's threads only read, check and store messages. Unusable ones are dropped and counted; the last reason is kept and
+reported by the twin.
 
 As long as a robot is heard, only its own messages count. Messages of another life on its keys (the robot restarted,
 another robot of the same name, a forgery) are kept aside and reported. Once the robot is silent, the other life is its
@@ -34,14 +34,14 @@ from motm_twin.bus.plant_messages import (
 )
 
 MAX_BYTES = 1024 * 1024
-MAX_AHEAD = 1.0  # [s] that a scan or a frame of the camera may be stamped later than the newest state
-LARGEST = 1e11  # of any measure: 3,000 years in s; sums and products of larger ones overflow
-MOST = 2**53  # of any count: JSON has no larger whole numbers
+MAX_AHEAD = 1.0  # [s] by which a scan or a frame of the camera may be stamped later than the newest state
+LARGEST = 1e11  # size of any measure: 3,000 years in s; sums and products of larger ones overflow
+MOST = 2**53  # size of any count: JSON has no larger whole numbers
 FARTHEST = 1e5  # [m] from the origin of the world, or of the odometry
 FASTEST = 20.0  # [m/s], [rad/s] of base and joints
 TURNED = 10.0  # [rad] of a joint: more than a turn and a half must be degrees
 WIDEST = 1.0  # [m] between finger pads
-SHUT = -0.01  # [m] the same, of a gripper that is not well calibrated
+SHUT = -0.01  # [m] least of the same, for a badly calibrated gripper
 
 Message = RobotState | ScanData | DetectionList | ClockReached | TruthData
 _KINDS: dict[str, type[Message]] = {
@@ -56,11 +56,11 @@ NAMES = tuple(_KINDS)
 
 
 class RefusedMessage(ValueError):
-    """A message that is ignored; the text says what is wrong with it."""
+    """A message that is ignored; the text says why."""
 
 
 def read(name: str, payload: bytes) -> Message:
-    """The message of that key; raises `RefusedMessage`."""
+    """Decode and check a message of the key ``name``; raises `RefusedMessage`."""
     if len(payload) > MAX_BYTES:
         raise RefusedMessage(f"{len(payload)} bytes: at most {MAX_BYTES} are taken")
     try:
@@ -89,7 +89,7 @@ def read(name: str, payload: bytes) -> Message:
 
 
 def _require_bounded(value: Any, name: str = "") -> None:
-    """Raise `RefusedMessage` for a number that is too large to compute with, however deep; ranges are checked later."""
+    """Raise `RefusedMessage` for numbers too large to compute with, however deep; a scan's ranges are checked later."""
     if isinstance(value, float | int):
         most = LARGEST if isinstance(value, float) else MOST
         if not abs(value) <= most:
@@ -130,32 +130,32 @@ def _within(name: str, values: Iterable[float], low: float, high: float, unit: s
             raise RefusedMessage(f"{name} has {value:g}: {low:g} to {high:g} {unit} can be")
 
 
-ANSWER = 2.0  # [s] for an answer
-RESET_ANSWER = 60.0  # [s] a simulated robot may compile for so long
-REFUSED_FOR = 1.0  # [s] after which a refused message is no longer told
-SILENCE = 1.0  # [s] without a state that counts, after which a clock that was set, or another robot, is believed
-OTHERS = 4  # lives of which messages are kept aside
+ANSWER = 2.0  # [s] to wait for an answer
+RESET_ANSWER = 60.0  # [s] to wait for a reset: a simulated robot may have to compile
+REFUSED_FOR = 1.0  # [s] for which a refused message is reported
+SILENCE = 1.0  # [s] without an accepted state, after which a set clock or another robot is believed
+OTHERS = 4  # largest number of lives whose messages are kept aside
 _SENSED = ("scan", "detections")  # stamped before the state that comes after them
-TOLD_FOR = 3.0  # [s] for which a refusal is told
+TOLD_FOR = 3.0  # [s] for which a refused command is reported
 _LONGEST = 200  # characters of a robot's reason
 
 
 class RobotLink:
-    """One robot on a session. ``listen_only``: nothing is ever sent, not even declared."""
+    """One robot on a session. ``listen_only``: commands and grants are never sent, not even declared."""
 
     def __init__(self, session: zenoh.Session, twin: str, *, listen_only: bool = False) -> None:
         self.keys, self.listen_only, self.session = PlantKeys(twin), listen_only, session
         self.changed = threading.Condition()
         self._newest: dict[str, Any] = {}
-        self.life = ""  # of the robot whose messages these are
+        self.life = ""  # of the robot whose messages count
         self._since = -1e9  # [s] monotonic, when this life began to count
-        self._aside: dict[str, dict[str, tuple[Message, float]]] = {}  # by life and key: the newest, received when
+        self._aside: dict[str, dict[str, tuple[Message, float]]] = {}  # by life and key: newest message, received when
         self._other: tuple[str, float] = ("", -1e9)  # life that was heard beside this one, and when [s] monotonic
         self.last_sign = -1e9  # [s] monotonic, of the newest state
         self.unreadable = 0
         self._refusals: dict[str, tuple[str, float]] = {}  # by key: why, and when [s] monotonic
         self._jumped: float | None = None  # [s] stamp of a state that was refused because it was far off
-        self.clock_sets = 0  # how often the robot's clock was found to have been set
+        self.clock_sets = 0  # number of times that the robot's clock was set
         self.on_state: Callable[[RobotState, float], None] = lambda state, received: None
         self._encode = msgspec.json.Encoder().encode
         self._declared: list[Any] = [
@@ -170,7 +170,7 @@ class RobotLink:
             self._declared += [self._commands, self._grants]
 
     def newest(self, name: str) -> Any:
-        """The newest message of a key (state, scan, ...) of the robot that lives now; None without one."""
+        """The newest message of a key (state, scan, ...) from the life that counts; None without one."""
         with self.changed:
             return self._newest.get(name)
 
@@ -199,7 +199,7 @@ class RobotLink:
             self._commands.put(self._encode(command))
 
     def grant(self, until: float, after: int = -1) -> None:
-        """Shared clock: let time pass until then [s], when the command of number ``after`` has come."""
+        """Shared clock: let time pass up to ``until`` [s], once the command with number ``after`` has arrived."""
         with suppress(zenoh.ZError):
             self._grants.put(self._encode(ClockGrant(version=VERSION, life=self.life, until=until, after=after)))
 
@@ -213,21 +213,21 @@ class RobotLink:
         return None
 
     def ask(self, key: str, request: msgspec.Struct, timeout: float = ANSWER) -> PlantAnswer:
-        """Send a request; no answer is an answer that is not ok."""
+        """Send a request; the answer is not ok when there is none within ``timeout`` [s]."""
         for payload in self._ask(key, self._encode(request), timeout):
             with suppress(msgspec.DecodeError, UnicodeDecodeError):
                 return msgspec.json.decode(payload, type=PlantAnswer)
         return PlantAnswer(version=VERSION, ok=False, reason="the robot does not answer")
 
     def live(self, life: str) -> None:
-        """From now on only what this life of the robot says counts. Not in the middle of a period."""
+        """Let only messages of this life count from now on. Call it between periods."""
         with self.changed:
             if life != self.life:
                 self._begin(life)
             self._aside = {}
 
     def close(self) -> None:
-        """Leave; the session stays open."""
+        """Undeclare everything; the session stays open."""
         for declared in self._declared:
             declared.undeclare()
         self._declared = []
@@ -271,7 +271,7 @@ class RobotLink:
             if name in _SENSED and state is not None:
                 self._require_on_time(message, state, received)
                 if before is not None and before.stamp > state.stamp + MAX_AHEAD:
-                    before = None  # it came before the first state, which was earlier by far
+                    before = None  # came before the first state, which is much earlier
             if isinstance(message, RobotState):
                 if self._clock_was_set(message, state, received):
                     before = None
@@ -284,7 +284,7 @@ class RobotLink:
             self.changed.notify_all()
 
     def _keep_aside(self, name: str, message: Message, received: float) -> None:
-        """Of another robot than the one that is listened to."""
+        """Keep a message of another life, which intrudes while this life is heard."""
         if received - max(self.last_sign, self._since) < SILENCE:
             self._other = message.life, received
         said = self._aside.pop(message.life, {})
@@ -294,7 +294,7 @@ class RobotLink:
         self.changed.notify_all()
 
     def _clock_was_set(self, message: RobotState, before: RobotState | None, received: float) -> bool:
-        """True when the robot's clock was set. One wrong stamp is not believed: two, after a silence, are."""
+        """True when the clock was set: two jumped stamps, after a silence. Raises `RefusedMessage` for other jumps."""
         if before is None:
             return False
         silent = received - self.last_sign
@@ -310,7 +310,7 @@ class RobotLink:
         return True
 
     def _now(self, state: RobotState, received: float) -> float:
-        """The robot's clock [s] by its newest state and the time since; a shared one may be further, and says so."""
+        """The robot's clock [s]: its newest state and the time since, or a later message of a shared clock."""
         clock = self._newest.get("clock")
         since = state.stamp + received - self.last_sign
         return since if clock is None else max(since, clock.stamp)
@@ -324,14 +324,14 @@ class RobotLink:
 
 
 class Obedience:
-    """Follows the states of one life of a robot; times [s] are monotonic and come in as arguments."""
+    """Detects refused and forged commands from a robot's states; times [s] are monotonic and come in as arguments."""
 
     def __init__(self) -> None:
         self._count, self._reason = -1, ""
         self._refused_at = self._forged_at = -1e9
 
     def state(self, state: RobotState, received: float, newest: int) -> None:
-        """Take a state into account; ``newest``: the highest number that the twin has given a command."""
+        """Take in a state; ``newest``: the highest number of a command of the twin."""
         if state.refused > self._count >= 0:
             self._refused_at, self._reason = received, state.refusal
         self._count = state.refused
@@ -339,7 +339,7 @@ class Obedience:
             self._forged_at = received
 
     def text(self, now: float) -> str:
-        """The clause after a sentence about the robot; "" when it obeys."""
+        """Clause about refused or forged commands; "" when there are none."""
         said = ""
         if now - self._refused_at < TOLD_FOR:
             said = f"; it refuses commands, {self._count} so far: {self._reason[:_LONGEST]}"
@@ -349,18 +349,18 @@ class Obedience:
 BUCKET = 0.5  # [s] over which the best bound is kept
 BUCKETS = 20  # 10 s: a drift of 100 ppm is 1 ms in that time
 JUMP = 0.05  # [s] by which bounds contradict each other when a clock has jumped; less is rounding to steps
-ARRIVALS = 200  # commands over which the longest way counts: 2 s
-SENT_KEPT = 500  # commands that wait to be heard of
+ARRIVALS = 200  # commands over which the longest delay counts: 2 s
+SENT_KEPT = 500  # commands without a reported arrival that are remembered
 IN_TIME = 0.98  # share of the commands that must be there in time; a late one acts when it arrives
 MAX_LEAD = 0.3  # [s]
 LOWER_AFTER = 2.0  # [s] between two reductions of the lead
 
 
 class _Bound:
-    """The largest of the values of the last seconds."""
+    """The largest value of the last `BUCKETS` buckets."""
 
     def __init__(self) -> None:
-        self._best: deque[tuple[float, float]] = deque(maxlen=BUCKETS)  # begin of the bucket, largest
+        self._best: deque[tuple[float, float]] = deque(maxlen=BUCKETS)  # begin of the bucket, largest value
 
     def note(self, now: float, value: float) -> None:
         if not self._best or now - self._best[-1][0] >= BUCKET:
@@ -376,13 +376,13 @@ class _Bound:
 class ClockOffset:
     """Time by which the robot's clock is ahead of the twin's.
 
-    A message that was stamped s by the robot and arrives at t of the twin proves that the offset is at least s - t; a
-    command that left at t and arrived at r of the robot proves that it is at most r - t. The middle is taken; before
-    the first command was heard of, the lower bound.
+    A message that the robot stamps s and that arrives at t on the twin's clock proves that the offset is at least
+    s - t; a command sent at t that arrives at r on the robot's clock proves that it is at most r - t. The estimate is
+    the middle of the bounds, or the lower one before the first arrival of a command is reported.
     """
 
     def __init__(self) -> None:
-        self._least, self._most = _Bound(), _Bound()  # of the offset, and of minus the offset
+        self._least, self._most = _Bound(), _Bound()  # lower bounds: of the offset, and of minus the offset
 
     def state(self, stamp: float, received: float) -> None:
         """A state arrived: stamp on the robot's clock, received on the twin's [s]."""
@@ -399,7 +399,7 @@ class ClockOffset:
             self._most.note(now, sent - heard)
 
     def _contradicted(self) -> bool:
-        """The bounds exclude each other: the robot's clock has jumped, and what was known about it is void."""
+        """True when the bounds exclude each other: the robot's clock has jumped, so they are void."""
         least, most = self._least.largest(), self._most.largest()
         return least is not None and most is not None and least > -most + JUMP
 
@@ -413,31 +413,31 @@ class ClockOffset:
 
 
 class Lead:
-    """Time before it acts at which a command must be computed to be there in time."""
+    """Estimates the lead: the time before it acts at which a command must be computed to arrive in time."""
 
     def __init__(self, step: float) -> None:
         """``step`` [s] of the robot: the lead is a multiple of it."""
         self._step = step
-        self._begun: dict[int, float] = {}  # number of the command: when what it was computed from was observed
-        self._ways: deque[float] = deque(maxlen=ARRIVALS)
+        self._observed: dict[int, float] = {}  # by command: time of the observation that it was computed from
+        self._delays: deque[float] = deque(maxlen=ARRIVALS)  # [s] from observation to arrival of a command
         self._lead, self._lowered = 0.0, -math.inf
 
     def sent(self, seq: int, observed: float) -> None:
-        """A command was computed from an observation made at ``observed`` [s], robot's clock."""
-        self._begun[seq] = observed
-        while len(self._begun) > SENT_KEPT:
-            del self._begun[next(iter(self._begun))]
+        """Remember a command computed from an observation made at ``observed`` [s], robot's clock."""
+        self._observed[seq] = observed
+        while len(self._observed) > SENT_KEPT:
+            del self._observed[next(iter(self._observed))]
 
     def heard(self, seq: int, at: float) -> None:
-        """It arrived at [s], robot's clock."""
-        observed = self._begun.pop(seq, None)
+        """Take note that a command arrived at ``at`` [s], robot's clock."""
+        observed = self._observed.pop(seq, None)
         if observed is not None:
-            self._ways.append(min(max(0.0, at - observed), MAX_LEAD))
+            self._delays.append(min(max(0.0, at - observed), MAX_LEAD))
 
     def now(self, time: float) -> float:
         """The lead [s] to use at ``time`` [s]: it rises at once, and falls by one step in two seconds."""
-        ways = sorted(self._ways)
-        longest = ways[int(IN_TIME * (len(ways) - 1))] if ways else 0.0
+        delays = sorted(self._delays)
+        longest = delays[int(IN_TIME * (len(delays) - 1))] if delays else 0.0
         needed = math.ceil(longest / self._step - 1e-6) * self._step
         if needed > self._lead:
             self._lead, self._lowered = needed, time

@@ -20,7 +20,7 @@ MAX_WAITING = 2000  # messages; more are dropped
 MAX_REQUEST = 1024 * 1024  # bytes
 MAX_GRANT = 1.0  # [s] of shared time in one grant
 KEPT = 0.25  # [s] that a grant which overtook its command waits for it; the command may be lost
-CATCH_UP = 1.0  # [s] that a real clock falls behind before it gives up catching up
+CATCH_UP = 1.0  # [s] that a real clock may fall behind before it skips the missed time
 IDLE = 0.1  # [s] between looks at the stop event
 Answer = Callable[[Any], msgspec.Struct]  # to a request
 SENT = ("state", "scan", "detections", "truth", "clock")
@@ -45,14 +45,14 @@ class RobotServer:
         stop: threading.Event | None = None,
         on_met: Callable[[], None] = lambda: None,
     ) -> None:
-        """``on_met`` is called once, in another thread: a twin listens. Raises ValueError for a wrong name or clock."""
+        """``on_met``: called once, in another thread, when a twin listens. Raises ValueError: wrong name or clock."""
         if clock not in ("real", "shared"):
             raise ValueError(f"clock {clock!r}: use real or shared")
         self.keys, self._endpoint, self._clock = PlantKeys(twin), endpoint, clock
         self._stop, self._on_met = stop or threading.Event(), on_met
-        self.met = False  # whether a twin has listened
+        self.met = False  # a twin has listened
         self._queue: queue.Queue[Callable[[], None]] = queue.Queue(MAX_WAITING)
-        self._granted, self._newest = 0.0, -1  # [s] shared time; highest number of a command that has come
+        self._granted, self._newest = 0.0, -1  # [s] shared time; highest number of an arrived command
         self._early: tuple[ClockGrant, float] | None = None  # grant that overtook its command, and when it ends waiting
         self.robot = ReferenceRobot(scene, send=self._put, link=link, clock=clock)
         self._started = time.monotonic()
@@ -61,10 +61,10 @@ class RobotServer:
         self._declared: list[Any] = []
 
     def run(self) -> None:
-        """Wait until somebody answers at the endpoint, then let time pass, until stopped."""
+        """Wait until a server answers at the endpoint, then let time pass, until stopped."""
         try:
             self._declare(open_member(self._endpoint, stop=self._stop))
-        except TimeoutError:  # stopped before there was anybody to work for
+        except TimeoutError:  # stopped before a server answered
             return
         self.robot.show()
         self._started = time.monotonic()
@@ -83,7 +83,7 @@ class RobotServer:
         self._stop.set()
 
     def close(self) -> None:
-        """Leave, after `run`."""
+        """Close the session, after `run`."""
         for declared in (*self._declared, *self._publishers.values()):
             declared.undeclare()
         if self._session is not None:
@@ -100,30 +100,30 @@ class RobotServer:
         self._declared = [
             session.declare_subscriber(self.keys.command, direct(self._on_command)),
             session.declare_subscriber(self.keys.grant, direct(self._on_grant)),
-            self._asked(session, self.keys.info, None, lambda _: self.robot.info()),
-            self._asked(session, self.keys.reset, ResetRequest, self._reset),
-            self._asked(session, self.keys.edit, EditRequest, self.robot.edit),
-            self._asked(session, self.keys.tasks, TaskNotice, self.robot.tasks),
+            self._queryable(session, self.keys.info, None, lambda _: self.robot.info()),
+            self._queryable(session, self.keys.reset, ResetRequest, self._reset),
+            self._queryable(session, self.keys.edit, EditRequest, self.robot.edit),
+            self._queryable(session, self.keys.tasks, TaskNotice, self.robot.tasks),
             session.liveliness().declare_token(self.keys.alive),
             self._publishers["state"].declare_matching_listener(direct(self._on_matching)),
         ]
 
     def _on_matching(self, status: zenoh.MatchingStatus) -> None:
-        """In Zenoh's thread: whoever listens to a robot's state is its twin, also one that only mirrors it."""
+        """Report a twin, in Zenoh's thread: any subscriber to the state, also one that only mirrors the robot."""
         if status.matching and not self.met:
             self.met = True
             self._on_met()
 
     def _pass_real(self) -> None:
         due = time.monotonic() - self._started
-        if due - self.robot.time > CATCH_UP:  # the machine was busy: time that was missed did not pass
+        if due - self.robot.time > CATCH_UP:  # the machine was busy: missed time does not pass
             self._started = time.monotonic() - self.robot.time - SUBSTEP
             due = self.robot.time + SUBSTEP
         while self.robot.time + SUBSTEP <= due:
             self.robot.step()
 
     def _take(self, wait: float) -> None:
-        """Do what has arrived; wait for it as long as there is nothing to do."""
+        """Run queued work and wait for more, for ``wait`` [s] in all, or until granted time can pass."""
         deadline = time.monotonic() + wait
         while True:
             left = deadline - time.monotonic()
@@ -175,7 +175,7 @@ class RobotServer:
             self._granted, self._early = grant.until, None
 
     def _grant_early(self) -> None:
-        """Let time pass by a grant that waits, when its command has come, or has not for `KEPT`."""
+        """Apply a waiting grant once its command has come, or after `KEPT`."""
         if self._early is None:
             return
         grant, ends = self._early
@@ -191,12 +191,12 @@ class RobotServer:
             self.robot.show()
         return answer
 
-    def _asked(self, session: zenoh.Session, key: str, kind: Any, answer: Answer) -> zenoh.Queryable:
-        """Answer questions on this key, in the robot's thread."""
+    def _queryable(self, session: zenoh.Session, key: str, kind: Any, answer: Answer) -> zenoh.Queryable:
+        """Declare a queryable that answers on this key, in the robot's thread."""
 
         def on_query(query: zenoh.Query) -> None:
             if kind is not None and not spoken_on(query, key):
-                return  # whoever asks for everything does not ask for a change
+                return  # a query to a wildcard asks for no change
             payload = b"" if query.payload is None else query.payload.to_bytes()
             self._post(lambda: _reply(query, key, payload, kind, answer))
 

@@ -4,13 +4,13 @@ The same seed gives the same text. BARN is rewritten from the published descript
 Benchmarking Metric Ground Navigation, 2020), not from its files: a lane 4.5 m wide, on 4.5 m of which a cellular
 automaton puts cylinders of radius 0.075 m. A cell of 0.15 m is filled at first with a probability of 0.15 to 0.30. It
 is then filled when at least 5 of its 8 neighbours are, and cleared when at most 1 is, 2 to 4 times over. Seed k has
-the (k mod 12)th of these 12 settings. A world without a way for a square of 5 x 5 cells is drawn again, with 2 in
-1,000 less filled at first. The robot is the nominal Jackal; it has 10 m to go, and its map shows nothing.
+the (k mod 12)th of these 12 settings. A world without a path for a square of 5 x 5 cells is drawn again, with 2 in
+1,000 less filled at first. The robot is the nominal Jackal; it has 10 m to go, and its map is empty.
 
 CrowdNav (Chen et al., Crowd-Robot Interaction, ICRA 2019): five persons of radius 0.3 m at 1 m/s, by ORCA, cross a
 circle of radius 4 m, or a square of 10 m; the robot crosses from (0, -4) to (0, 4) in at most 25 s. The robot is
 Frankie at 1 m/s, with its true footprint. The draws differ from those of the same seed in CrowdNav, which draws all
-from one global generator. DynaBARN is as it is described: cylinders on polynomials.
+from one global generator. DynaBARN follows its description: cylinders move along polynomials.
 """
 
 import math
@@ -33,10 +33,10 @@ FILLS, SMOOTHINGS = (0.15, 0.20, 0.25, 0.30), (2, 3, 4)
 FILLED_FROM, CLEARED_TO = 5, 1  # of 8 neighbours
 HALF_ROBOT = 2  # cells that the robot takes on either side of its own
 ATTEMPTS = 1000
-THINNER = 0.998  # of the initial fill, per attempt: in the end there is a path
+THINNER = 0.998  # factor of the initial fill, per attempt: in the end there is a path
 STREAM = 0xBA24  # keeps these draws apart from other uses of a seed
 START, GOAL, TOLERANCE = (-2.25, 3.0), (-2.25, 13.0), 1.0  # [m]
-LIMIT = 100.0  # [s] from the first 0.1 m on
+LIMIT = 100.0  # [s] counted once the robot has moved 0.1 m
 NOMINAL = {
     "forward_speed_mps": 2.0, "reverse_speed_mps": 1.0, "yaw_rate_dps": 180, "linear_acceleration_mps2": 3.0,
     "yaw_acceleration_dps2": 573, "velocity_lag": 0.1,
@@ -50,7 +50,7 @@ Cells = NDArray[np.bool_]
 
 
 def made(asked: str) -> tuple[str, str]:
-    """Name and text of the scene that a name asks for. Raises SceneError."""
+    """Name and text of the scene for a name such as ``barn:17``. Raises SceneError."""
     match = _NAME.fullmatch(asked)
     if match is None or SEED.refusal("seed", int(match[2])):
         kind = asked.partition(":")[0]
@@ -63,7 +63,7 @@ def made(asked: str) -> tuple[str, str]:
 
 
 def barn(seed: int) -> str:
-    """The text of a scene file for a seed from 0 on."""
+    """Text of a scene file like a BARN world, for a seed from 0 on."""
     fill, smoothings = FILLS[seed % 12 % 4], SMOOTHINGS[seed % 12 // 4]
     for attempt in range(ATTEMPTS):
         cells = field(np.random.default_rng([seed, attempt, STREAM]), fill * THINNER**attempt, smoothings)
@@ -86,7 +86,7 @@ def field(rng: np.random.Generator, fill: float, smoothings: int) -> Cells:
 
 
 def has_way(cells: Cells) -> bool:
-    """The robot's square of cells can cross the field, diagonal steps included."""
+    """True when the robot's square of cells can cross the field, with diagonal steps."""
     rows, columns = cells.shape
     taken, beside = np.zeros_like(cells), np.pad(cells, HALF_ROBOT)
     for i in range(2 * HALF_ROBOT + 1):
@@ -104,7 +104,7 @@ def has_way(cells: Cells) -> bool:
 
 
 def _text(seed: int, fill: float, smoothings: int, cells: Cells) -> str:
-    """The scene file, as the converted worlds of the challenge are written."""
+    """Text of the scene file, laid out like the converted worlds of the challenge."""
     base = ", ".join(f"{key}: {value}" for key, value in NOMINAL.items())
     height = "z: [0.0, 0.32], mapped: false"
     lines = [
@@ -150,7 +150,7 @@ CYLINDERS, CYLINDER_RADIUS = 8, 0.5  # [m]
 LEVELS = {"easy": (0.5, 0.9), "medium": (1.05, 1.4), "hard": (1.5, 1.85)}  # [m/s] mean speeds
 LANE = (-4.0, -4.0, 4.0, 4.0)  # [m] x_min, y_min, x_max, y_max in which the cylinders move
 ORDER = 3  # of the polynomials, both of x and of y
-BEND = 12  # points of a way
+BEND = 12  # points of a path
 Point = tuple[float, float]
 
 
@@ -187,7 +187,7 @@ def across_square(rng: np.random.Generator) -> tuple[Point, Point]:
 
 
 def _crowd(prefix: str, seed: int, rng: np.random.Generator) -> str:
-    """The scene file of a circle or square, with a robot that they see and one that they do not."""
+    """Text of the scene file of a circle or square, in two variants: the persons see the robot, or do not."""
     ways = crossings(rng, across_circle if prefix == "circle:" else across_square)
     what = "circle of radius 4 m" if prefix == "circle:" else "square of 10 m"
     lines = [
@@ -206,7 +206,7 @@ def _crowd(prefix: str, seed: int, rng: np.random.Generator) -> str:
 
 
 def _dynabarn(seed: int, rng: np.random.Generator) -> str:
-    """The scene file of cylinders on polynomials, blind, in three levels of speed: the same ways in each."""
+    """Text of the scene file of blind cylinders: the same polynomial paths at three levels of speed."""
     ways = [_polynomial(rng) for _ in range(CYLINDERS)]
     shares = rng.random(CYLINDERS)
     lines = [
@@ -222,7 +222,7 @@ def _dynabarn(seed: int, rng: np.random.Generator) -> str:
 
 
 def _polynomial(rng: np.random.Generator) -> list[Point]:
-    """Points of a way there and back: x and y are polynomials over [-1, 1], scaled into the lane."""
+    """Points of a path there and back: x and y are polynomials over [-1, 1], scaled into the lane."""
     s = np.linspace(-1.0, 1.0, BEND)
     columns = []
     for low, high in ((LANE[0], LANE[2]), (LANE[1], LANE[3])):

@@ -1,7 +1,7 @@
 """Pieces of furniture of generated scenes, with places for cubes or a bin, and their number by difficulty.
 
-A piece is drawn about its own origin, its front towards -y, and then put at a pose. What is checked later are the
-rounded numbers of the file.
+A piece is drawn about its own origin, its front towards -y, and then put at a pose. Later checks use the rounded
+numbers of the file.
 """
 
 import dataclasses
@@ -30,12 +30,12 @@ class Dial:
     cubes: int
     drives: int  # tasks to drive somewhere
     clutter: int  # pieces of furniture without tasks
-    boxes: int  # of them, those that only the lidar sees
-    agents: int  # who drive about and yield
+    boxes: int  # more of these, outside the map: only the lidar sees them
+    agents: int  # they drive about and yield
     gap: float  # [m] least width between any two pieces
     doorway: float  # [m] width of a doorway, if there is one
     doors: bool  # a wall with a doorway may part the room
-    spread: float  # [m] that heights differ from 0.75 m, either way
+    spread: float  # [m] by which heights differ from 0.75 m, either way
 
 
 def dial(difficulty: float) -> Dial:
@@ -72,28 +72,28 @@ class Draft:
     length: float  # [m] along x
     width: float  # [m] along y
     parts: dict[str, Entry]  # entries of the furniture; positions are of this frame
-    spots: tuple[tuple[float, float], ...] = ()  # where cubes may stand
-    bins: tuple[tuple[float, float], ...] = ()  # where a bin may stand
+    spots: tuple[tuple[float, float], ...] = ()  # [m] places for cubes
+    bins: tuple[tuple[float, float], ...] = ()  # [m] places for a bin
 
 
 @dataclasses.dataclass(frozen=True)
 class Piece:
-    """A piece at its pose, as the file says it."""
+    """A piece at its pose, as written to the file."""
 
     name: str
     furniture: dict[str, Entry]
     area: BaseGeometry  # its outline on the floor
     spots: tuple[tuple[float, float], ...]
     bins: tuple[tuple[float, float], ...]
-    top: float  # [m] height of what cubes or a bin stand on
+    top: float  # [m] height of the surface for cubes or a bin
     yaw: float  # [deg]
 
 
-Maker = Callable[[Rng, Dial, bool], Draft]  # the last: it stands with its back to a wall
+Maker = Callable[[Rng, Dial, bool], Draft]  # last argument: its back is to a wall
 
 
 def put(draft: Draft, name: str, pose: Pose) -> Piece:
-    """The piece at a pose, all numbers rounded as they are written."""
+    """The piece at a pose, with all numbers rounded as in the file."""
     furniture = {
         name if len(draft.parts) == 1 else f"{name}_{key}": _moved(part, pose) for key, part in draft.parts.items()
     }
@@ -171,7 +171,7 @@ def corner(rng: Rng, dial: Dial, backed: bool) -> Draft:
 
 
 def box(rng: Rng, dial: Dial, backed: bool) -> Draft:
-    """A box that no map knows; the lidar, 0.2 m above the floor, sees it."""
+    """A box outside the map; the lidar, 0.2 m above the floor, sees it."""
     length, width, height = _size(rng, 0.3, 0.55), _size(rng, 0.3, 0.5), _size(rng, 0.3, 0.6)
     return _boxed(length, width, height, "box", {"mapped": False})
 
@@ -185,12 +185,12 @@ def _height(rng: Rng, dial: Dial) -> float:
 
 
 def _bin_support_height(rng: Rng, dial: Dial) -> float:
-    """Height of what carries a bin: its rim is then about as high as a table."""
+    """Height [m] of the surface below a bin: the rim is then about as high as a table."""
     return round(_height(rng, dial) - 0.15, 2)
 
 
 def _spots(rng: Rng, length: float, width: float, backed: bool) -> tuple[tuple[float, float], ...]:
-    """Places at the front edge, and at the back one of what stands free; each well apart from the next."""
+    """Places for cubes at the front edge, and at the back edge of a free-standing piece, all well apart."""
     found: list[tuple[float, float]] = []
     for side in (-1.0,) if backed else (-1.0, 1.0):
         steps = max(1, int((length - 0.2) / SPACING))
@@ -205,7 +205,7 @@ def _box(length: float, width: float, z: list[float], style: str) -> Entry:
 
 
 def _boxed(length: float, width: float, height: float, style: str, more: Entry | None = None, **places: Any) -> Draft:
-    """A piece that is one box; ``places`` on it."""
+    """A piece that is one box; ``places``: spots or bins on it."""
     return Draft(length, width, {"body": _box(length, width, [0.0, height], style) | (more or {})}, **places)
 
 

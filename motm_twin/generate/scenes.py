@@ -11,8 +11,8 @@ narrower than the disc: the strip of places on its axis, along which the robot d
 either side, joins the parts that its ends lie in.
 
 A target is served from a standing pose in the part of the start: the robot faces it there, and the arm's mount is then
-at most `STAND` less the mount's distance away, less than any pick or release needs. Heights of targets are those at
-which the arm reaches that far (`HIGHEST`, `LOWEST`).
+at most `STAND` less the mount's distance away, within the reach of every pick and release. Heights of targets are
+those at which the arm reaches that far (`HIGHEST`, `LOWEST`).
 """
 
 import dataclasses
@@ -36,7 +36,7 @@ from motm_twin.model.scene_format import FORMAT
 DISC = 0.50  # [m] 0.43 m round the footprint, 0.05 m that the search keeps, 0.02 m of localisation (2 sigma)
 BESIDE = 0.12  # [m] of room on either side of the footprint in a doorway
 STAND = 0.80  # [m] from the middle of the base to a target: 0.65 m from the mount
-NEAREST = 0.55  # [m] the same: the arm does not fold up closer
+NEAREST = 0.55  # [m] least such distance: the arm does not fold up closer
 LOWEST, HIGHEST = 0.55, 0.90  # [m] targets for which `STAND` is in reach
 FOOTPRINT = RobotProfile().footprint
 Place = tuple[float, float]
@@ -44,13 +44,13 @@ Door = tuple[Place, Place]  # ends of the strip on a doorway's axis
 
 
 def free_parts(room: BaseGeometry, bodies: list[BaseGeometry]) -> list[BaseGeometry]:
-    """Connected parts of the places at which the robot can turn on the spot."""
+    """Connected parts of the area in which the robot can turn on the spot."""
     free = room.buffer(-DISC).difference(unary_union(bodies).buffer(DISC))
     return [part for part in getattr(free, "geoms", [free]) if not part.is_empty]
 
 
 def reachable(start: Place, parts: list[BaseGeometry], doors: list[Door]) -> BaseGeometry:
-    """All places that the robot can get to from its start; empty when it cannot turn there."""
+    """Area that the robot can reach from its start; empty when it cannot turn there."""
     inside = _parts_at(start, parts)
     joined = [_parts_at(one, parts) | _parts_at(other, parts) for one, other in doors]
     for _ in joined:  # as often as a path may pass through doorways
@@ -64,24 +64,24 @@ def _parts_at(place: Place, parts: list[BaseGeometry]) -> set[int]:
 
 
 def passable(door: Door, bodies: list[BaseGeometry]) -> bool:
-    """The footprint, driven straight from one end of the strip to the other, keeps `BESIDE` from everything."""
+    """True when the footprint, driven straight along the strip, keeps `BESIDE` from everything."""
     way = LineString(door).buffer(0.5 * FOOTPRINT.width + BESIDE, cap_style="square")
     return not any(body.intersects(way) for body in bodies)
 
 
 def can_stand(target: Place, ground: BaseGeometry) -> bool:
-    """A standing robot can serve the target from some reachable place."""
+    """True when the robot, standing at some place of its reachable ``ground``, can serve the target."""
     around = Point(target).buffer(STAND, quad_segs=32).difference(Point(target).buffer(NEAREST))
     return bool(around.intersects(ground))
 
 
 FLOOR, RIM = 0.02, 0.12  # [m] of a bin above what it stands on
-START_ROOM = 0.9  # [m] of everything from the start: the arm begins with the hand 0.66 m before the base
+START_ROOM = 0.9  # [m] from the start to everything: the arm begins with the hand 0.66 m before the base
 TRIES = 60  # places tried for a piece
 WALL, WALL_HEIGHT = 0.12, 2.0  # [m]
-BACK = 0.02  # [m] between a wall and what stands with its back to it
+BACK = 0.02  # [m] between a wall and a piece with its back to it
 DOOR_ROOM = 1.3  # [m] kept free before and behind a doorway
-AGENT_RADIUS, AGENT_SPARE = 0.25, 0.12  # [m] of an agent, and what its way keeps from furniture
+AGENT_RADIUS, AGENT_SPARE = 0.25, 0.12  # [m] of an agent, and between its path and furniture
 AGENT_START = 1.3  # [m] of an agent from the robot and from the others at the start
 
 
@@ -102,15 +102,15 @@ class Layout:
     pieces: list[Piece] = dataclasses.field(default_factory=list)
     start: Pose = (0.0, 0.0, 0.0)
     agents: dict[str, Entry] = dataclasses.field(default_factory=dict)
-    ground: BaseGeometry = dataclasses.field(default_factory=Polygon)  # where the robot can get to and turn
+    ground: BaseGeometry = dataclasses.field(default_factory=Polygon)  # area that the robot can reach and turn in
 
     @property
     def room(self) -> BaseGeometry:
-        """The floor."""
+        """Outline of the floor."""
         return box(0.0, 0.0, *self.size)
 
     def bodies(self) -> list[BaseGeometry]:
-        """Outlines of all that stands on the floor."""
+        """Outlines of walls and furniture."""
         return [pieces.area_of(wall) for wall in self.walls.values()] + [piece.area for piece in self.pieces]
 
 
@@ -205,7 +205,7 @@ def _anywhere(layout: Layout) -> Pose:
 
 
 def _against_a_wall(layout: Layout, draft: pieces.Draft) -> Pose:
-    """Its back, +y of its own frame, to one of the four sides of the room."""
+    """Pose with the back (+y of the piece) to one of the four sides of the room."""
     rng, (width, depth) = layout.rng, layout.size
     side, along = int(rng.integers(4)), float(rng.random())
     away, across, up = BACK + 0.5 * draft.width, along * width, along * depth
@@ -241,7 +241,7 @@ def _start(layout: Layout) -> None:
 
 
 def _all_served(layout: Layout) -> bool:
-    """Every bin, and some place on every surface."""
+    """True when every bin, and some place on every surface, can be served."""
     for piece in layout.pieces:
         target = piece.top if piece.spots else piece.top + RIM
         if not LOWEST <= target <= HIGHEST and (piece.spots or piece.bins):
@@ -278,7 +278,7 @@ PREFIX = "generated:"
 DIFFICULTY = 0.5  # unless said
 DIGITS = 4  # of the difficulty after the point
 ATTEMPTS = 400
-GROWTH = 1.01  # of the floor, per attempt: in the end everything fits
+GROWTH = 1.01  # factor of the floor's area, per attempt: in the end everything fits
 COLOURS = ("red", "green", "blue", "yellow", "orange")
 WALL_ROUND = 0.14  # [m] of map round the floor, for the walls
 _STREAM = 0x5CE7E  # keeps the draws apart from other uses of a seed
@@ -286,12 +286,12 @@ _NAME = re.compile(r"generated:([0-9]{1,19})(?:@([0-9]+(?:\.[0-9]*)?|\.[0-9]+))?
 
 
 def is_generated(name: str) -> bool:
-    """The name asks for a generated scene."""
+    """True for the name of a generated scene."""
     return name.startswith(PREFIX)
 
 
 def name_of(seed: int, difficulty: float = DIFFICULTY) -> str:
-    """The name of a generated scene. Raises SceneError for a seed or a difficulty that is none."""
+    """The name of a generated scene. Raises SceneError for a seed or difficulty out of range."""
     return f"{PREFIX}{seed}@{_checked(seed, difficulty):g}"
 
 
@@ -308,7 +308,7 @@ def parse_name(name: str) -> tuple[int, float]:
 
 
 def generate(seed: int, difficulty: float = DIFFICULTY) -> str:
-    """The text of a scene file. Raises SceneError for a seed or a difficulty that is none."""
+    """The text of a scene file. Raises SceneError for a seed or difficulty out of range."""
     numbers = dial(_checked(seed, difficulty))
     for number in range(ATTEMPTS):
         try:
@@ -320,13 +320,13 @@ def generate(seed: int, difficulty: float = DIFFICULTY) -> str:
 
 
 def made(asked: str) -> tuple[str, str]:
-    """Name and text of the scene that a name asks for. Raises SceneError."""
+    """Full name and text of the scene for a name such as ``generated:17``. Raises SceneError."""
     seed, difficulty = parse_name(asked)
     return name_of(seed, difficulty), generate(seed, difficulty)
 
 
 def _checked(seed: int, difficulty: float) -> float:
-    """The difficulty as it is written in a name: with four digits. Raises SceneError."""
+    """The difficulty rounded to four digits, as in a name. Raises SceneError."""
     if SEED.refusal("seed", seed):
         raise SceneError(f"the seed of a generated scene is a whole number from 0 to 2^63 - 1, got {seed}")
     if not (math.isfinite(difficulty) and 0.0 <= difficulty <= 1.0):
@@ -335,7 +335,7 @@ def _checked(seed: int, difficulty: float) -> float:
 
 
 def _work(layout: Layout) -> dict[str, Any]:
-    """Cubes, bins and tasks: every cube into one of the bins, places to drive to between them."""
+    """Cubes, bins and tasks: every cube into one of the bins, with drives in between."""
     bins = {
         f"bin_{index + 1}": _bin(layout, piece.bins[0], piece.top, piece.yaw)
         for index, piece in enumerate(piece for piece in layout.pieces if piece.bins)
@@ -356,7 +356,7 @@ def _bin(layout: Layout, at: Place, top: float, yaw: float) -> dict[str, Any]:
 
 
 def _cubes(layout: Layout) -> dict[str, Any]:
-    """Cubes on places that can be served, some on every surface, in the order in which they are fetched."""
+    """Cubes on places that can be served, in the order in which they are fetched; surfaces take turns."""
     rng, dial = layout.rng, layout.dial
     surfaces = [piece for piece in layout.pieces if piece.spots]
     free = [[piece, serviceable(layout, piece.spots)] for piece in surfaces]
@@ -397,7 +397,7 @@ def _goals(layout: Layout) -> list[dict[str, Any]]:
 
 
 def _text(seed: int, dial: Dial, layout: Layout, work: dict[str, Any]) -> str:
-    """The scene file: one line for each entry, as in the shipped ones."""
+    """Text of the scene file: one line for each entry, as in the shipped scenes."""
     furniture = dict(layout.walls)
     for piece in layout.pieces:
         furniture |= piece.furniture

@@ -1,7 +1,7 @@
-"""Commands of an agent (base, arm), the method of each action mode, and the forecast of the base under a twist.
+"""Base and arm controllers that follow an agent's actions, the method of each action mode, and a forecast of the base.
 
-The arm of MotM leaves for its target a moment before that is in reach. A planner tells it when; an agent does not, so
-the forecast assumes that the twist is kept.
+The arm of MotM starts towards its target shortly before the target is in reach. A plan tells it when; an agent has no
+plan, so the forecast assumes that its twist is kept.
 """
 
 import math
@@ -35,11 +35,11 @@ from motm_twin.planning.rtr import turn
 from motm_twin.planning.types import BasePlan, BaseProblem, Placement, PlanStatus, SearchBudget, Target, no_placement
 
 STEP = 0.1  # [s] between two poses of the forecast
-STEPS = 30  # 3 s: the arm leaves at most as long before
+STEPS = 30  # 3 s: about the longest time before arrival at which the arm starts
 
 
 class Forecast:
-    """Motion and time to range for one robot."""
+    """Predicts the motion of a base that keeps a commanded twist, and its time to range."""
 
     def __init__(self, profile: RobotProfile, parameters: PlanningParameters) -> None:
         self._limits = profile.base
@@ -47,16 +47,16 @@ class Forecast:
         self._staa = parameters.staa
 
     def motion(self, pose: Array, twist: Array, wanted: Array) -> tuple[Array, Array]:
-        """Times [s] from now (31,), and x, y, heading, v, w at each, shape (31, 5), when ``wanted`` is kept."""
+        """Times [s] from now, shape (31,), and x, y, heading, v, w then, shape (31, 5), if ``wanted`` is kept."""
         poses, (dv, dw) = np.empty((STEPS + 1, 5)), (self._limits.accelerations * STEP).tolist()
         follow(*(np.asarray(one, dtype=float) for one in (pose, twist, wanted)), dv, dw, poses)
         return frozen(STEP * np.arange(STEPS + 1)), poses
 
     def time_to_range(self, times: Array, poses: Array, target: Target | None) -> float:
-        """Time [s] until the target is in reach; 0 when it is, inf without a target.
+        """Time [s] until the target is in reach; 0 when it already is, inf without a target.
 
-        A target that stays out of reach takes at least as long as the forecast, and at least as long
-        as turning and driving straight to it, so that the arm does not start.
+        For a target that stays out of reach: the length of the forecast, or the time to turn and drive
+        straight to it if that is longer, so that the arm does not start too early.
         """
         if target is None:
             return math.inf
@@ -67,7 +67,7 @@ class Forecast:
         return max(float(times[-1]), self._straight(poses[0], job))
 
     def _straight(self, pose: Array, job: Job) -> float:
-        """Time [s] of a turn towards the target and a straight drive until it is in reach, obstacles or not."""
+        """Time [s] to turn to the target and drive straight until it is in reach, without regard to obstacles."""
         dx, dy = job.x - pose[0], job.y - pose[1]
         way = max(0.0, math.hypot(dx, dy) - job.mount_x - job.r_max)
         turning = float(turn(float(pose[2]), math.atan2(dy, dx)))
@@ -76,7 +76,7 @@ class Forecast:
 
 @kernel
 def follow(pose: Array, twist: Array, wanted: Array, dv: float, dw: float, out: Array) -> None:
-    """Fill ``out`` (n, 5) with x, y, heading, v, w every `STEP`; the twist nears ``wanted`` by dv and dw a step."""
+    """Fill ``out`` (n, 5) with x, y, heading, v, w every `STEP`; the twist changes by at most dv, dw per step."""
     x, y, heading, v, w = pose[0], pose[1], pose[2], twist[0], twist[1]
     for i in range(out.shape[0]):
         out[i, 0], out[i, 1], out[i, 2], out[i, 3], out[i, 4] = x, y, heading, v, w
@@ -95,13 +95,13 @@ def first_in_reach(poses: Array, job: Job) -> int:
     return -1
 
 
-AT_OBJECT = 0.03  # [m] of the tool centre point from where the object is believed, for a grasp of it
+AT_OBJECT = 0.03  # [m] largest distance of the tool centre point from the believed object for a grasp
 MODES = ("base", "whole_body")
 
 
 @dataclass
 class BaseActionState:
-    """Twist that the agent asks for."""
+    """Twist requested by the agent."""
 
     twist: Array = field(default_factory=lambda: np.zeros(2))  # [m/s, rad/s]
 
@@ -110,7 +110,7 @@ class BaseAction(Stateful[BaseActionState]):
     """A `BaseController` that follows the last requested twist, within the accelerations of the base."""
 
     def __init__(self, profile: RobotProfile, parameters: PlanningParameters, *, guard: bool = False) -> None:
-        """``guard``: slowed so that it can stop clear of mapped obstacles, as when a person drives."""
+        """``guard``: slow the base so that it can stop clear of mapped obstacles, as in driving by hand."""
         self._guard = ByHand(profile, PERIOD) if guard else None
         self._limits = profile.base
         self.forecast = Forecast(profile, parameters)
@@ -118,7 +118,7 @@ class BaseAction(Stateful[BaseActionState]):
 
     @property
     def twist(self) -> Array:
-        """The twist that is asked for, shape (2,) [m/s, rad/s]."""
+        """Requested twist, shape (2,) [m/s, rad/s]."""
         return self._state.twist.copy()
 
     def take(self, twist: Array) -> None:
@@ -126,7 +126,7 @@ class BaseAction(Stateful[BaseActionState]):
         self._state.twist = np.array(twist, dtype=float)
 
     def plan(self, problem: BaseProblem, placement: Placement, budget: SearchBudget) -> BasePlan:
-        """The acceleration towards the twist that is asked for; what the arm reads of a plan is forecast from it."""
+        """A plan that accelerates towards the requested twist; its poses and time to range are the forecast's."""
         del placement, budget  # there is nothing to search
         wanted = self._state.twist
         acceleration, why = self._acceleration(problem)
@@ -150,31 +150,31 @@ class BaseAction(Stateful[BaseActionState]):
         v, w = self._state.twist.tolist()
         self._guard.take(Drive(v=v, w=w))
         guarded = self._guard.plan(problem)
-        assert guarded is not None  # it was told right now
+        assert guarded is not None  # a twist was taken just before
         slowed = not np.allclose(guarded.acceleration, asked)
         return guarded.acceleration, Reason(kind=Kind.GUARDED, subject="base") if slowed else None
 
 
 class NoPlacement:
-    """A `PlacementStrategy` that leaves it to the agent where the base stands."""
+    """A `PlacementStrategy` without candidates: the agent places the base."""
 
     def place(self, problem: BaseProblem) -> Placement:
-        """No candidates; the goal is where the base is."""
+        """No candidates; the goal is the present pose of the base."""
         return msgspec.structs.replace(no_placement(problem.pose), why=Reason(kind=Kind.BY_AGENT))
 
 
 @dataclass
 class ArmActionState(ManipulatorState):
-    """Rates that the agent asks for, beside what an arm side remembers."""
+    """State of a manipulator, with the joint rates and the gripper command requested by the agent."""
 
     phase: Phase = Phase.TRANSIT
     asked_rates: Array = field(default_factory=lambda: np.zeros(7))  # [rad/s]
     asked_gripper: str = "open"
-    over_bin: bool = False  # when it was let go
+    over_bin: bool = False  # the hand was over the bin when it released the object
 
 
 class ArmAction(Manipulator):
-    """Follows the last requested rates, within the limits of the robot."""
+    """A `Manipulator` that follows the last requested joint rates, within the limits of the robot."""
 
     def __init__(self, known: KnownWorld, parameters: ArmParameters | None = None) -> None:
         super().__init__(known, parameters)
@@ -186,7 +186,7 @@ class ArmAction(Manipulator):
         self._state.asked_rates, self._state.asked_gripper = np.array(rates, dtype=float), gripper
 
     def step(self, inputs: ArmInputs) -> ArmStep:
-        """Base twist, joint rates and gripper for the next ``inputs.dt``: those asked for, within their limits."""
+        """Base twist, joint rates and gripper for the next ``inputs.dt``: those requested, clipped to their limits."""
         state, p = self._state, self.parameters
         view = self.look(inputs)
         outcome = self._fingers(view)
@@ -206,7 +206,7 @@ class ArmAction(Manipulator):
         return self.report(view, inputs, decided)
 
     def _fingers(self, view: View) -> str:
-        """The phase of this step, from what the gripper was told and what its width says; returns the outcome."""
+        """Update the phase from the gripper's command and measured width; returns the outcome of the task, or ""."""
         state = self._state
         if state.phase == Phase.RELEASE:
             open_now = self._over(self.profile.gripper.opening_time, view)
@@ -223,11 +223,11 @@ class ArmAction(Manipulator):
         return ""
 
     def _over(self, duration: float, view: View) -> bool:
-        """The fingers have had their time [s] since the phase began, and have stopped."""
+        """True when the phase has lasted ``duration`` [s] and the fingers have stopped."""
         return view.time - self._state.since >= duration - 0.5 * view.dt and not view.gripper_moving
 
     def _closed(self, view: View) -> None:
-        """Judge the closed fingers: they hold the object when their width and the hand's place match it; else retry."""
+        """Judge the closed fingers: they hold the object if their width and the hand's position fit; else retry."""
         state, goal = self._state, view.goal
         fits = abs(view.width - goal.side) <= self.parameters.held_tolerance
         if goal.kind == "pick" and fits and norm(view.p - view.target) <= AT_OBJECT:
@@ -250,17 +250,17 @@ class ArmAction(Manipulator):
         return ""
 
     def _drop(self, view: View, outcome: str) -> str:
-        """Nothing is held any more; an object that was never lifted makes no outcome."""
+        """Note that nothing is held any more; returns the outcome, or "" if the object was never lifted."""
         state = self._state
-        told = state.reported
+        reported = state.reported
         state.holding, state.reported, state.released = False, False, None
         state.gripper = state.asked_gripper
         enter(state, Phase.TRANSIT, view.time)
-        return outcome if told else ""
+        return outcome if reported else ""
 
 
 def _over_bin(view: View) -> bool:
-    """True when the hand is over the release square of the bin that is to be served."""
+    """True when the hand is over the release square of the target bin."""
     goal = view.goal
     if goal.kind != "place" or view.p[2] < goal.position[2]:
         return False
@@ -269,19 +269,19 @@ def _over_bin(view: View) -> bool:
 
 
 def agent_planner(parts: PlannerParts, *, guard: bool) -> BasePlanner:
-    """A planner that drives as an agent requests; ``guard``: only while it can stop before mapped obstacles."""
+    """A planner that follows the twist requested by the agent; ``guard``: see `BaseAction`."""
     robot, parameters = parts.known.robot, parts.parameters
     controller = BaseAction(robot, parameters, guard=guard)
     return BasePlanner(robot, parameters, placement=NoPlacement(), controller=controller, graphs=parts.graphs)
 
 
 def agent_arm(parts: ArmParts) -> ArmAction:
-    """An arm that moves as an agent requests."""
+    """An arm that follows the joint rates requested by the agent."""
     return ArmAction(parts.known, parts.parameters)
 
 
 def agent_method(mode: str, arm: Method, *, guard: bool = False) -> Method:
-    """The method of an action mode; ``arm``: whose arm reaches in the mode "base". Raises ValueError."""
+    """The method of an action mode; ``arm``: the method whose arm is used in the mode "base". Raises ValueError."""
     if mode not in MODES:
         raise ValueError(f"action mode {mode!r}: use {' or '.join(map(repr, MODES))}")
     whole = mode == "whole_body"
@@ -299,7 +299,7 @@ def agent_method(mode: str, arm: Method, *, guard: bool = False) -> Method:
 
 
 def check_fits(method: Method, *, whole_body: bool) -> None:
-    """Raise ValueError for a method that an action mode cannot use; ``whole_body``: which of the two it is."""
+    """Raise ValueError for a method that the action mode "whole_body", or else "base", cannot use."""
     if method.name == "open_loop":
         raise ValueError("open_loop rehearses the whole task beforehand: no action mode can use it")
     if method.name == "holistic" and not whole_body:

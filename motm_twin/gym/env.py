@@ -1,6 +1,6 @@
 """The twin as a Gymnasium environment: one step is one control period (50 ms) of the loop of `run`.
 
-For people it renders a top view of the world, drawn with Pillow at twice the size, then scaled down.
+It can render a top view of the world, drawn with Pillow at twice the size, then scaled down.
 """
 
 import math
@@ -28,11 +28,11 @@ from motm_twin.ui.colours import BRAND, NAMED, PEOPLE, TARGET, WAY_THERE, Rgb
 
 WIDTH = 800  # pixels
 HEADER = 26  # pixels of the line of text
-FINER = 2  # drawn this much larger
-TRAIL_POINTS = 400  # of the way the base has come
+FINER = 2  # factor of oversampling
+TRAIL_POINTS = 400  # most points of the drawn path of the base
 FLOOR, TABLE, LOW, WALL, INK = (246, 246, 243), (205, 178, 140), (224, 208, 184), (120, 124, 130), (40, 44, 52)
 BODY, ARM, AGENT, SCAN = (58, 68, 84), (235, 236, 238), (233, 120, 60), (214, 60, 60)
-_LINKS = (0, 2, 3, 4, 6, 8, TCP)  # frames of the arm that its line passes
+_LINKS = (0, 2, 3, 4, 6, 8, TCP)  # frames of the arm that its drawn line joins
 
 
 class TopView:
@@ -50,13 +50,13 @@ class TopView:
         self._trail: list[tuple[float, float]] = []
 
     def follow(self, truth: Truth) -> None:
-        """Remember where the base has been."""
+        """Add the base's position to its drawn path."""
         here = (float(truth.pose[0]), float(truth.pose[1]))
         if not self._trail or math.dist(here, self._trail[-1]) > 0.03:
             self._trail = [*self._trail[-TRAIL_POINTS:], here]
 
     def draw(self, truth: Truth, view: AgentView, counts: str) -> NDArray[np.uint8]:
-        """The picture of now, shape (height, width, 3); ``counts``: words for its line of text."""
+        """Picture of the present state, shape (height, width, 3); ``counts``: end of its line of text."""
         image = self._backdrop.copy()
         pen = ImageDraw.Draw(image)
         self._scan(pen, truth, view)
@@ -76,7 +76,7 @@ class TopView:
         return np.asarray(small, dtype=np.uint8)
 
     def _pixels(self, points: Array | Sequence) -> list[tuple[float, float]]:
-        """World points (n, 2) [m] on the picture; x to the right, y up."""
+        """World points (n, 2) [m] in pixels of the picture; x to the right, y up."""
         offset = np.asarray(points, dtype=float)[:, :2] - self._corner
         return [(float(x * self._scale), float(FINER * HEADER - y * self._scale)) for x, y in offset]
 
@@ -96,7 +96,7 @@ class TopView:
         return image
 
     def _grid(self, pen: ImageDraw.ImageDraw) -> None:
-        """A line each metre."""
+        """Draw a line each metre."""
         x_min, y_min, x_max, y_max = self._scene.bounds
         lines = [[(x, y_min), (x, y_max)] for x in range(math.ceil(x_min), math.floor(x_max) + 1)]
         lines += [[(x_min, y), (x_max, y)] for y in range(math.ceil(y_min), math.floor(y_max) + 1)]
@@ -123,7 +123,7 @@ class TopView:
         pen.line(self._pixels([centre, nose]), fill=INK, width=2 * FINER)
 
     def _scan(self, pen: ImageDraw.ImageDraw, truth: Truth, view: AgentView) -> None:
-        """Points of the lidar, as they truly are."""
+        """Draw the lidar's points, from the true pose of the base."""
         scan = view.observation.scan
         if scan is None:
             return
@@ -367,7 +367,7 @@ class MotmEnv(gymnasium.Env[Observed, Action]):
         return load_scene(self._name, variant, number)
 
     def _take(self, action: Action) -> None:
-        """Hand the action to base and arm."""
+        """Hand the action to base and arm controller."""
         asked = np.asarray(action, dtype=float)
         if asked.shape != (self._numbers,) or not np.isfinite(asked).all():
             raise ValueError(f"action {action}: {self._numbers} finite numbers from -1 to 1 are needed")
@@ -382,7 +382,7 @@ class MotmEnv(gymnasium.Env[Observed, Action]):
             loop.manipulator.take(asked[2:9] * DQ_MAX, "close" if asked[9] > 0.0 else "open")
 
     def _ended(self, tick: Tick, truth: Truth) -> bool:
-        """All tasks have ended and dropped objects have landed, or a contact ends the episode."""
+        """True when all tasks have ended and released objects had time to land, or a contact ends the episode."""
         if self._stop_on_contact and self._score.caused:
             return True
         ended = tick.done and (truth.places >= _places(tick) or self._settle == 0)
@@ -393,7 +393,7 @@ class MotmEnv(gymnasium.Env[Observed, Action]):
         return self._reader.read(self._view, limit=self._limit, tasks=len(self.twin.loop.sequence.tasks))
 
     def _info(self) -> dict[str, Any]:
-        """Counts of the referee so far, and why the robot stands or is slowed."""
+        """Counts of the referee so far, and the reason why the robot stands or is slowed."""
         score, tick, scene = self._score, self._view.tick, self.twin.scene
         whole = tick is not None and tick.success and len(score.placed) == _places(tick)
         return {

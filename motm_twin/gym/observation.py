@@ -1,7 +1,7 @@
-"""Observations of an agent, from what the robot knows, and a shipped method that acts on the same as an expert.
+"""Observations of an agent, from the robot's knowledge, and an expert: a shipped method that acts on that knowledge.
 
-Observations are float32 boxes and small discrete numbers, see docs/gym.md. The expert gives the action for the next
-step: for imitation, as a baseline, and to check that the environment is the same task.
+Observations are float32 boxes and small discrete numbers, see docs/gym.md. The expert chooses the action of the next
+step: for imitation, as a baseline, and to check that the environment is the same task as the loop's.
 """
 
 import math
@@ -36,18 +36,18 @@ class AgentView:
 
     observation: Observation
     tick: Tick | None  # of the last period; None after a reset
-    pose: Array  # from which the next command acts (the lag of the base is compensated), world, shape (3,)
-    twist: Array  # commanded last [m/s, rad/s], shape (2,)
+    pose: Array  # pose at which the next command acts (the lag of the base is compensated), world, shape (3,)
+    twist: Array  # last command [m/s, rad/s], shape (2,)
     target: Target | None  # of the active task, world
     next_target: Target | None
-    goal: ArmGoal  # what the hand has to do, odometry frame
+    goal: ArmGoal  # of the hand for the active task, odometry frame
     next_goal: ArmGoal
     engaged: bool
     dwell: float  # [s]
     time_to_range: float  # [s]
 
     def problem(self) -> BaseProblem:
-        """The base's question as the loop asks it of a planner, on the map of the last period.
+        """The planning problem of the base, as the loop hands it to a planner, on the map of the last period.
 
         Raises RuntimeError after a reset: there is no map before the first period.
         """
@@ -66,7 +66,7 @@ class AgentView:
 
 
 def view_of(twin: Twin, tick: Tick | None) -> AgentView:
-    """Knowledge of the robot now, after the period of this Tick."""
+    """The robot's present knowledge, after the period of this Tick."""
     loop, observation = twin.loop, twin.loop.believed()
     sequence, targets, twist = loop.sequence, loop.targets, loop.monitor.twist
     T_odom_world = world_in_odometry(observation)
@@ -102,15 +102,15 @@ except ImportError as error:
 spaces = gymnasium.spaces
 TASKS = ("none", "pick", "place", "drive")
 PHASES = tuple(Phase)
-FAR = 50.0  # [m] positions are clipped to
-LATE = 60.0  # [s] times are clipped to
-SPEED_ROOM = 1.5  # measured speeds may exceed the limits of the robot by this, noise and lags included
+FAR = 50.0  # [m] at which positions are clipped
+LATE = 60.0  # [s] at which times are clipped
+SPEED_ROOM = 1.5  # bounds of measured speeds, as a multiple of the robot's limits: room for noise and lag
 
 Observed = dict[str, Any]
 
 
 class Now(NamedTuple):
-    """All that an observation is made of."""
+    """Inputs of one observation."""
 
     view: AgentView
     seen: Observation
@@ -123,13 +123,13 @@ class ObservationReader:
     """Turns the robot's knowledge into arrays of fixed shapes."""
 
     def __init__(self, robot: RobotProfile, beams: int) -> None:
-        """``beams``: sectors of equal angle round the base, the nearest return of each is observed."""
+        """``beams``: number of equal sectors round the base; the nearest return of each is observed."""
         if beams < 1:
             raise ValueError(f"{beams} lidar beams: at least one is needed")
         self._robot, self._beams = robot, beams
         arm = robot.arm
         self._mount = np.array([arm.mount_x, arm.mount_y, arm.mount_z])
-        self._sectors: tuple[Any, NDArray[np.int64], NDArray[np.int64]] | None = None  # of the last kind of scan
+        self._sectors: tuple[Any, NDArray[np.int64], NDArray[np.int64]] | None = None  # of the last scan's angles
         self.range_max = robot.lidar.range_max
         self._entries = self._table()
         self.space = spaces.Dict({name: space for name, (space, _) in self._entries.items()})
@@ -142,7 +142,7 @@ class ObservationReader:
     def _ranges(self, scan: Scan | None) -> Array:
         """The nearest return [m] of every sector, from straight behind counter-clockwise.
 
-        A beam that says nothing to the loop (`CheckedScan`), such as one that is nan, is no return.
+        Beams that the loop ignores (`CheckedScan`), such as nan, are no returns.
         """
         ranges = np.full(self._beams, self._robot.lidar.range_max)
         if scan is not None:
@@ -152,7 +152,7 @@ class ObservationReader:
         return ranges
 
     def _sectors_of(self, scan: Scan) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Sectors that a scan looks into, and the first beam of each."""
+        """Sectors that a scan covers, and the first beam of each."""
         kind = (len(scan.ranges), scan.angle_min, scan.angle_step)
         if self._sectors is None or self._sectors[0] != kind:
             angles = scan.angle_min + scan.angle_step * np.arange(len(scan.ranges))
@@ -194,7 +194,7 @@ class ObservationReader:
 
 
 def _fitted(space: spaces.Space, value: Any) -> Any:
-    """As float32 within the bounds of a box, or as a discrete number."""
+    """The value as float32, clipped to the bounds of a box, or as an integer of a discrete space."""
     if not isinstance(space, spaces.Box):
         return np.int64(value)
     return np.clip(np.atleast_1d(np.asarray(value, dtype=np.float32)), space.low, space.high)
@@ -229,7 +229,7 @@ def _place(target: Target | None, goal: ArmGoal, now: Observation) -> Array:
 
 
 def _turn(goal: ArmGoal, odometry: Array) -> tuple[float, float]:
-    """Cosine and sine of four times the yaw of a cube or bin in the base frame: a quarter turn leaves them equal."""
+    """Cosine and sine of four times the yaw of a cube or bin in the base frame: the same after a quarter turn."""
     if goal.kind == "none":
         return 0.0, 0.0
     yaw = 4.0 * (goal.yaw - float(odometry[2]))
@@ -249,7 +249,7 @@ class Expert:
     """A method that chooses actions from the robot's knowledge. For one episode: make a new one after every reset."""
 
     def __init__(self, env: Acting, method: str = "motm") -> None:
-        """Make an expert for ``env.unwrapped``, after its `reset`. ValueError for a method that cannot act in it."""
+        """Make an expert for ``env.unwrapped``, after its `reset`. Raises ValueError for an unfit method."""
         chosen = find_method(method)
         check_fits(chosen, whole_body=env.whole_body)
         numbers = tuned(chosen.parameters)
@@ -280,7 +280,7 @@ class Expert:
 
 
 def _inputs(view: AgentView, plan: BasePlan, twist: Array, lag: float) -> ArmInputs:
-    """Inputs of an arm step, for a step that is as long as a period."""
+    """Inputs of an arm step that lasts one period."""
     assert view.tick is not None
     T_odom_world, world = world_in_odometry(view.observation), view.tick.map
     poses = np.array(plan.local_poses, dtype=float)

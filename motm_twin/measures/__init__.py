@@ -1,4 +1,4 @@
-"""Measures of a trial, read from its Ticks alone, and the times that a trial is compared with."""
+"""Measures of a trial, computed from its Ticks alone, and reference times for comparison."""
 
 from motm_twin.measures.measures import Measures
 

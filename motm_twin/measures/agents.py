@@ -23,8 +23,8 @@ HORIZON, STEP = 2.0, 0.1  # [s] of prediction
 CONFLICT = 0.30  # [m] predicted gap below which a reaction is needed
 SLOWED = 0.15  # [m/s] by which the base slows when it gives way
 TURNED = math.radians(15.0)  # [rad] turn off its former course by which the base gives way
-TURNS = math.radians(10.0)  # [rad/s] from which it is still turning away
-FAR = 3.5  # [m] between base and agent beyond which nothing is predicted
+TURNS = math.radians(10.0)  # [rad/s] a base that turns this fast is still turning away
+FAR = 3.5  # [m] between base and agent, beyond which they are not predicted
 
 Body = tuple[float, float, float]  # base body: offset of its centre, length, width [m]
 
@@ -66,12 +66,12 @@ def compile_gaps() -> None:
 
 @dataclass
 class _Conflict:
-    """An agent that the base would have come too close to, had it kept its motion of ``time``."""
+    """A predicted close encounter with an agent, and the motion of the base at its beginning."""
 
     time: float
     heading: float
     twist: tuple[float, float]
-    last: float  # last time at which that held
+    last: float  # last time at which it was predicted
     gave_way: float | None = None  # time at which the base gave way
 
     def evasion(self, name: str, end: float) -> list[dict[str, Any]]:
@@ -92,8 +92,8 @@ class Encounters:
 
     Evasive manoeuvre: at constant velocities the gap would have fallen below 0.30 m within 2 s; and within
     these 2 s the base slowed by 0.15 m/s (not for an arm that is engaged with an object), or turned 15 deg away
-    from its course. It lasts while such a gap is predicted for the present motion, or for the former
-    speed while the base is still that much slower or turns at 10 deg/s; and 0.5 s more.
+    from its course. It lasts while the base is still that much slower or turns at 10 deg/s, and such a gap is
+    predicted for its present motion, or, while it is slower, for its former speed; and 0.5 s more.
     """
 
     footprint: Footprint
@@ -171,8 +171,8 @@ class Encounters:
 
 CUT_TIME, CUT_DISTANCE = 1.5, 1.0  # [s], [m] in front of an agent within which passing counts as cutting in
 SIDEWAYS = 0.05  # [m/s] across the agent's way from which the base is crossing it
-OWN_SHARE = 0.5  # own share of the way into the strip; the rest is due to the agent's turning
-PARTED = 1.2  # [m] gap beyond which another cut-in counts
+OWN_SHARE = 0.5  # least own share of the way into the strip; the rest is due to the agent's turning
+PARTED = 1.2  # [m] gap beyond which a further cut-in counts
 EDGE = 0.05  # [m] between points on the outline
 
 
@@ -209,11 +209,11 @@ def in_front(body: Array, pose: Array, line: Array, radius: float) -> tuple[floa
 
 @dataclass(frozen=True)
 class _Before:
-    """One agent a period ago, and its relation to the base."""
+    """One agent in the period before, and its relation to the base."""
 
     line: Array  # x, y and course
     gap: float  # [m] between base and strip
-    crossed: Array | None  # line that the base entered by its own motion and is still crossing
+    crossed: Array | None  # line of the agent whose strip the base entered by its own motion, and is still crossing
 
 
 @dataclass
@@ -289,9 +289,9 @@ def _speeds(interval: Interval, direction: Array) -> tuple[float, float]:
     return along_x * x + along_y * y, along_x * y - along_y * x
 
 
-DISCOMFORT = 0.2  # [m] gap below which somebody feels uneasy (CrowdNav)
+DISCOMFORT = 0.2  # [m] gap below which people feel uncomfortable (CrowdNav)
 COLLISION_WITHIN, COLLISION_STEP = 5.0, 0.05  # [s] search for a collision at constant velocities
-CLEAR_SHARE = 2.0 / 3.0  # share of the gained gap from which one of the two made way
+CLEAR_SHARE = 2.0 / 3.0  # share of the gained gap from which one of the two alone made way
 GAINED = 0.05  # [m] gained by both together, below which nobody made way
 
 
@@ -312,7 +312,7 @@ def time_to_collision(body: Body, pose: Array, twist: tuple[float, float], agent
 
 @dataclass
 class _Counterfactual:
-    """Base and agent that would have come too close, had both kept their motion of ``time``."""
+    """A predicted conflict: the actual gap, and those if base or agent had kept its motion of ``time``."""
 
     time: float
     pose: Array
@@ -358,7 +358,7 @@ class AmongPeople:
     """Measures of a base among agents; add every interval of a run in order.
 
     A conflict begins when at constant velocities the gap would fall below 0.30 m within 2 s, and lasts these 2 s. Base
-    freezing: it stands although it has not reached a place to drive to, or for a reason other than its arm.
+    freezing: it stands during a task to drive, or during another task for a reason other than its arm.
     """
 
     scene: Scene

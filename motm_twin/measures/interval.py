@@ -1,7 +1,7 @@
 """The interval between two Ticks: the decision at its start, and all motion until its end.
 
 A Tick holds the decisions at its time, and the truth at the end of its period. So the truth at the time of a Tick is
-in the Tick before, and for the first one in the start of the scene.
+in the Tick before; for the first one it is the start of the scene.
 """
 
 import math
@@ -82,7 +82,7 @@ class Interval:
 
 
 def finite(value: float, digits: int) -> float | None:
-    """The number rounded to these digits; None for infinity, which JSON lacks."""
+    """The number, rounded to ``digits`` decimals; None for infinity, which JSON lacks."""
     return round(value, digits) if math.isfinite(value) else None
 
 

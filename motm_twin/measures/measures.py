@@ -1,4 +1,4 @@
-"""Measures of a trial from its Ticks: time by part, smoothness, distance of the gripper to obstacles; their report."""
+"""Measures of a trial from its Ticks: time by activity, smoothness, gripper-obstacle distance; and their report."""
 
 import math
 from dataclasses import dataclass, field
@@ -18,9 +18,9 @@ from motm_twin.model.scene_shapes import outline
 from motm_twin.perception.mapper import MapSettings
 from motm_twin.perception.tracks import TrackParameters
 
-STATIC_AFTER = MapSettings().static_after  # [s] in one place: a body that never moved is then static (Sec. V)
+STATIC_AFTER = MapSettings().static_after  # [s] in one place, after which a body that never moved is static (Sec. V)
 RESTS = TrackParameters().rests  # [s] the same for a body that has moved
-CREEPS = 0.05  # [m] from its place, beyond which it has left it
+CREEPS = 0.05  # [m] from its place of rest, beyond which a body has moved
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,7 @@ class Neighbour:
     distance: float  # [m] in the plane, mean over the interval
     own: float  # [m/s] of the gripper towards the obstacle
     other: float  # [m/s] of the obstacle towards the gripper
-    static: bool  # it cannot move, or has been in the same place for long enough, see `Rest`
+    static: bool  # it cannot move, or has rested long enough, see `Rest`
 
 
 @dataclass
@@ -48,7 +48,7 @@ class Rest:
     moved: bool = False
 
     def at(self, place: Array, time: float) -> bool:
-        """Note its position; True when it is static."""
+        """Note the agent's position; True when it is static."""
         if math.dist(place, self.place) > CREEPS:
             self.place, self.since, self.moved = place, time, True
         return time - self.since >= (RESTS if self.moved else STATIC_AFTER)
@@ -210,7 +210,7 @@ def part_of(interval: Interval, v_f: float, *, evading: bool) -> str:
 
 
 class TimeSplit:
-    """Adds up both splits, and the speed of the base while the fingers close."""
+    """Adds up the time by `PHASES` and by `PARTS`, and the speed of the base while the fingers close."""
 
     def __init__(self, v_f: float) -> None:
         self._v_f = v_f
@@ -251,7 +251,7 @@ class TimeSplit:
         return {"mean": round(mean, 4), "min": round(min(speeds), 4), "max": round(max(speeds), 4)}
 
 
-STEADY = math.radians(1.0)  # [rad/s] up to which a yaw rate has no sign
+STEADY = math.radians(1.0)  # [rad/s] up to which a yaw rate counts as 0
 
 
 class Smoothness:

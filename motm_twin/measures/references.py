@@ -7,10 +7,10 @@ Experiment 1a is published as a box plot without numbers, and for the simulated 
 The reference tour is the time of the shortest tour of the base centre past all pick and drop places: start pose, then
 in task order one point in the disc round every object and bin, outside all furniture grown by a margin; length divided
 by the forward speed limit. No turning, no acceleration, no grasping: a reference, not a bound. Solved by dynamic
-programming over points on the circles (a path enters a disc through its circle, unless it is inside already), with
+programming over points on the circles (a path enters a disc through its circle, unless it begins inside), with
 exact shortest paths round the grown furniture between them. Published figures of this reference were made with 36
-points per circle, which are used here too, for comparison; ``exact=True`` refines the points until the tour is the
-shortest: 0.05 to 0.6 s less in Experiments 1 and 1a.
+points per circle, as is the default here, for comparison; ``exact=True`` refines the points to the shortest tour:
+0.05 to 0.6 s less in Experiments 1 and 1a.
 """
 
 import math

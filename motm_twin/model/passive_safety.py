@@ -53,14 +53,14 @@ def stop_of(robot: RobotProfile, margin: float) -> Stop:
     )  # fmt: skip
 
 
-def braked(told: float, speed: float, most: float, back: float, share: float) -> float:
-    """Next command of a stop, after ``told``; command and speed change by at most ``most`` at a time.
+def braked(commanded: float, speed: float, most: float, back: float, share: float) -> float:
+    """Next command of a stop, after ``commanded``; command and speed change by at most ``most`` at a time.
 
     A base that closes a ``share`` of the gap to its command in each period creeps on for long after a command of zero.
     So the command goes beyond zero, by at most ``back``: as far as it can return from by the time the base stands.
     """
     if most <= 0.0:
-        return told
+        return commanded
     beyond, above, below = 0.0, 0.0, 0.0  # steps beyond zero; largest speeds that beyond + 1 and beyond steps can stop
     while True:
         above = below + min(most, share * (below + (beyond + 1.0) * most) / (1.0 - share)) if share < 1.0 else math.inf
@@ -69,7 +69,7 @@ def braked(told: float, speed: float, most: float, back: float, share: float) ->
         beyond, below = beyond + 1.0, above
     beyond += (abs(speed) - below) / (above - below)
     beyond = min(beyond * most, abs(speed) * (1.0 - share) / share, back)
-    return told + min(most, max(-most, math.copysign(beyond, -speed) - told))
+    return commanded + min(most, max(-most, math.copysign(beyond, -speed) - commanded))
 
 
 @njit(cache=True)
@@ -92,23 +92,23 @@ def overhang(q: Array, mount: tuple[float, float], stop: Stop) -> Array:
 
 @kernel
 def met_in_stop(
-    state: State, told: tuple[float, float], holds: int, time: float, movers: Array, arm: Array, stop: Stop
+    state: State, commanded: tuple[float, float], holds: int, time: float, movers: Array, arm: Array, stop: Stop
 ) -> int:
     """Index of the first obstacle that the stopping base approaches by its own motion, within the margin; -1: none.
 
-    ``told``: twist [m/s, rad/s] commanded for one more period; then the command falls as fast as it may, and the base
+    ``commanded``: twist [m/s, rad/s] for one more period; then the command falls as fast as it may, and the base
     follows it with its lag. ``movers``: x, y [m], velocity [m/s], radius [m], shape (k, 5 or more), ``time`` [s] before
     this state; ``arm``: its `overhang`. ``holds``: with `HOLDS_TURN` the turn brakes only after the speed is zero, with
     `HOLDS_SPEED` the speed brakes only after the turn has ended: a base that backs away in a turn keeps backing away.
     An obstacle that approaches a base at rest, or a base that moves away from it, does not count.
     """
     x, y, heading, v, w = state
-    v_told, w_told = told
+    v_cmd, w_cmd = commanded
     passed, farthest = 0.0, _farthest(arm, stop)
     while True:
         x_before, y_before, heading_before = x, y, heading
-        v_now = followed(v, v_told, stop.linear * PERIOD, stop.share)
-        w_now = followed(w, w_told, stop.turning * PERIOD, stop.share)
+        v_now = followed(v, v_cmd, stop.linear * PERIOD, stop.share)
+        w_now = followed(w, w_cmd, stop.turning * PERIOD, stop.share)
         x, y, heading = step(x, y, heading, v, w, v_now, w_now, PERIOD)
         v, w = v_now, w_now
         passed += PERIOD
@@ -121,18 +121,18 @@ def met_in_stop(
                 gap = _gap(px, py, x, y, heading, arm, stop)
                 if gap < room and gap < _gap(px, py, x_before, y_before, heading_before, arm, stop) - ROUNDING:
                     return k
-        if max(abs(v), abs(w)) < STANDS and v_told == 0.0 == w_told:
+        if max(abs(v), abs(w)) < STANDS and v_cmd == 0.0 == w_cmd:
             return -1
-        if holds != HOLDS_SPEED or w_told == 0.0:
-            v_told = math.copysign(max(abs(v_told) - stop.linear * PERIOD, 0.0), v_told)
-        if holds != HOLDS_TURN or v_told == 0.0:
-            w_told = math.copysign(max(abs(w_told) - stop.turning * PERIOD, 0.0), w_told)
+        if holds != HOLDS_SPEED or w_cmd == 0.0:
+            v_cmd = math.copysign(max(abs(v_cmd) - stop.linear * PERIOD, 0.0), v_cmd)
+        if holds != HOLDS_TURN or v_cmd == 0.0:
+            w_cmd = math.copysign(max(abs(w_cmd) - stop.turning * PERIOD, 0.0), w_cmd)
 
 
 @kernel
-def followed(speed: float, told: float, most: float, share: float) -> float:
-    """Speed after closing a share of the gap to the command ``told``; it changes by at most ``most``."""
-    return speed + min(most, max(-most, share * (told - speed)))
+def followed(speed: float, commanded: float, most: float, share: float) -> float:
+    """Speed after closing a share of the gap to the command ``commanded``; it changes by at most ``most``."""
+    return speed + min(most, max(-most, share * (commanded - speed)))
 
 
 @kernel

@@ -147,10 +147,8 @@ class Noise(msgspec.Struct, frozen=True, kw_only=True):
     slot_error_until_seen: float = 0.03  # [m] sd per axis of what is believed of an object before it is seen
     camera_position_sd_at_1m: float = 0.02  # [m], linear in distance between the two
     camera_position_sd_at_01m: float = 0.002  # [m]
-    base_speed_scale_sd: float = 0.0  # share by which the base drives and turns faster than told, fixed for one seed
-    arm_rate_sd: float = (
-        0.0  # [rad/s] of every joint that moves, about the rate that it is told, drawn anew every 10 ms
-    )
+    base_speed_scale_sd: float = 0.0  # share by which the base is faster than commanded, fixed for one seed
+    arm_rate_sd: float = 0.0  # [rad/s] of every joint that moves, about its commanded rate, drawn anew every 10 ms
     localisation_drift_sd: float = 0.0  # [m] per axis, a second error that is correlated over localisation_drift_time
     localisation_drift_time: float = 60.0  # [s]
     camera_latency: float = 0.0  # [s] from a picture to its detections, which carry the picture's stamp
@@ -195,7 +193,7 @@ class Mismatch(msgspec.Struct, frozen=True, kw_only=True):
 
     command_delay: float = 0.0  # [s] after which base, arm and gripper act on a command
     base_lag: float = 0.0  # [s] additional lag of the base's velocity loop
-    base_scale: float = 0.0  # share by which the base drives and turns faster than told
+    base_scale: float = 0.0  # share by which the base drives and turns faster than commanded
     arm_lag: float = 0.0  # [s] additional lag of the arm's velocity loop
     hand_eye: float = 0.0  # [m] by which the camera is elsewhere on the hand; direction of the seed
     map_offset: float = 0.0  # [m] by which map, bins and first ideas of the objects are off; direction of the seed

@@ -207,7 +207,7 @@ class MismatchFile(Part, frozen=True, kw_only=True):
 
     command_delay: Annotated[float, Meta(ge=0, le=1, description="[s]")] | None = None
     base_lag: Annotated[float, Meta(ge=0, le=2, description="[s] more than in the profile")] | None = None
-    base_scale: Annotated[float, Meta(ge=-0.5, le=0.5, description="share faster than told")] | None = None
+    base_scale: Annotated[float, Meta(ge=-0.5, le=0.5, description="share faster than commanded")] | None = None
     arm_lag: Annotated[float, Meta(ge=0, le=2, description="[s] more than in the profile")] | None = None
     hand_eye: Annotated[float, Meta(ge=0, le=0.1, description="[m]")] | None = None
     map_offset: Annotated[float, Meta(ge=0, le=0.5, description="[m]")] | None = None

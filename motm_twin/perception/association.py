@@ -1,8 +1,8 @@
-"""Data association: names for anonymous detections, from the believed places of the objects.
+"""Data association: names anonymous detections after objects, by the believed positions of the objects.
 
-The detections of a picture and the objects are assigned jointly: as many as possible, with the least total cost in
-standard deviations (global nearest neighbour). An unmatched detection is a candidate. One seen repeatedly at one place
-becomes an object that somebody has moved, if one is missing from its believed place; one seen once is ignored.
+All detections of a picture are matched with objects at once: as many as possible, at the least total cost (global
+nearest neighbour; a cost is a negative log-likelihood). An unmatched detection is a candidate. Seen repeatedly at one
+place, it is taken for an object that is missing from its believed position; seen once, it is ignored.
 """
 
 import math
@@ -19,10 +19,10 @@ from motm_twin.model.geometry import Array, from_frame
 from motm_twin.model.number import OWN, Number
 from motm_twin.model.plant import PERIOD, Detection
 
-MOST_CANDIDATES = 50  # that are remembered
-MOST_DENIED = 20  # that are remembered
-SAME = 0.03  # [m] within which it is the same place
-LIKELY = 0.2  # [s] for which one detection that was matched says where an object is that has no name yet
+MOST_CANDIDATES = 50  # remembered; the oldest are dropped
+MOST_DENIED = 20  # remembered; the oldest are dropped
+SAME = 0.03  # [m] per axis: positions nearer than this are the same place
+LIKELY = 0.2  # [s] for which a single likely detection of a never named object replaces its believed position
 
 
 class AssociationSettings(msgspec.Struct, frozen=True, kw_only=True):
@@ -54,64 +54,64 @@ class AssociationSettings(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Places(msgspec.Struct, frozen=True, kw_only=True, eq=False):
-    """Believed places of the objects at one observation, odometry frame."""
+    """Believed positions of the objects at one observation, odometry frame."""
 
     names: tuple[str, ...]
     positions: Array  # [m], shape (n, 3)
     variances: Array  # [m^2] per axis, shape (n,)
-    seen: Array  # it was seen before, shape (n,), bool
-    gate: float  # standard deviations between the place of an object and its detection, at most
-    gate_floor: float  # [m] or this far
-    agreeing: int  # detections at one place that are believed
+    seen: Array  # mask of objects that were seen before, shape (n,), bool
+    gate: float  # largest distance of a detection from its object, in standard deviations
+    gate_floor: float  # [m] added to the gate
+    agreeing: int  # number of detections at one place from which they are believed
 
 
 class Sight(Protocol):
-    """World and camera as the association asks them."""
+    """Queries of the association about objects, camera and bins."""
 
     def places(self) -> Places:
-        """Believed places of the objects."""
+        """Believed positions of the objects."""
         ...
 
     def in_view(self, point: Array) -> bool:
-        """The camera surely sees a point (3,) [m], odometry frame, unless something stands before it."""
+        """True when a point (3,) [m], odometry frame, is surely in view, unless an unknown obstacle hides it."""
         ...
 
     def in_bin(self, point: Array) -> bool:
-        """A point (3,) [m], odometry frame, is in a bin."""
+        """True when a point (3,) [m], odometry frame, is in a bin."""
         ...
 
 
 @dataclass
 class Candidate:
-    """Something that was detected, and is no object where it is believed."""
+    """A place of detections that match no object at its believed position."""
 
     position: Array  # [m] odometry frame, newest, shape (3,)
     stamp: float  # [s] newest
     sd: float  # [m] of the newest position
     count: int = 1
-    name: str = ""  # of the object that it is taken for
-    likely: str = ""  # of the object that it was matched with, when one detection was too little to say so
+    name: str = ""  # object that it is taken for; "" for none
+    likely: str = ""  # object that it was matched with, while one detection is not enough to name it
 
 
 @dataclass
 class AssociationState:
-    """Candidates, missing objects, and the answer for the newest picture."""
+    """Candidates, missing objects, and the names given in the newest picture."""
 
     stamp: float = -math.inf  # [s] of the newest picture with detections
-    looked: float = -math.inf  # [s] when a picture was last gone through
-    names: dict[bytes, str] = field(default_factory=dict)  # of its detections by what they say, "" for none
+    looked: float = -math.inf  # [s] time of the last update
+    names: dict[bytes, str] = field(default_factory=dict)  # of its detections, by the bytes of `p_base`; "" for none
     candidates: list[Candidate] = field(default_factory=list)
-    absent: dict[str, float] = field(default_factory=dict)  # [s] since when an object is in view and not reported
-    missed: dict[str, Array] = field(default_factory=dict)  # where the fingers last closed on an object in vain
-    lost: list[str] = field(default_factory=list)  # objects that are not where they were believed, and unseen since
-    denied: list[tuple[str, Array]] = field(default_factory=list)  # objects, and where something is that is another
+    absent: dict[str, float] = field(default_factory=dict)  # [s] time since which an object is in view, not reported
+    missed: dict[str, Array] = field(default_factory=dict)  # position of the last failed grasp of each object
+    lost: list[str] = field(default_factory=list)  # objects not found at their believed positions, and unseen since
+    denied: list[tuple[str, Array]] = field(default_factory=list)  # a name, and a position of a different object
 
 
 def names_of(
     state: AssociationState, found: Sequence[Detection], now: float, held: str | None, sight: Sight,
     settings: AssociationSettings,
 ) -> tuple[str, ...]:  # fmt: skip
-    """Names of detections that have none, "" for those that stay without one. ``now``: [s] of the camera's clock."""
+    """Names for anonymous detections; "" for one that stays without. ``now``: time of the camera's clock [s]."""
     newest = max((one.stamp for one in found), default=-math.inf)
     if found and newest <= state.stamp:
         return tuple(state.names.get(one.p_base.tobytes(), "") for one in found)
@@ -148,7 +148,7 @@ def names_of(
 
 
 def unexplained(state: AssociationState, sight: Sight) -> bool:
-    """Something is detected again and again where no object is known, and none is missing."""
+    """True when something is detected repeatedly where no object is known, and no object is missing."""
     agreeing = sight.places().agreeing
     return not state.absent and any(
         one.count > agreeing and not one.name and one.stamp == state.stamp and not sight.in_bin(one.position)
@@ -157,7 +157,7 @@ def unexplained(state: AssociationState, sight: Sight) -> bool:
 
 
 def disproved(state: AssociationState, now: float, settings: AssociationSettings) -> tuple[str, ...]:
-    """Objects that have been in view for long where they are believed, and were not reported: they are lost."""
+    """Objects whose believed position has long been in view without a report; they count as lost from now on."""
     found = tuple(name for name, since in state.absent.items() if now - since >= settings.disproved)
     for name in found:
         del state.absent[name]
@@ -166,9 +166,9 @@ def disproved(state: AssociationState, now: float, settings: AssociationSettings
 
 
 def missed(state: AssociationState, name: str, place: Array, places: Places, settings: AssociationSettings) -> str:
-    """The object that must be at a place (3,) [m] where the fingers closed on ``name`` and held nothing; "" for none.
+    """Object that is really at a place (3,) [m] where the fingers closed on ``name`` and held nothing; "": unknown.
 
-    After a second failure at one place it is the nearest other object, if one is believed within ``pushed`` [m].
+    After a second failure at one place, it is the nearest other object that is believed within ``pushed`` [m].
     """
     before, state.missed[name] = state.missed.get(name), place.copy()
     if before is None or not state.names or np.abs(place - before).max() >= SAME:
@@ -185,9 +185,9 @@ def missed(state: AssociationState, name: str, place: Array, places: Places, set
 
 
 def _with_likely(places: Places, candidates: Sequence[Candidate], now: float) -> Places:
-    """The places of objects that were never named are where a detection was likely theirs in a picture just before.
+    """The places, with each never named object at the detection that was likely its own in a picture just before.
 
-    Of two look-alikes side by side, the one that is named first would otherwise be as near to both in the next picture.
+    Otherwise the first of two look-alikes to be named would be as near to both detections of the next picture.
     """
     positions, variances = places.positions.copy(), places.variances.copy()
     for one in candidates:
@@ -199,7 +199,7 @@ def _with_likely(places: Places, candidates: Sequence[Candidate], now: float) ->
 
 
 class _Picture:
-    """The detections of one picture, the objects, and how far they are from each other."""
+    """The detections of one picture, the objects, and the distances and costs of all pairs."""
 
     def __init__(
         self, found: Sequence[Detection], places: Places, held: str | None, denied: Sequence[tuple[str, Array]],
@@ -228,8 +228,8 @@ class _Picture:
     def matched(self, candidates: Sequence[Candidate]) -> tuple[dict[int, int], dict[int, int]]:
         """Object of each matched detection: within the gates first, then within ``pushed`` [m] for moved objects.
 
-        New detections near no object seen before are matched last, so that a false one cannot take another's object.
-        The second result treats all alike: an object that was never seen is named only when both agree.
+        New detections in no gate of an object seen before are matched after the others, so that a false one takes no
+        object from them. The second result matches all at once: a never seen object is named only if both agree.
         """
         more = np.array([one.count > 1 for one in candidates], dtype=bool)
         seen = np.asarray(self.places.seen, dtype=bool)[None, :]
@@ -240,16 +240,16 @@ class _Picture:
         return match | _assigned(self.distance, near), all_alike
 
     def _left(self, match: dict[int, int]) -> NDArray[np.bool_]:
-        """Detections and objects that are not matched yet."""
+        """Mask of the pairs whose detection and object are both unmatched."""
         left = np.ones_like(self.possible)
         left[list(match), :] = False
         left[:, list(match.values())] = False
         return left
 
     def ambiguous(self, k: int, i: int, match: dict[int, int], absent: Callable[[str], bool]) -> bool:
-        """Another object that was never seen may as well be what is detected, unless its place is seen to be empty.
+        """True when detection ``k`` may just as well be another object than its match ``i``, one that was never seen.
 
-        One picture does not show that: it is the other object, and that of the match is not in view yet.
+        It is excluded once its place is seen empty. One picture is not enough: the match may not be in view yet.
         """
         taken = set(match.values())
         for other in np.flatnonzero(self.possible[k] & np.logical_not(self.places.seen)).tolist():
@@ -260,19 +260,19 @@ class _Picture:
 
 
 def _assigned(cost: Array, possible: NDArray[np.bool_]) -> dict[int, int]:
-    """Rows and columns that belong together: as many as can be, then with the least cost."""
+    """Assignment of rows to columns: as many as possible, then at the least total cost."""
     if not possible.any():
         return {}
     allowed = cost[possible]
     low = float(allowed.min())
     wide = float(allowed.max()) - low + 1.0
-    beyond = wide * (1 + min(cost.shape))  # more than all others together
+    beyond = wide * (1 + min(cost.shape))  # more than all possible pairs together
     rows, columns = linear_sum_assignment(np.where(possible, cost - low, beyond))
     return {int(r): int(c) for r, c in zip(rows, columns, strict=True) if possible[r, c]}
 
 
 def _candidates(state: AssociationState, picture: _Picture) -> list[Candidate]:
-    """The detections, each seen once more or for the first time."""
+    """Candidate of each detection: one of earlier pictures at its place, or a new one."""
     old, places = [one for one in state.candidates if one.stamp < picture.stamp], picture.places
     there = np.array([one.position for one in old]).reshape(-1, 3)
     apart = picture.at[:, None, :] - there[None, :, :]
@@ -291,7 +291,7 @@ def _candidates(state: AssociationState, picture: _Picture) -> list[Candidate]:
 
 
 def _watch_absent(state: AssociationState, picture: _Picture, match: dict[int, int], now: float, sight: Sight) -> None:
-    """Since when each object is in view and not reported."""
+    """Update the time since which each object is in view, but not reported."""
     reported = set(match.values())
     for i, name in enumerate(picture.places.names):
         if i in reported or not picture.free[i] or not sight.in_view(picture.places.positions[i]):
@@ -309,7 +309,7 @@ def _claim(
     candidates: Sequence[Candidate], picture: _Picture, names: list[str], match: dict[int, int], sight: Sight,
     absent: Callable[[str], bool], lost: Sequence[str],
 ) -> None:  # fmt: skip
-    """Confirmed candidates are the objects that are missing or ``lost``, the nearest first."""
+    """Name confirmed candidates after objects that are missing or ``lost``, the nearest pairs first."""
     places, taken, settings = picture.places, {*match.values()}, picture.settings
     pairs = []
     for k in range(len(names)):
@@ -336,7 +336,7 @@ def _claim(
 
 
 def _forget(state: AssociationState, picture: _Picture, names: Sequence[str], now: float, sight: Sight) -> None:
-    """Candidates that are objects where these are believed, that did not come again, or are in view and gone."""
+    """Drop candidates that match an object at its believed position, and those not detected again for a while."""
     settings, own = picture.settings, [at for at, name in zip(picture.at, names, strict=True) if name]
     kept = []
     for one in state.candidates:

@@ -13,7 +13,7 @@ from motm_twin.model.scene import Cylinder, Solid
 from motm_twin.perception.footprints import distance_to_solids, merged_outlines, outline, signed_distance, uncovered
 from motm_twin.perception.grid import WHOLE, Grid, grid_over
 
-FAR = 3.0  # [m] further than this nothing asks how far it is: a base may be planned 1 m from anything
+FAR = 3.0  # [m] cap of distances on a large map: planning asks for clearances of at most 1 m
 
 
 class BaseMap(msgspec.Struct, frozen=True, kw_only=True, eq=False, weakref=True):
@@ -21,22 +21,22 @@ class BaseMap(msgspec.Struct, frozen=True, kw_only=True, eq=False, weakref=True)
 
     grid: Grid
     occupied: NDArray[np.uint8]  # 1 where a mapped footprint covers part of the cell, shape (rows, columns)
-    distance: NDArray[np.float32]  # [m] cell centre to the nearest mapped footprint, exact, 0 inside
-    visible_distance: NDArray[np.float32]  # [m] the same, to what the lidar can see of the furniture
+    distance: NDArray[np.float32]  # [m] cell centre to the nearest mapped footprint, exact, negative inside
+    visible_distance: NDArray[np.float32]  # [m] the same, to solids at the height of the lidar
     polygons: tuple[Array, ...]  # outlines, counter-clockwise, each shape (n, 2)
     extents: Array  # [m] of each polygon x_min, y_min, x_max, y_max, shape (polygons, 4)
 
     def polygons_within(self, low: Array, high: Array) -> tuple[Array, ...]:
-        """Those that are in part between the corners (2,) of a rectangle [m]."""
+        """Polygons whose extents overlap the rectangle with corners ``low`` and ``high``, shape (2,) [m]."""
         within = (self.extents[:, 2:] >= low).all(axis=1) & (self.extents[:, :2] <= high).all(axis=1)
         return tuple(self.polygons[k] for k in np.flatnonzero(within))
 
 
-_in_use: WeakValueDictionary[bytes, BaseMap] = WeakValueDictionary()  # by what they are made of
+_in_use: WeakValueDictionary[bytes, BaseMap] = WeakValueDictionary()  # by their encoded inputs
 
 
 def base_map(known: KnownWorld, resolution: float) -> BaseMap:
-    """The pre-made map of the known world; resolution in [m]. It takes 20 ms and more: who asks again shares it."""
+    """The pre-made map of the known world; resolution in [m]. Shared by equal requests, as it takes 20 ms or more."""
     robot = known.robot
     made_of = msgspec.msgpack.encode((known_solids(known), known.bounds, robot.top, robot.lidar.z, resolution))
     found = _in_use.get(made_of)
@@ -63,7 +63,7 @@ def _build(known: KnownWorld, resolution: float) -> BaseMap:
 
 
 def _distance(solids: tuple[Solid, ...], grid: Grid) -> NDArray[np.float32]:
-    """Distance [m] of every cell centre to the nearest footprint, negative inside; on a large map up to `FAR`."""
+    """Distance [m] of every cell centre to the nearest footprint, negative inside; at most `FAR` on a large map."""
     if grid.shape[0] * grid.shape[1] <= WHOLE:
         return distance_to_solids(solids, grid.centres()).astype(np.float32)
     distance = np.full(grid.shape, FAR, np.float32)
@@ -81,7 +81,7 @@ def _distance(solids: tuple[Solid, ...], grid: Grid) -> NDArray[np.float32]:
 
 
 def read_only(array: np.ndarray) -> np.ndarray:
-    """The same array, from now on not writable."""
+    """Make an array read-only in place, and return it."""
     array.setflags(write=False)
     return array
 

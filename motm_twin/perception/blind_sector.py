@@ -1,10 +1,10 @@
-"""Beams of the lidar that are blind while the others see: nothing returns where mapped furniture stands.
+"""Check for a blind sector of the lidar: some beams get no return from mapped furniture that other beams see.
 
-A blind sector turns with the robot; furniture that was taken away stays gone from every direction. So beams are in
-doubt when nothing returns where the map expects it, and they are blind when other beams have seen that very place
-since. A beam beside the end of some furniture may pass it when the pose is a little off: nothing is expected of it.
-Beams in doubt and blind ones say nothing: what lies there is unknown, not free. They are trusted again when they
-return something, or have missed nothing for a while; for longer each time.
+A blind sector turns with the robot; furniture that was taken away is missing from every direction. So beams without an
+expected return are in doubt, and they are blind once other beams have seen the same place. A beam near the end of some
+furniture is not judged, as it may pass beside it when the pose is a little off. Beams in doubt and blind beams are
+ignored: the space there is unknown, not free. They are trusted again when they return something, or have missed nothing
+for a while, which is longer each time.
 """
 
 import math
@@ -43,22 +43,22 @@ class SectorSettings(msgspec.Struct, frozen=True, kw_only=True):
 
 @dataclass
 class SectorState:
-    """Memory of the check. Arrays are as long as there are beams, or bins of the map's outlines."""
+    """Memory of the check: one entry per beam, or per bin of the map's outlines."""
 
     unseen: NDArray[np.bool_]  # beams that are not trusted now
-    doubted: Array  # stamp [s] since when each beam has missed furniture; nan: it is trusted
-    proved: NDArray[np.bool_]  # beams that have missed what others have seen since
-    blind: NDArray[np.bool_]  # beams of a sector with enough of these
+    doubted: Array  # stamp [s] since which each beam has missed furniture; nan: it is trusted
+    proved: NDArray[np.bool_]  # beams that have missed furniture that others have seen since
+    blind: NDArray[np.bool_]  # beams of a sector with enough proved beams
     times: NDArray[np.int64]  # how often each beam was found blind
     miss: Array  # stamp [s] of the newest miss of each beam
     returned: Array  # stamp [s] of the newest return of each beam
     gone: NDArray[np.bool_]  # bins of furniture that is no longer there
     missed: NDArray[np.int64]  # beam that missed each bin last, until the bin is seen; -1: none
-    missing: Array  # stamp [s] since when each bin is missed; nan: it was seen since
+    missing: Array  # stamp [s] since which each bin is missed; nan: it was seen since
 
     @classmethod
     def of(cls, beams: int, bins: int) -> "SectorState":
-        """Nothing is known yet."""
+        """Initial state: all beams are trusted."""
         return cls(
             unseen=np.zeros(beams, bool),
             doubted=np.full(beams, math.nan),
@@ -73,7 +73,7 @@ class SectorState:
         )
 
     def move_to(self, bins: int) -> None:
-        """Go on with another map of so many bins: which beams are blind is kept, what they missed is forgotten."""
+        """Switch to another map with this number of bins: keep the blind beams, forget the bins that they missed."""
         fresh = SectorState.of(0, bins)
         self.gone, self.missed, self.missing = fresh.gone, fresh.missed, fresh.missing
 
@@ -82,11 +82,11 @@ class Outline(msgspec.Struct, frozen=True, eq=False):
     """Edges of the mapped furniture, cut into bins."""
 
     segments: Array  # shape (s, 4) [m]
-    first: NDArray[np.int64]  # bin with which each edge begins, and the number of all bins; shape (s + 1,)
+    first: NDArray[np.int64]  # first bin of each edge, and the number of all bins; shape (s + 1,)
 
     @classmethod
     def of(cls, segments: Array, width: float) -> "Outline":
-        """Bins at most ``width`` [m] wide."""
+        """Cut the segments (s, 4) [m] into bins at most ``width`` [m] wide."""
         lengths = np.hypot(segments[:, 2] - segments[:, 0], segments[:, 3] - segments[:, 1])
         counts = np.maximum(1, np.ceil(lengths / width)).astype(np.int64)
         return cls(segments, np.concatenate(([0], np.cumsum(counts))))
@@ -95,9 +95,9 @@ class Outline(msgspec.Struct, frozen=True, eq=False):
 def check_sector(
     state: SectorState, scan: Scan, pose: Array | None, outline: Outline, settings: SectorSettings
 ) -> tuple[Scan, Finding | None]:
-    """The sweep without what its blind beams say, and the finding; the same sweep when all beams are trusted.
+    """The sweep with nan for beams that are not trusted, and the finding; the same sweep and None if all are trusted.
 
-    ``pose`` (3,): where the sweep was made; None where that is in doubt: what is known of the beams stays as it is.
+    ``pose`` (3,): base pose of the sweep; None: it is in doubt, and the memory of the beams does not change.
     """
     if pose is not None and len(outline.segments):
         _look(state, scan, pose, outline, settings)
@@ -112,7 +112,7 @@ def check_sector(
 
 
 def _look(state: SectorState, scan: Scan, pose: Array, outline: Outline, settings: SectorSettings) -> None:
-    """Compare a sweep with the map, and tell which beams are not trusted."""
+    """Compare a sweep with the map, and update the beams that are not trusted."""
     reach = min(REACH, scan.range_max)
     expected = seen_edges(pose, scan.origin, scan.angle_min, scan.angle_step, len(scan.ranges), outline.segments, reach)
     sure = _surely_met(expected[0], expected[1], abs(scan.angle_step), settings.margin)
@@ -127,9 +127,9 @@ def _look(state: SectorState, scan: Scan, pose: Array, outline: Outline, setting
 
 @njit(cache=True)
 def _surely_met(ranges: Array, edge: NDArray[np.int64], step: float, margin: float) -> NDArray[np.bool_]:
-    """Beams that meet furniture even from a pose that is off by a margin [m] across them, shape (n,).
+    """Mask of beams that meet furniture even if the pose is off by a margin [m] across them, shape (n,).
 
-    ``ranges`` and ``edge`` as of `seen_edges`; ``step`` [rad] between beams.
+    ``ranges`` and ``edge`` are those of `seen_edges`; ``step`` [rad] between beams.
     """
     count = ranges.shape[0]
     result = edge >= 0
@@ -146,9 +146,9 @@ def _surely_met(ranges: Array, edge: NDArray[np.int64], step: float, margin: flo
 
 @njit(cache=True)
 def _follow(state, places, returns, expected, first, stamp, limits):
-    """Move the memory on by one sweep, and tell which beams are not trusted now, shape (n,).
+    """Update the memory with one sweep; returns a mask of the beams that are not trusted now, shape (n,).
 
-    ``expected``: what the map has in the way of each beam, as of `seen_edges` and `_surely_met`.
+    ``expected``: mapped furniture that each beam meets, from `seen_edges` and `_surely_met`.
     """
     ranges, edge, along, sure = expected
     doubted, proved, blind, _, miss, returned = state
@@ -203,7 +203,7 @@ def _follow(state, places, returns, expected, first, stamp, limits):
 
 @njit(cache=True)
 def _judge(state, missed, begin, end, stamp, limits, unseen):
-    """A run of doubted beams: it sees again, it is blind with its silent neighbours, or it is trusted after a while."""
+    """Judge a run of doubted beams: it sees again, is blind (with silent neighbours), or is trusted after a while."""
     doubted, proved, blind, times, miss, returned = state
     doubt, rest, proofs = limits
     known = blind[begin:end].any()

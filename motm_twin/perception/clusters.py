@@ -2,8 +2,8 @@
 
 A hull is too coarse when it blocks a way past the cells after planning has grown it by g, or when the base fits inside
 it, as between the walls of a room. Such a cluster is split until less than `LOST` of a way is blocked. Testing only the
-side that the lidar sees was tried, since nobody has seen what is behind: posts that the robot had passed then blocked
-the way between them, and it stood still.
+side in sight of the lidar was tried and rejected: posts that the robot had passed then blocked the way between them,
+and it stood still.
 
 The polygons feed the visibility graph only; collision is decided by the distance field, which keeps every cell.
 """
@@ -16,10 +16,10 @@ from motm_twin.model.compiler import njit
 from motm_twin.model.geometry import Array
 from motm_twin.model.profile import Footprint
 
-MERGE_CELLS = 6  # 0.3 m: grazing beams leave gaps like this on one face; where a base fits through, they are parted
-LOST = 0.05  # [m] of a way beside a hull that may be lost
+MERGE_CELLS = 6  # 0.3 m: grazing beams leave such gaps on one face; where a base fits through, the cluster is split
+LOST = 0.05  # [m] by which a hull may narrow a way beside it
 MARGIN = 0.08  # [m] beyond half the width of the base by which planning grows outlines
-BETWEEN = 2.0  # cells between two places beside a hull at which it is tried
+BETWEEN = 2.0  # cells between two sample points beside or inside a hull
 MAX_CORNERS = 8
 FLAT = 0.02  # [m] corners that stand out less than this are left out
 CALM = 0.075  # [m] an outline is kept while no corner of the new one is further than this from it (1.5 cells)
@@ -27,9 +27,9 @@ CALM = 0.075  # [m] an outline is kept while no corner of the new one is further
 
 @njit(cache=True)
 def label_cells(cells, reach):
-    """Cluster number of every cell (row, column), shape (m,), and how many there are.
+    """Cluster number of every cell (row, column), shape (m,), and the number of clusters.
 
-    Cells at most ``reach`` apart in row and column belong together.
+    Cells at most ``reach`` apart in row and column belong to one cluster.
     """
     label = np.full(cells.shape[0], -1, np.int32)
     if cells.shape[0] == 0:
@@ -101,7 +101,7 @@ def hull_of_cells(cells):
 
 @njit(cache=True)
 def drop_flat_corners(hull, flat, most):
-    """The hull with corners left out that stand out least from the line of their neighbours, until few and sharp."""
+    """Drop the flattest corners of a hull, until at most ``most`` are left, all higher than ``flat``; 4 always stay."""
     corners = hull.copy()
     n = corners.shape[0]
     while n > 4:
@@ -133,7 +133,7 @@ def area_of(corners):
 
 @njit(cache=True)
 def _by_label(labels, count):
-    """Indices of cells (m,), label by label and in their order, and where each label ends, (count,)."""
+    """Indices of cells sorted by label, in their order within a label, (m,), and the end of each label, (count,)."""
     ends = np.zeros(count, np.int64)
     for label in labels:
         ends[label] += 1
@@ -147,7 +147,7 @@ def _by_label(labels, count):
 
 @njit(cache=True)
 def _blocks_way(hull, cells, g, lost):
-    """Some place at distance g from the hull (n, 2) is more than g + ``lost`` from every cell (m, 2); in cells."""
+    """True when a point at distance g from the hull (n, 2) is beyond g + ``lost`` of every cell (m, 2); in cells."""
     far = (g + lost) ** 2
     for i in range(hull.shape[0]):
         j = i + 1 if i + 1 < hull.shape[0] else 0
@@ -172,12 +172,12 @@ def _blocks_way(hull, cells, g, lost):
 
 @njit(cache=True)
 def _encloses(hull, cells, far):
-    """A place inside the hull (n, 2) is farther than ``far`` from all cells (m, 2); all in cells."""
+    """True when a point inside the hull (n, 2) is farther than ``far`` from all cells (m, 2); all in cells."""
     low_x, high_x, low_y, high_y = hull[:, 0].min(), hull[:, 0].max(), hull[:, 1].min(), hull[:, 1].max()
     if min(high_x - low_x, high_y - low_y) <= 2.0 * far:
         return False
     across, up = math.ceil((high_x - low_x) / BETWEEN), math.ceil((high_y - low_y) / BETWEEN)
-    for n in range(across * up):  # from the middle on: in most of those that enclose something it is free
+    for n in range(across * up):  # from the middle on: it is free in most hulls that enclose free space
         at = (n + across * up // 2 + across // 2) % (across * up)
         x, y = low_x + (at % across + 0.5) * BETWEEN, low_y + (at // across + 0.5) * BETWEEN
         within = True
@@ -199,7 +199,7 @@ def _encloses(hull, cells, far):
 
 @njit(cache=True)
 def _outline_of(cells, resolution, g, origin):
-    """Convex outline [m], counter-clockwise, (n, 2), of cells sorted by row and column; none when it would lie."""
+    """Convex outline [m], counter-clockwise, (n, 2), of cells sorted by row and column; n = 0 if it is too coarse."""
     hull = hull_of_cells(cells)
     if _blocks_way(hull, cells, g / resolution, LOST / resolution) or _encloses(hull, cells, (g + LOST) / resolution):
         return hull[:0]
@@ -211,14 +211,14 @@ def _outline_of(cells, resolution, g, origin):
 
 
 def growth_of(footprint: Footprint) -> float:
-    """g [m]: by how much planning grows outlines for a base, when nobody has changed that."""
+    """g [m], the default growth of outlines in planning: half the width of the base, and `MARGIN`."""
     return 0.5 * footprint.width + MARGIN
 
 
 def seen_outlines(cells: np.ndarray, resolution: float, origin: Array, g: float) -> list[Array]:
     """Convex outlines [m], counter-clockwise, each shape (n, 2), of seen cells (row, col) sorted by row and column.
 
-    ``g`` [m]: by how much planning grows them.
+    ``g`` [m]: growth of outlines in planning.
     """
     order, ends = _by_label(*label_cells(cells, MERGE_CELLS))
     by_label, start = cells[order], 0
@@ -237,7 +237,7 @@ def seen_outlines(cells: np.ndarray, resolution: float, origin: Array, g: float)
 
 
 def _halves(cells: np.ndarray) -> list[np.ndarray]:
-    """The cells on either side of their centre, along the direction in which they spread most."""
+    """Split cells at their centre into two halves, along the direction in which they spread most."""
     offset = cells - cells.mean(axis=0)
     xx, xy, yy = (offset[:, 1] ** 2).mean(), (offset[:, 0] * offset[:, 1]).mean(), (offset[:, 0] ** 2).mean()
     angle = 0.5 * math.atan2(2.0 * xy, xx - yy)
@@ -246,7 +246,7 @@ def _halves(cells: np.ndarray) -> list[np.ndarray]:
 
 
 def steadied(outlines: list[Array], before: tuple[Array, ...]) -> tuple[Array, ...]:
-    """The new outlines, each replaced by the one of the period before when they agree within CALM both ways."""
+    """The new outlines, each replaced by one of the previous period that agrees with it within `CALM` both ways."""
     kept: list[Array] = []
     for new in outlines:
         kept.append(next((old for old in before if outlines_agree(new, old, CALM)), new))
@@ -275,13 +275,13 @@ def outlines_agree(one, two, tolerance):
 
 @njit(cache=True)
 def touching(cells, anchors, others, reach):
-    """Say of each cell whether it hangs together with one of the ``anchors``, through ``others`` up to ``reach`` apart.
+    """Mask of cells that are connected to one of the ``anchors``, through ``others`` up to ``reach`` cells apart.
 
-    ``cells``: row and column, shape (m, 2); ``anchors``, ``others`` and the answer: shape (m,) each.
+    ``cells``: row and column, shape (m, 2); ``anchors``, ``others`` and the result: masks, shape (m,) each.
 
-    A cell is static once it was hit for 3 s without a break (Paper, Sec. V). A side that a beam only grazes is hit for
-    two seconds and then missed for one, by a pose that is 2 cm off; and a side that comes into sight is new. Neither
-    moves: both belong to something static.
+    A cell is static once it was hit for 3 s without a break (Paper, Sec. V). A side that beams only graze may be hit
+    for two seconds and then missed for one, when the pose is 2 cm off; a side that comes into sight is new. Neither
+    moves: both belong to a static obstacle.
     """
     found = np.zeros(cells.shape[0], np.bool_)
     if not anchors.any() or not others.any():

@@ -1,4 +1,4 @@
-"""Detections against the camera's view, against each other, and against what is believed."""
+"""Checks of detections against the camera's view, each other, and the believed positions of the objects."""
 
 import math
 from collections.abc import Collection, Sequence
@@ -57,12 +57,12 @@ class DetectionSettings(msgspec.Struct, frozen=True, kw_only=True):
 class DetectionState:
     """Memory of the checks of detections."""
 
-    good: dict[str, float] = field(default_factory=dict)  # [s] of the newest report of each object, if not left out
-    swapped: dict[str, tuple[float, float]] = field(default_factory=dict)  # [s] since when at another's place, and last
-    taken: dict[str, float] = field(default_factory=dict)  # [s] when another one was reported at the place of each
-    wrong: Finding | None = None
-    until: float = 0.0  # [s] that it is told
-    missing: dict[str, float] = field(default_factory=dict)  # [s] since when an object is in view and not reported
+    good: dict[str, float] = field(default_factory=dict)  # [s] stamp of the newest accepted report of each object
+    swapped: dict[str, tuple[float, float]] = field(default_factory=dict)  # [s] first and last report elsewhere
+    taken: dict[str, float] = field(default_factory=dict)  # [s] newest report of another object at the place of each
+    wrong: Finding | None = None  # the newest about a wrong report
+    until: float = 0.0  # [s] time until which it is told
+    missing: dict[str, float] = field(default_factory=dict)  # [s] time since which an object is in view, not reported
     picture: tuple[float, float] = (-math.inf, -math.inf)  # [s] stamp of the newest picture, and when it came
     association: AssociationState = field(default_factory=AssociationState)  # of detections without a name
 
@@ -71,11 +71,11 @@ class Screens(NamedTuple):
     """Sides of the mapped furniture that may hide an object from the camera."""
 
     edges: Array  # [m] x, y, x, y, world, shape (s, 4)
-    z: Array  # [m] from and to, shape (s, 2)
+    z: Array  # [m] bottom and top, shape (s, 2)
 
     @classmethod
     def of(cls, known: KnownWorld) -> "Screens":
-        """All sides of all pieces of the map, and of bins."""
+        """All sides of all mapped furniture and bins."""
         solids = known_solids(known)
         outlines = [outline(solid.shape) for solid in solids]
         edges = [np.hstack([corners, np.roll(corners, -1, axis=0)]) for corners in outlines]
@@ -84,7 +84,7 @@ class Screens(NamedTuple):
 
 
 class Beliefs:
-    """Places of the objects as the tracker believes them at one observation, looked up when they are asked for."""
+    """Positions of the objects that the tracker believes at one observation, computed on request."""
 
     def __init__(
         self, tracker: ObjectTracker, now: Observation, profile: RobotProfile, settings: "DetectionSettings",
@@ -95,16 +95,16 @@ class Beliefs:
         self._eye: tuple[Array, Array] | None = None
 
     def places(self) -> Places:
-        """All objects, in the odometry frame."""
+        """Believed positions of all objects, odometry frame."""
         return self._tracker.places(self._now)
 
     def in_view(self, point: Array) -> bool:
-        """The camera surely sees a point (3,) [m], odometry frame, unless something unknown stands before it."""
+        """True when a point (3,) [m], odometry frame, is surely in view, unless an unknown obstacle hides it."""
         in_cone = in_view(self._lens(), to_frame(self._now.odometry, point), self._profile, self._settings)
         return in_cone and not self.screened(point)
 
     def screened(self, point: Array) -> bool:
-        """Mapped furniture may stand between the camera and a point (3,) [m], odometry frame."""
+        """True when mapped furniture may hide a point (3,) [m], odometry frame, from the camera."""
         eye = from_frame(self._now.pose, self._lens()[0])
         return bool(_screened(eye, self._in_world(point), self._settings.above, *self._screens))
 
@@ -117,19 +117,19 @@ class Beliefs:
         return from_frame(compose(self._now.pose, inverse(self._now.odometry)), point)
 
     def in_bin(self, point: Array) -> bool:
-        """A point (3,) [m], odometry frame, is in a bin: what lies there was dropped, and may lie anywhere in it."""
+        """True when a point (3,) [m], odometry frame, is in a bin: an object dropped there may lie anywhere in it."""
         x, y, _ = self._in_world(point).tolist()
         return any(math.hypot(x - box.centre[0], y - box.centre[1]) < 0.75 * box.side for box in self._bins)
 
     def get(self, name: str) -> tuple[Array, float] | None:
-        """Place (3,) [m] in the odometry frame, and sd [m]; None for a name that is no object."""
+        """Believed position (3,) [m] in the odometry frame, and sd [m]; None for a name that is no object."""
         if not self._tracker.knows(name):
             return None
         place, _, sd, _ = self._tracker.belief(name, self._now)
         return place, sd
 
     def other_at(self, name: str, point: Array, within: float) -> str:
-        """Another object that is believed so near to a point (3,) [m], odometry frame; "" for none."""
+        """Another object that is believed ``within`` [m] of a point (3,) [m], odometry frame; "" for none."""
         return self._tracker.other_at(name, point, within, self._now)
 
 
@@ -137,9 +137,9 @@ def checked(
     state: DetectionState, now: Observation, beliefs: Beliefs, held: str | None, profile: RobotProfile,
     settings: DetectionSettings,
 ) -> tuple[Detection, ...]:  # fmt: skip
-    """The detections without those that cannot be, each with the name of its object."""
+    """The plausible detections, each with the name of its object."""
     if _blind(state, now, settings):
-        state.association.absent.clear()  # no picture shows that something is missing
+        state.association.absent.clear()  # without pictures, nothing is known to be missing
         state.missing.clear()
     elif not now.detections:
         if state.association.stamp > -math.inf:  # a camera that gives no names
@@ -151,7 +151,7 @@ def checked(
     left_out = False
     for one in now.detections:
         if not (math.isfinite(one.stamp) and math.isfinite(float(one.p_base.sum() + one.odometry.sum()))):
-            kept.append(one)  # the tracker leaves it out
+            kept.append(one)  # the tracker ignores it
             continue
         found = _ghost(one, now, eye, profile, settings)
         if one.name:
@@ -176,7 +176,7 @@ def _named(
     state: DetectionState, found: Sequence[Detection], now: Observation, beliefs: Beliefs, held: str | None,
     settings: DetectionSettings,
 ) -> tuple[str, ...]:  # fmt: skip
-    """Names of detections without one; tells of what is detected again and again and is no object."""
+    """Names for anonymous detections; sets a finding when something is detected repeatedly that is no known object."""
     camera = now.time - now.ahead
     names = association.names_of(state.association, found, camera, held, beliefs, settings.association)
     if found and association.unexplained(state.association, beliefs):
@@ -191,7 +191,7 @@ def findings(
     state: DetectionState, now: Observation, beliefs: Beliefs, held: str | None, profile: RobotProfile,
     settings: DetectionSettings, kept: Sequence[Detection] = (),
 ) -> list[Finding]:  # fmt: skip
-    """Of the camera now; ``now`` with the detections that were reported, ``kept`` those of them with a name."""
+    """Present findings about the camera; ``now`` has all reported detections, ``kept`` are the accepted, named ones."""
     found = []
     if state.wrong is not None and now.time < state.until:
         found.append(state.wrong)
@@ -209,7 +209,7 @@ def findings(
 
 
 def _blind(state: DetectionState, now: Observation, settings: DetectionSettings) -> bool:
-    """No new picture has come for a while; a robot that does not tell its pictures is never blind."""
+    """True when no new picture has come for a while; never for a robot that does not report picture stamps."""
     time = now.time - now.ahead
     if now.camera_stamp is None or now.camera_stamp != state.picture[0]:
         state.picture = (-math.inf if now.camera_stamp is None else now.camera_stamp), time
@@ -217,7 +217,7 @@ def _blind(state: DetectionState, now: Observation, settings: DetectionSettings)
 
 
 def _age(now: Observation) -> float:
-    """Age [s] of the newest picture, and of the newest detection in it; 0 when neither is known."""
+    """Age [s] of the newest picture or that of the newest detection, the larger one; 0 when neither is known."""
     newest = max((one.stamp for one in now.detections), default=now.camera_stamp)
     oldest = newest if now.camera_stamp is None or newest is None else min(newest, now.camera_stamp)
     return 0.0 if oldest is None else now.time - now.ahead - oldest
@@ -240,7 +240,7 @@ def _seen(eye: tuple[Array, Array], point: Array) -> tuple[float, float]:
 def _ghost(
     one: Detection, now: Observation, eye: tuple[Array, Array], profile: RobotProfile, settings: DetectionSettings
 ) -> Finding | None:
-    """An object where the camera cannot see: outside of its cone, or too far."""
+    """Finding for a detection that the camera cannot see, outside its cone or too far; None for any other."""
     distance, angle = _seen(eye, one.p_base)
     moved = settings.hand_speed * max(0.0, now.time - one.stamp)
     slack = math.atan2(moved, max(distance, 1e-6))
@@ -256,7 +256,7 @@ def _ghost(
 
 
 def _twice(one: Detection, now: Observation, beliefs: Beliefs, settings: DetectionSettings) -> Finding | None:
-    """An object that the same frame reports at two places is at the one where it was believed."""
+    """Finding for a detection, if the same picture reports the object at another place, nearer to its belief."""
     here = from_frame(one.odometry, one.p_base)
     for other in now.detections:
         if other is one or other.name != one.name or abs(other.stamp - one.stamp) > 1e-6:
@@ -275,7 +275,7 @@ def _twice(one: Detection, now: Observation, beliefs: Beliefs, settings: Detecti
 def _swapped(
     state: DetectionState, one: Detection, now: Observation, beliefs: Beliefs, settings: DetectionSettings
 ) -> Finding | None:
-    """An object that is reported where another one stands, for longer than a fault lasts: then they were swapped."""
+    """Finding for an object reported at another one's place; if it lasts longer than a fault, they were swapped."""
     own = beliefs.get(one.name)
     if own is None or own[1] > settings.doubtful:
         return None
@@ -290,7 +290,7 @@ def _swapped(
         other = beliefs.other_at(one.name, here, settings.twice)
         its = next((each for each in now.detections if each.name == other), None)
         if its is not None and _at_no_object(other, from_frame(its.odometry, its.p_base), own[0], beliefs, settings):
-            return None  # both are elsewhere, and not at another's place: it is the robot that errs
+            return None  # both are elsewhere, and at no other's place: the robot's pose is wrong
     if other:
         state.taken[other] = one.stamp
     elif one.stamp - state.taken.get(one.name, -math.inf) < settings.contested:
@@ -305,7 +305,7 @@ def _swapped(
 
 
 def _at_no_object(name: str, here: Array, place: Array, beliefs: Beliefs, settings: DetectionSettings) -> bool:
-    """A report (3,) [m] of an object is neither at this place (3,) [m] nor where a third object is believed."""
+    """True when a report (3,) [m] of an object is neither at this place (3,) [m] nor at that of a third object."""
     return _apart(here, place) > 2.0 * settings.twice and not beliefs.other_at(name, here, settings.twice)
 
 
@@ -314,7 +314,7 @@ def _apart(a: Array, b: Array) -> float:
 
 
 def in_view(eye: tuple[Array, Array], point: Array, profile: RobotProfile, settings: DetectionSettings) -> bool:
-    """A point (3,) [m], base frame, is surely in view: well inside of the cone, below the lens, not too near or far."""
+    """True when a point (3,) [m], base frame, is well inside the cone, below the lens, and not too near or far."""
     distance, angle = _seen(eye, point)
     free = eye[0][2] > point[2] + settings.above and distance >= settings.nearest
     cone = angle < profile.camera.half_cone - settings.inside and distance < settings.within * profile.camera.range
@@ -323,9 +323,9 @@ def in_view(eye: tuple[Array, Array], point: Array, profile: RobotProfile, setti
 
 @njit(cache=True)
 def _screened(eye: Array, point: Array, beside: float, edges: Array, z: Array) -> bool:
-    """A side (s, 4) between its heights (s, 2) crosses the line from an eye (3,) to a point (3,) or ``beside`` [m] it.
+    """True when a side (s, 4) with heights (s, 2) crosses a line from an eye (3,) to a point (3,) or ``beside`` [m] it.
 
-    What is no higher than the point is no screen: the point may be on it.
+    A side no higher than the point does not count: the point may be on top of it.
     """
     dx, dy, dz = point[0] - eye[0], point[1] - eye[1], point[2] - eye[2]
     length = max(hypot(dx, dy), 1e-9)
@@ -349,7 +349,7 @@ def _missing(
     state: DetectionState, now: Observation, beliefs: Beliefs, held: str | None, profile: RobotProfile,
     settings: DetectionSettings, reported: Collection[str],
 ) -> list[str]:  # fmt: skip
-    """Objects that the camera has just seen, and that are in its view and not reported for a while."""
+    """Objects that the camera saw recently, and that have been in view without a report for a while."""
     eye = lens(now.q, profile)
     for name, stamp in state.good.items():
         belief = beliefs.get(name)

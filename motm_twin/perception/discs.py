@@ -1,4 +1,4 @@
-"""Discs from the points that a lidar sees of them, and the sides of discs that it does not see."""
+"""Discs fitted to lidar points, and the far sides of discs, which the lidar does not see."""
 
 import math
 from collections.abc import Sequence
@@ -11,14 +11,14 @@ from motm_twin.model.exact import angle_of
 from motm_twin.model.geometry import Array
 from motm_twin.perception.world_map import NO_POINTS
 
-FAR_SIDE = np.linspace(-0.5, 0.5, 9) * math.pi  # [rad] from straight behind
+FAR_SIDE = np.linspace(-0.5, 0.5, 9) * math.pi  # [rad] bearings of its points from straight behind
 
 Disc = tuple[float, float, float]  # middle x, y and radius [m]
 
 
 @njit(cache=True)
 def owners(points: Array, circles: Array, rim: float) -> NDArray[np.int64]:
-    """Index of the circle (k, 3) on whose rim each point (n, 2) lies nearest, within ``rim`` [m]; -1: on none; (n,)."""
+    """Index of the circle (k, 3) whose rim is nearest to each point (n, 2), within ``rim`` [m]; -1: none; (n,)."""
     owner = np.full(points.shape[0], -1)
     for i in range(points.shape[0]):
         least = rim
@@ -31,7 +31,7 @@ def owners(points: Array, circles: Array, rim: float) -> NDArray[np.int64]:
 
 @njit(cache=True)
 def on_ways(points: Array, discs: Array, trail: float, edge: float) -> NDArray[np.bool_]:
-    """Which points (n, 2) are within ``edge`` [m] of discs (k, 5), or of their ways in the last ``trail`` [s]; (n,)."""
+    """Mask of points (n, 2) within ``edge`` [m] of discs (k, 5), or of their ways in the last ``trail`` [s]; (n,)."""
     found = np.zeros(points.shape[0], np.bool_)
     for k in range(discs.shape[0]):
         way_x, way_y = trail * discs[k, 2], trail * discs[k, 3]
@@ -48,7 +48,7 @@ def on_ways(points: Array, discs: Array, trail: float, edge: float) -> NDArray[n
 def fitted_circle(points: Array, start: Array, radius: float) -> Array:
     """Middle (2,) of the circle of this radius [m] through the points (n, 2), by Gauss-Newton from a start (2,).
 
-    Where the points leave it open, along the arc, it stays at the start.
+    In a direction that the points do not determine, along the arc, it stays at the start.
     """
     x, y = start[0], start[1]
     stay = 0.1 * points.shape[0]
@@ -82,7 +82,7 @@ def seen_width(points: Array, sensor: Array) -> float:
 
 @njit(cache=True)
 def front_circle(points: Array, sensor: Array, radius: float) -> Array:
-    """Middle (2,) of the circle of this radius [m] of which the points (n, 2) are the side that the sensor sees."""
+    """Middle (2,) of the circle of this radius [m] with the points (n, 2) on its side towards the sensor."""
     x, y, nearest = 0.0, 0.0, math.inf
     for i in range(points.shape[0]):
         x, y = x + points[i, 0] - sensor[0], y + points[i, 1] - sensor[1]
@@ -95,9 +95,9 @@ def front_circle(points: Array, sensor: Array, radius: float) -> Array:
 
 @njit(cache=True)
 def is_behind(points: Array, middle: Array, sensor: Array, radius: float) -> bool:
-    """The sensor is outside a fitted circle, and the points (n, 2) are on its far side, which cannot be seen.
+    """True when the sensor is outside a fitted circle, and the points (n, 2) are on the far side, which it cannot see.
 
-    The fit is then on the wrong side of the points, after somebody was at the sensor's own position.
+    The fit is then on the wrong side of the points, after an obstacle was at the sensor's own position.
     """
     dx, dy = middle[0] - sensor[0], middle[1] - sensor[1]
     away, total = math.hypot(dx, dy), 0.0
@@ -107,7 +107,7 @@ def is_behind(points: Array, middle: Array, sensor: Array, radius: float) -> boo
 
 
 def behind(discs: Sequence[Disc], viewpoint: Array) -> Array:
-    """Points of the halves of discs that are turned away from the viewpoint (2,) [m], shape (n, 2) [m]."""
+    """Points on the halves of discs that face away from the viewpoint (2,) [m], shape (n, 2) [m]."""
     if not discs:
         return NO_POINTS
     x, y = viewpoint.tolist()
@@ -121,7 +121,7 @@ def behind(discs: Sequence[Disc], viewpoint: Array) -> Array:
 
 
 def at_ends(cluster: Array, radius: float, viewpoint: Array) -> list[Disc]:
-    """Discs that begin at the two ends of something wide (n, 2) [m], of which the lines of sight are tangents."""
+    """Discs at the two ends of a wide cluster (n, 2) [m], inside it and tangent to the lines of sight to its ends."""
     sight = cluster - viewpoint
     mean = sight.mean(axis=0)
     across = mean[0] * sight[:, 1] - mean[1] * sight[:, 0]

@@ -20,7 +20,7 @@ FAR = 1 << 28
 def squared_cells(cells, rows, columns):
     """Squared distance in cells from every cell to the nearest of the given (row, col); int32 (rows, columns).
 
-    Without any cell everything is FAR.
+    Without any given cell, all distances are `FAR`.
     """
     squared = np.full((rows, columns), FAR, np.int32)
     if cells.shape[0] == 0:
@@ -42,7 +42,7 @@ def squared_cells(cells, rows, columns):
             along[row, k] = min(along[row, k], along[row + 1, k] + np.int32(1))
     vertex = np.empty(used.shape[0], np.int64)  # column of each parabola of the envelope
     height = np.empty(used.shape[0], np.int64)
-    start = np.empty(used.shape[0], np.float64)  # where it becomes the lowest
+    start = np.empty(used.shape[0], np.float64)  # column from which it is the lowest
     for row in range(rows):
         top = -1
         for k in range(used.shape[0]):
@@ -82,7 +82,7 @@ def seen_distance(squared, resolution):
 def proximity_cost(distance: NDArray[np.float32], width: float, blur: int) -> NDArray[np.float32]:
     """STAA*'s inflated, blurred grid: ``clip(1 - distance/width, 0, 1)``, box-blurred over ``2 blur + 1`` cells.
 
-    ``width`` [m]: cost falls from 1 at an obstacle to 0 there; ``blur``: whole cells each way. Shape (rows, columns).
+    ``width`` [m]: distance at which the cost, 1 at an obstacle, is 0; ``blur``: cells each way. Shape (rows, columns).
     """
     cost = np.empty_like(distance)
     _blurred(distance, np.float32(-1.0 / width), blur, np.float32(1.0 / (2 * blur + 1) ** 2), cost)
@@ -104,7 +104,7 @@ def _blurred(distance, slope, blur, share, cost):
         first = near[max(0, row - blur)]
         for column in range(columns):
             inner[column] = first[column]
-        for k in range(1 - blur, blur + 1):  # the border continues outwards
+        for k in range(1 - blur, blur + 1):  # border cells are repeated outwards
             other = near[min(rows - 1, max(0, row + k))]
             for column in range(columns):
                 inner[column] += other[column]

@@ -1,14 +1,14 @@
-"""A finding: something that the robot found out about its own sensors, wheels or joints."""
+"""A finding: a fault or disturbance of its own sensors, wheels or joints that the robot has noticed."""
 
 import msgspec
 
 from motm_twin.model.reason import Kind, Reason
 
-HALF = 0.5  # share of its speed that the base keeps while what it senses is half good
+HALF = 0.5  # share of its speed that the base keeps while its sensor data are only partly good
 
 
 class Finding(msgspec.Struct, frozen=True, kw_only=True):
-    """One thing that is not as it should be now, and how much of its speed the base keeps for it."""
+    """One present fault or disturbance, and the share of its speed that the base keeps because of it."""
 
     reason: Reason  # its kind is one of `KINDS`, its subject a sensor or part: lidar, camera, wheels, joint 4, fingers
     base: float = 1.0  # share of its speed that the base keeps: 0 stands
@@ -20,12 +20,12 @@ class Finding(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def subject(self) -> str:
-        """Sensor or part that it is about."""
+        """Sensor or part that the finding is about."""
         return self.reason.subject
 
     @property
     def consequence(self) -> Reason:
-        """The reason, with what comes of it: stopped, slowed, or neither."""
+        """The reason, with its effect on the base: stopped, slowed, or none."""
         if self.base == 1.0:
             return self.reason
         return Reason(

@@ -1,4 +1,4 @@
-"""Floor that the robot knows to be free: what it has seen, and lately. Unknown floor is not free floor."""
+"""Floor that the robot has seen to be free, and when it did. Floor never seen does not count as free."""
 
 import math
 
@@ -12,8 +12,8 @@ from motm_twin.perception.grid import Grid
 from motm_twin.perception.occupancy import NEVER
 
 UNSEEN, STALE, FRESH = 0, 1, 2
-SEEN_LASTS = 5.0  # [s] a person at walking pace comes in from outside the reach of the map in such a time
-ROOM = 0.5  # [m] kept up to date beyond what a stop at full speed needs
+SEEN_LASTS = 5.0  # [s] for which seen floor is fresh: a person may then have walked in from beyond the map's reach
+ROOM = 0.5  # [m] of floor kept beyond the need of a stop at full speed
 
 
 class Floor(msgspec.Struct, frozen=True, kw_only=True, eq=False):
@@ -33,7 +33,7 @@ def sight_radius(robot: RobotProfile) -> float:
 
 
 def floor_round(seen: NDArray[np.int64], grid: Grid, centre: NDArray[np.float64], radius: float, now_ms: int) -> Floor:
-    """The floor within a radius [m] of a point (2,), from the times [ms] at which its cells were seen last."""
+    """The floor in a square of half side ``radius`` [m] about a point (2,), from the times [ms] of its last sight."""
     low = np.clip(grid.cell_of(centre - radius), 0, grid.shape)
     high = np.clip(grid.cell_of(centre + radius) + 1, 0, grid.shape)
     part = seen[low[0] : high[0], low[1] : high[1]]
@@ -45,10 +45,10 @@ def floor_round(seen: NDArray[np.int64], grid: Grid, centre: NDArray[np.float64]
 
 @njit(cache=True)
 def mark_seen(seen, pose, origin, ranges, angle_min, angle_step, radius, body, now_ms, frame):
-    """Note the cells that this sweep shows, and those under the footprint, as seen at ``now_ms``.
+    """Mark the cells that this sweep shows, and those under the footprint, as seen at ``now_ms``.
 
-    A cell is seen where both beams beside it pass or end in it. Where the footprint covers floor that was never seen
-    (at the start, or after a push), the robot was put down with room to turn: its circumscribed circle counts as seen.
+    A cell is seen when both beams beside it pass it or end in it. If the footprint covers floor never seen before (at
+    the start, or after a push), the robot is assumed to have room to turn: its circumscribed circle counts as seen.
     ``body``: half length, half width, offset of the footprint [m]; ``frame``: (origin x, origin y, resolution).
     """
     rows, columns = seen.shape

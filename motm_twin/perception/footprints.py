@@ -49,7 +49,7 @@ def merged_outlines(solids: tuple[Solid, ...]) -> tuple[Array, ...]:
 
 
 def uncovered(solids: tuple[Solid, ...], furniture: tuple[Solid, ...]) -> tuple[Solid, ...]:
-    """Solids that are not all over furniture, each in the group of the piece that it overlaps, if it does."""
+    """Solids not wholly over furniture, each in the group of the furniture that it overlaps most, if any."""
     outlines = [shapely.Polygon(outline(piece.shape)) for piece in furniture]
     whole = shapely.union_all(outlines).buffer(_FLUSH)
     found = []
@@ -66,7 +66,7 @@ def uncovered(solids: tuple[Solid, ...], furniture: tuple[Solid, ...]) -> tuple[
 
 
 def _group(solid: Solid) -> str:
-    """The piece that a solid belongs to, or the solid alone."""
+    """Key of the furniture group of a solid; a solid without a group is its own."""
     return solid.group or f"#{solid.name}"
 
 

@@ -1,8 +1,8 @@
-"""The grid of the map: cells of points, places of cells, and the window of a large map that a period looks at.
+"""The grid of the map: cells of points, centres of cells, and the window of a large map that a period uses.
 
-An office floor must not cost more than the room that is worked in. Up to `WHOLE` cells the window is the whole map.
-Beyond, it is a rectangle round the robot and the next targets, snapped to steps so that it seldom changes; outside it
-nothing is planned.
+The map of a whole office floor must take no more time than that of one room. Up to `WHOLE` cells the window is the
+whole map. Beyond, it is a rectangle round the robot and the next targets, snapped to steps so that it seldom changes;
+nothing is planned outside it.
 """
 
 import math
@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from motm_twin.model.geometry import Array
 
 WHOLE = 600_000  # cells: 1,500 m^2 at 5 cm
-AROUND = 9.0  # [m] kept round the robot and its targets: lidar reach and a way round, for most robots
-STEP = 4.0  # [m] to which the rectangle is snapped
+AROUND = 9.0  # [m] of window round the robot and its targets: lidar reach and a detour, for most robots
+STEP = 4.0  # [m] to whose multiples the window is snapped
 
 Window = tuple[slice, slice]  # rows, columns
 
@@ -61,12 +61,12 @@ def grid_over(bounds: tuple[float, float, float, float], resolution: float) -> G
 
 
 def whole(grid: Grid) -> Window:
-    """All of a map."""
+    """The window that is the whole map."""
     return slice(0, grid.shape[0]), slice(0, grid.shape[1])
 
 
 def window_of(grid: Grid, points: Sequence[Array], around: float = AROUND) -> Window:
-    """The part of the grid that holds the points (2,) [m] and what is round them."""
+    """The window that holds the points (2,) [m] and ``around`` [m] about them; of a small grid, all of it."""
     if grid.shape[0] * grid.shape[1] <= WHOLE:
         return whole(grid)
     inside = [np.clip(point, grid.origin, np.array(grid.origin) + grid.resolution * np.array(grid.shape[::-1]))
@@ -84,7 +84,7 @@ def window_of(grid: Grid, points: Sequence[Array], around: float = AROUND) -> Wi
 def occupied_cells(level: np.ndarray, boxes: Sequence[np.ndarray]) -> np.ndarray:
     """Flat indices of cells with evidence, ascending; shape (n,).
 
-    ``boxes``: sets of cells (row, col), (m, 2) each, of a large map, outside all of which there is none.
+    ``boxes``: sets of cells (row, col), (m, 2) each; their common bounds hold all evidence of a large map.
     """
     if level.size <= WHOLE:
         return np.flatnonzero(level.view(bool))

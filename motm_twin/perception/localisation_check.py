@@ -1,8 +1,8 @@
-"""Localisation, odometry and scan against each other: three witnesses of where the robot is, of which two agree.
+"""Check of localisation, odometry and scan against each other: of these three, two that agree are believed.
 
-Odometry is smooth and drifts, localisation is right on average and may jump, and the scan fits the map where the robot
-really is. A dead-reckoned pose follows localisation slowly; where localisation leaves it by more than noise explains,
-the scan decides which of them is right.
+Odometry is smooth and drifts, localisation is right on average and may jump, and the scan fits the map at the true
+pose. A dead-reckoned pose follows localisation slowly; when localisation departs from it by more than noise explains,
+the scan decides which of the two is right.
 """
 
 import math
@@ -57,21 +57,21 @@ class LocalisationState:
     """Memory of the checks of localisation and odometry."""
 
     time: float | None = None
-    raw: Array = field(default_factory=lambda: np.zeros(3))  # odometry as it was reported last
-    odometry: Array = field(default_factory=lambda: np.zeros(3))  # and without what was no motion
+    raw: Array = field(default_factory=lambda: np.zeros(3))  # odometry as reported last
+    odometry: Array = field(default_factory=lambda: np.zeros(3))  # the same, without jumps that no wheel can make
     pose: Array = field(default_factory=lambda: np.zeros(3))  # dead-reckoned
-    localised: Array = field(default_factory=lambda: np.zeros(3))  # as it was reported last
+    localised: Array = field(default_factory=lambda: np.zeros(3))  # as reported last
     mode: str = ""  # "" | suspect | doubt | off | slip
-    since: float = 0.0  # [s] of the mode
-    within: float | None = None  # [s] since when localisation is near the dead-reckoned pose again
-    leaps: list[tuple[float, float, float]] = field(default_factory=list)  # [s], [m], [rad] by which it left lately
-    leapt: bool = False  # it left at once
-    votes: list[float] = field(default_factory=list)  # by how much localisation fits better, of each sweep
-    slipped: float = 0.0  # [m] by which localisation had left when that was decided
+    since: float = 0.0  # [s] start of the mode
+    within: float | None = None  # [s] time since which localisation is near the dead-reckoned pose again
+    leaps: list[tuple[float, float, float]] = field(default_factory=list)  # recent: [s], and leap [m], [rad]
+    leapt: bool = False  # localisation departed in one leap
+    votes: list[float] = field(default_factory=list)  # of each sweep: fit at localisation less that at dead reckoning
+    slipped: float = 0.0  # [m] by which localisation was away when slip was decided
     way: float = 0.0  # [m] driven by odometry alone
-    before: Array = field(default_factory=lambda: np.zeros(3))  # odometry in the world when the wheels began to slip
+    before: Array = field(default_factory=lambda: np.zeros(3))  # the world in odometry when the wheels began to slip
     notice: Finding | None = None  # told until ...
-    until: float = 0.0  # [s]
+    until: float = 0.0  # [s] this time
 
 
 def correct(
@@ -101,7 +101,7 @@ def correct(
 
 
 def carried(state: LocalisationState, scan: Scan, now: Observation) -> Scan:
-    """The sweep with its pose as it is believed; ``now`` as reported."""
+    """The sweep with the pose that is believed; ``now`` as reported."""
     if state.mode not in ("doubt", "off"):
         return scan
     return msgspec.structs.replace(scan, pose=compose(compose(state.pose, inverse(now.pose)), scan.pose))
@@ -110,7 +110,7 @@ def carried(state: LocalisationState, scan: Scan, now: Observation) -> Scan:
 def vote(
     state: LocalisationState, scan: Scan, now: Observation, segments: Array, settings: LocalisationSettings
 ) -> None:
-    """Let a new sweep say which pose is right; ``now`` and ``scan`` as reported."""
+    """Compare the fit of a new sweep at localised and dead-reckoned pose; ``now`` and ``scan`` as reported."""
     if state.mode not in ("suspect", "doubt", "off") or not len(segments) or scan.stamp <= state.since:
         return
     believed = compose(compose(state.pose, inverse(now.pose)), scan.pose)
@@ -126,7 +126,7 @@ def vote(
 
 
 def finding(state: LocalisationState, settings: LocalisationSettings, limit: float) -> Finding | None:
-    """The worst that is known of localisation and odometry now."""
+    """Present finding about localisation or odometry; None if there is none. ``limit`` [m]: from `limit_of`."""
     if state.mode == "off":
         away = _apart(state.localised, state.pose)[0]
         lost = state.way > settings.blind_way
@@ -140,7 +140,7 @@ def finding(state: LocalisationState, settings: LocalisationSettings, limit: flo
 
 
 def limit_of(base: BaseLimits, settings: LocalisationSettings, now: Observation | None = None) -> float:
-    """Distance [m] of localisation from dead reckoning that noise may explain; more for a robot heard of late."""
+    """Distance [m] of localisation from dead reckoning that noise may explain; more if the report ``now`` is late."""
     late = 0.0 if now is None else now.ahead + now.age
     return settings.floor + base.forward_speed * (settings.scale * settings.follow + 0.2 * late)
 
@@ -148,7 +148,7 @@ def limit_of(base: BaseLimits, settings: LocalisationSettings, now: Observation 
 def _odometry(
     state: LocalisationState, now: Observation, dt: float, base: BaseLimits, settings: LocalisationSettings
 ) -> Array:
-    """Follow odometry, but not where it moves as no wheel can; the motion since the last observation, shape (3,)."""
+    """Follow odometry, but for jumps that no wheel can make; returns the motion since the last observation, (3,)."""
     way = compose(inverse(state.raw), now.odometry)
     same = np.array_equal(state.odometry, state.raw)
     late = now.ahead + now.age
@@ -171,7 +171,7 @@ def _odometry(
 def _reckon(
     state: LocalisationState, now: Observation, dt: float, way: Array, base: BaseLimits, settings: LocalisationSettings
 ) -> None:
-    """Move the dead-reckoned pose on, and change the mode when localisation leaves it or comes back."""
+    """Move the dead-reckoned pose on, and change the mode when localisation departs from it or comes back."""
     state.pose = compose(state.pose, way)
     left, turned = _apart(now.pose, state.pose)
     step, turn = _apart(compose(inverse(state.localised), now.pose), way)
@@ -209,7 +209,7 @@ def _reckon(
 
 
 def _decide(state: LocalisationState, now: Observation, settings: LocalisationSettings, *, away: bool) -> None:
-    """Localisation has left: is it wrong, was the robot pushed, or do its wheels slip?"""
+    """Decide why localisation departed: it is wrong, the robot was pushed, or its wheels slip."""
     left, _ = _apart(now.pose, state.pose)
     votes, waited = state.votes, now.time - state.since
     verdict = _verdict(state, settings)
@@ -230,14 +230,14 @@ def _decide(state: LocalisationState, now: Observation, settings: LocalisationSe
 
 
 def _verdict(state: LocalisationState, settings: LocalisationSettings) -> int:
-    """1: the scan is for localisation, -1: for dead reckoning, 0: it has not decided."""
+    """Verdict of the scan: 1 for localisation, -1 for dead reckoning, 0 undecided."""
     votes, total = state.votes, sum(state.votes)
     sure = len(votes) >= settings.looks and abs(total) > settings.better * len(votes)
     return int(math.copysign(1.0, total)) if sure else 0
 
 
 def _return(state: LocalisationState, now: Observation, near: bool, settings: LocalisationSettings) -> None:
-    """Localisation counts again when it is near what the robot believes, or fits the scan better."""
+    """Believe localisation again once it stays near the dead-reckoned pose, or fits the scan better."""
     state.within = (now.time if state.within is None else state.within) if near else None
     votes = state.votes
     better = len(votes) >= settings.looks and min(votes) > settings.better

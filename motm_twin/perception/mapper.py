@@ -1,4 +1,4 @@
-"""The map of a period: the pre-made map, and what the lidar has seen in addition (Paper, Sec. III; grid of STAA*)."""
+"""The map of a period: the pre-made map, and obstacles seen by the lidar (Paper, Sec. III; grid of STAA*)."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -70,13 +70,13 @@ class MapSettings(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def fading_of(p: MapSettings) -> Fading:
-    """The rules by which evidence comes and goes, for kernels."""
+    """The rules by which evidence is added and removed, for kernels."""
     static_ms, grace_ms = round(1000.0 * p.static_after), round(1000.0 * PERIOD * p.evidence_most)
     return Fading(p.hit, p.evidence_most, static_ms, grace_ms, round(1000.0 * p.hidden), p.shadow, static_ms)
 
 
 def reach_of(robot: RobotProfile) -> float:
-    """Distance [m] that a base must see to stop, turn aside or back: three stopping ways and its own size."""
+    """Distance [m] that a base must see to stop, turn aside or back: three stopping distances and its own size."""
     return 3.0 * robot.base.stopping_way + 2.0 * robot.footprint.outer
 
 
@@ -86,7 +86,7 @@ class MapperState:
 
     evidence: Evidence
     cells: np.ndarray  # seen cells (row, col) of the newest map, shape (m, 2)
-    static: np.ndarray  # shape (m,)
+    static: np.ndarray  # mask of the static ones, shape (m,)
     outlines: tuple[Array, ...]  # of the seen cells
     scan_stamp: float | None
     refusal: Reason | None  # why the newest scan was refused; None when it was not
@@ -106,13 +106,13 @@ class Mapper(Stateful[MapperState]):
         self._origin = read_only(np.array(grid.origin))
         self._frame = np.array([*grid.origin, grid.resolution])
         self._inside = self.base.distance <= 0.0
-        self._window, self._corner = whole(grid), self._origin  # of the map that is given, and where that begins
+        self._window, self._corner = whole(grid), self._origin  # part of the map that is returned, and its world corner
         self._polygons = self.base.polygons
         self._sight = sight_radius(known.robot)
-        self._marks: np.ndarray | None = None  # room for `_blank`
+        self._marks: np.ndarray | None = None  # buffer of `_blank`
         self._fields_of: np.ndarray | None = None  # the seen cells that the fields below belong to
         self._fields: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
-        self.taken: CheckedScan | None = None  # the scan that the last update took in; None: there was no new good one
+        self.taken: CheckedScan | None = None  # the scan that the last update used; None: no new good one
         self._state = MapperState(no_evidence(grid.shape), NO_CELLS, np.zeros(0, bool), (), None, None)
 
     @property
@@ -127,11 +127,11 @@ class Mapper(Stateful[MapperState]):
 
     @property
     def large(self) -> bool:
-        """Only a part of the map is given at a time."""
+        """True when only a part of the map is returned at a time."""
         return self.base.occupied.size > WHOLE
 
     def adopt(self, state: MapperState) -> None:
-        """Go on from the state of a mapper with another pre-made map: what this map explains is forgotten."""
+        """Go on from the state of a mapper with another pre-made map; forget evidence that this map explains."""
         self.restore(state)
         settings, own = self._settings, self._state
         margin = settings.explained_margin + settings.explained_per_range * self._reach
@@ -173,7 +173,7 @@ class Mapper(Stateful[MapperState]):
         )
 
     def _look_at(self, window: Window) -> None:
-        """From now on give that part of the map."""
+        """Select the part of the map that is returned from now on."""
         if window == self._window:
             return
         rows, columns = self._window = window
@@ -185,7 +185,7 @@ class Mapper(Stateful[MapperState]):
         self._polygons = self.base.polygons_within(low, high)
 
     def _take(self, scan: Scan, now: float) -> None:
-        """Check a scan and put it into the evidence."""
+        """Check a scan and add it to the evidence."""
         checked = check_scan(scan, self._known.robot.lidar, now)
         state = self._state
         if isinstance(checked, RefusedScan):
@@ -199,7 +199,7 @@ class Mapper(Stateful[MapperState]):
         state.cells, state.static = cells, static
 
     def _integrate(self, scan: CheckedScan) -> tuple[np.ndarray, np.ndarray]:
-        """Hits, then free space, then memory; the seen cells and whether each is static."""
+        """Add hits, then clear free space, then forget; returns the seen cells and the mask of static ones."""
         evidence, settings, body = self._state.evidence, self._settings, self._known.robot.footprint
         now_ms = round(scan.stamp * 1000.0)
         reach = min(self._reach, scan.range_max)
@@ -257,7 +257,7 @@ class Mapper(Stateful[MapperState]):
         )
 
     def _blank(self, sensor: Array, reach: float) -> np.ndarray:
-        """Two grids that are 0 in all that a scan can touch, shape (2, rows, columns)."""
+        """Two grids that are 0 in all cells that a scan can reach, shape (2, rows, columns)."""
         grid = self.base.grid
         if not self.large:
             return np.zeros((2, *grid.shape), np.uint8)
@@ -269,7 +269,7 @@ class Mapper(Stateful[MapperState]):
         return self._marks
 
     def _fields_for(self, cells: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Occupied, distance and proximity for these seen cells, from the last call when they have not changed."""
+        """Grids of occupancy, distance and proximity with these seen cells; reused while they do not change."""
         if self._fields is None or self._fields_of is None or not np.array_equal(cells, self._fields_of):
             occupied, known = self.base.occupied[self._window].copy(), self.base.distance[self._window]
             own = cells - np.array([self._window[0].start, self._window[1].start], cells.dtype)

@@ -1,9 +1,9 @@
 """Beliefs about the objects: a rough prior at first, then detections of the gripper camera.
 
-Estimates live in the odometry frame: it is smooth, so the arm does not jump when localisation does. But the scale error
-of odometry grows with the way that the base drives and turns, so objects not seen for a while move with the world frame
-as localisation has it on average. Each object has a Kalman filter with one variance for its three axes. Detections far
-from the belief move it only when three of them agree: then somebody has moved the object.
+Estimates are in the odometry frame: it is smooth, so the arm does not jump when localisation does. But the scale error
+of odometry grows with the way that the base drives and turns, so objects not seen for a while follow the world frame,
+averaged over localisation. Each object has a Kalman filter with one variance for its three axes. Detections far from
+the belief move it only when three of them agree: then the object has been moved.
 """
 
 import math
@@ -72,13 +72,13 @@ class TrackerState:
     """State of the tracker."""
 
     tracks: dict[str, Track]  # only objects that have been seen
-    stamps: dict[str, float]  # of the newest detection used per object
+    stamps: dict[str, float]  # [s] of the newest detection used per object
     pose: Array | None = None  # localised and odometry pose of the last update, shape (3,) each
     odometry: Array | None = None
-    anchor: Array | None = None  # the world in the odometry frame, averaged, shape (3,)
-    anchored: float = 0.0  # [s] when it was last moved
-    fresh: list[str] = field(default_factory=list)  # objects that got their first detection since `reconsider`
-    moved: set[str] = field(default_factory=set)  # objects that are not where they stood at first
+    anchor: Array | None = None  # averaged pose of the world in the odometry frame, shape (3,)
+    anchored: float = 0.0  # [s] time of its last update
+    fresh: list[str] = field(default_factory=list)  # objects first detected since the last `reconsider`
+    moved: set[str] = field(default_factory=set)  # objects that have left their first positions
 
 
 class ObjectTracker(Stateful[TrackerState]):
@@ -93,7 +93,7 @@ class ObjectTracker(Stateful[TrackerState]):
         self._state = TrackerState({}, {})
 
     def update(self, observation: Observation, held: str | None = None) -> None:
-        """Take in the detections of a period; those of a held object are left out: it moves with the hand."""
+        """Take in the detections of a period, but not those of a held object: it moves with the hand."""
         state = self._state
         self._notice_push(observation)
         self._follow_world(observation)
@@ -104,7 +104,7 @@ class ObjectTracker(Stateful[TrackerState]):
                 self._take(detection, observation)
 
     def as_believed(self, reported: Observation) -> Observation:
-        """The report of now at the pose and odometry that were believed last: the reported ones may be wrong."""
+        """The present report with the pose and odometry that were believed last: the reported ones may be wrong."""
         pose, odometry = self._state.pose, self._state.odometry
         if pose is None or odometry is None:
             return reported
@@ -113,7 +113,7 @@ class ObjectTracker(Stateful[TrackerState]):
     def belief(self, name: str, observation: Observation) -> tuple[Array, float, float, float | None]:
         """Position (3,) [m] and yaw [rad] in the odometry frame, sd per axis [m], and when last seen [s] (None: never).
 
-        An object never seen is where the prior says, through the localisation of this observation.
+        An object never seen is at its prior, transformed with the localisation of this observation.
         """
         track = self._state.tracks.get(name)
         if track is not None:
@@ -122,7 +122,7 @@ class ObjectTracker(Stateful[TrackerState]):
         return position, yaw, self._prior_sd, None
 
     def places(self, observation: Observation) -> Places:
-        """Believed places of all objects, odometry frame, and how far a detection may be from there."""
+        """Believed positions of all objects, odometry frame, and the gates for detections."""
         settings, tracks = self._settings, self._state.tracks
         positions, variances = [], []
         for name in self._priors:
@@ -144,19 +144,19 @@ class ObjectTracker(Stateful[TrackerState]):
         )
 
     def seen_places(self) -> Iterator[tuple[str, Array, float]]:
-        """Objects that were seen, since they were let go if they were: name, position (3,) [m], yaw; odometry frame."""
+        """Objects seen, since the hand released them if it did: name, position (3,) [m], yaw [rad]; odometry frame."""
         sure = (0.5 * self._settings.bin_sd) ** 2
         tracks = self._state.tracks.items()
         return ((name, track.position, track.yaw) for name, track in tracks if track.variance <= sure)
 
     def knows(self, name: str) -> bool:
-        """This is an object of the scene."""
+        """True for the name of an object of the scene."""
         return name in self._priors
 
     def other_at(self, name: str, point: Array, within: float, observation: Observation) -> str:
         """Another object than ``name`` that is believed within a distance [m] of a point (3,); "" for none.
 
-        The point is in the odometry frame. What was never seen may be further from where it is believed.
+        The point is in the odometry frame. The distance is larger for an object that was never seen.
         """
         wide = within + self._settings.unseen * self._prior_sd
         tracks = self._state.tracks
@@ -181,7 +181,7 @@ class ObjectTracker(Stateful[TrackerState]):
     def beside(
         self, name: str, reach: float, observation: Observation
     ) -> tuple[tuple[str, ...], list[tuple[float, ...]]]:
-        """Other objects believed within reach [m] of one: names; x, y, z, yaw in the odometry frame, and 1: seen."""
+        """Other objects believed within reach [m] of one: names; x, y, z, yaw (odometry frame), 1 if seen or else 0."""
         x, y, _ = self.belief(name, observation)[0].tolist()
         T_odom_world = self._world_in_odometry(observation)
         far = np.abs(self._prior_places - to_frame(T_odom_world, np.array([x, y]))).max(axis=1) > reach
@@ -200,25 +200,25 @@ class ObjectTracker(Stateful[TrackerState]):
         return tuple(names), found
 
     def move_belief(self, name: str, position: Array, observation: Observation, sd: float) -> None:
-        """Believe an object at a position [m], odometry frame, shape (3,): where the hand has dropped or lost it."""
+        """Set the belief of an object to a position [m], odometry frame, shape (3,); ``sd`` [m] per axis."""
         yaw = self.belief(name, observation)[1]
         self._state.moved.add(name)
         self._state.tracks[name] = Track(np.array(position, dtype=float), yaw, sd**2, observation.time)
 
     def forget(self, name: str) -> bool:
-        """An object is not where it was seen: believe it where the prior says again; False when it was not seen."""
+        """Return an object that is not where it was seen to its prior; False when it was never seen."""
         return self._state.tracks.pop(name, None) is not None
 
     def exchange(self, one: str, other: str) -> None:
-        """Two objects were taken for each other: each is where the other was seen."""
+        """Swap the estimates of two objects that were taken for each other."""
         tracks = self._state.tracks
         swapped = {one: tracks.pop(other, None), other: tracks.pop(one, None)}
         tracks.update({name: track for name, track in swapped.items() if track is not None})
 
     def reconsider(self, observation: Observation, held: str | None) -> None:
-        """Exchange objects that were just named for the first time, where the priors say the other way round.
+        """Exchange an object that was just named for the first time with another, if that fits their priors better.
 
-        Of two side by side, the first in view takes the name of the nearer prior, which may be that of the second.
+        Of two side by side, the first in view gets the name of the nearer prior, which may be that of the second.
         """
         state = self._state
         fresh, state.fresh = state.fresh, []
@@ -232,7 +232,7 @@ class ObjectTracker(Stateful[TrackerState]):
                 self.exchange(name, best)
 
     def _gain(self, one: str, other: str, observation: Observation) -> float:
-        """Square distances [m^2] to their priors that two objects lose when they are exchanged."""
+        """Decrease [m^2] of the squared distances of two objects from their priors when they are exchanged."""
         a, b = (self._state.tracks[name].position for name in (one, other))
         p, q = (self._prior_in_odometry(name, observation)[0] for name in (one, other))
         return float(((a - p) ** 2 + (b - q) ** 2 - (a - q) ** 2 - (b - p) ** 2).sum())
@@ -240,10 +240,10 @@ class ObjectTracker(Stateful[TrackerState]):
     def carry(
         self, stands: Callable[[Array], bool], transform: Array, observation: Observation, *, held: str, before: float
     ) -> None:
-        """Move beliefs along with a piece of furniture: those of objects that ``stands`` (world [m]) says are on it.
+        """Move the beliefs of objects on a piece of furniture with it; ``stands``: test of a position (world [m]).
 
-        ``transform``: planar motion (x, y, turn) in the world, shape (3,). What is held, or was seen after ``before``
-        [s], when the piece stood where it is now, keeps its place.
+        ``transform``: planar motion (x, y, turn) in the world, shape (3,). A held object, and one that was seen after
+        ``before`` [s], when the piece had been moved already, keep their positions.
         """
         T_world_odom = compose(observation.pose, inverse(observation.odometry))
         for name, track in self._state.tracks.items():
@@ -272,7 +272,7 @@ class ObjectTracker(Stateful[TrackerState]):
         state.anchor = None
 
     def _follow_world(self, observation: Observation) -> None:
-        """Move what was not seen lately with the world, once in a period."""
+        """Move the estimates of objects not seen lately with the world frame, once per period."""
         state, now, memory = self._state, observation.time, self._settings.memory
         if state.anchor is not None and now - state.anchored < PERIOD - 1e-6:
             return
@@ -307,7 +307,7 @@ class ObjectTracker(Stateful[TrackerState]):
         return self._frame[1]
 
     def _take(self, detection: Detection, observation: Observation) -> None:
-        """One detection into the filter of its object."""
+        """Update the filter of an object with one detection."""
         state, settings = self._state, self._settings
         seen_at = from_frame(detection.odometry, detection.p_base)
         yaw_seen = detection.yaw_base + detection.odometry[2]
@@ -334,7 +334,7 @@ class ObjectTracker(Stateful[TrackerState]):
         track.elsewhere = []
 
     def _elsewhere(self, track: Track, detection: Detection, seen_at: Array, yaw_seen: float) -> bool:
-        """Count outliers that agree; True when there are enough of them, and the belief moves."""
+        """Count outliers that agree; if there are enough, move the belief to them and return True."""
         settings = self._settings
         reach = settings.gate_floor + settings.gate * math.sqrt(2.0) * detection.position_sd
         agreeing = [p for p in track.elsewhere if float(np.abs(p - seen_at).max()) <= reach]
@@ -351,20 +351,20 @@ class ObjectTracker(Stateful[TrackerState]):
 
 
 def _usable(detection: Detection) -> bool:
-    """The numbers of a detection are finite; one that is not says nothing."""
+    """True when all numbers of a detection are finite, and its sd is not negative."""
     numbers = (detection.stamp, detection.yaw_base, detection.position_sd)
     arrays_finite = np.isfinite(detection.p_base).all() and np.isfinite(detection.odometry).all()
     return bool(arrays_finite) and all(math.isfinite(value) for value in numbers) and detection.position_sd >= 0.0
 
 
 def _towards(yaw: float, seen: float, gain: float) -> float:
-    """The yaw moved by a share of the way to the nearest of the four equal readings of what was seen."""
+    """The yaw, moved by a share of the way to the nearest of the four equivalent readings of the seen one."""
     return wrap_angle(yaw + gain * math.remainder(seen - yaw, QUARTER))
 
 
 @njit(cache=True)
 def _jump(pose: Array, odometry: Array, pose_now: Array, odometry_now: Array) -> float:
-    """Distance of localisation from where odometry says that the robot drove [m], or turned [rad]; nan: not finite."""
+    """Difference between the motions of localisation and odometry, the larger of [m] and [rad]; nan: not finite."""
     x, y = odometry_now[0] - odometry[0], odometry_now[1] - odometry[1]
     c, s = math.cos(pose[2] - odometry[2]), math.sin(pose[2] - odometry[2])
     off_x, off_y = pose_now[0] - pose[0] - (c * x - s * y), pose_now[1] - pose[1] - (s * x + c * y)

@@ -1,7 +1,7 @@
-"""Evidence of seen obstacles: hits add, rays that pass through take away, memory fades.
+"""Evidence of seen obstacles: hits add to it, beams that pass through a cell reduce it, and old evidence is forgotten.
 
-Every cell holds a small integer, in the manner of log-odds cut off at both ends. One hit makes a cell occupied; a cell
-hit again and again needs ``evidence_most`` scans of free sight to be free: noise at its border makes no flicker.
+Every cell holds a small integer, like log-odds clipped at both ends. One hit makes a cell occupied; a cell that is hit
+repeatedly is cleared by ``evidence_most`` free scans, so that noise at its border causes no flicker.
 """
 
 import math
@@ -13,12 +13,12 @@ from numpy.typing import NDArray
 
 from motm_twin.model.compiler import njit
 
-NEVER = -(2**30)  # time stamp of what has not happened [ms]
-SECTORS = 256  # of the view round the sensor, in which beams are asked how far there is evidence
+NEVER = -(2**30)  # [ms] time stamp of an event that has not happened
+SECTORS = 256  # of the view round the sensor; a beam is followed as far as there is evidence in its sector
 
 
 class Fading(NamedTuple):
-    """Rules by which evidence comes and goes; see `MapSettings`."""
+    """Rules by which evidence is added and removed; see `MapSettings`."""
 
     hit: int  # evidence of one hit
     most: int
@@ -39,11 +39,11 @@ class Evidence:
     near_last: NDArray[np.int64]  # 3x3 neighbourhood occupied until
     near_hit: NDArray[np.int64]  # last hit in the 3x3 neighbourhood
     outside: NDArray[np.uint8]  # 1: occupied while it was not under the robot's own body
-    seen: NDArray[np.int64]  # a beam last showed this cell, or the robot stood on it
+    seen: NDArray[np.int64]  # last time that a beam showed this cell, or the robot stood on it
 
 
 def no_evidence(shape: tuple[int, int]) -> Evidence:
-    """Nothing seen yet."""
+    """Evidence before the first scan."""
     hit, since, last, near, seen = (np.full(shape, NEVER, dtype=np.int64) for _ in range(5))
     level, outside = np.zeros(shape, dtype=np.int8), np.zeros(shape, dtype=np.uint8)
     return Evidence(level, hit, since, last, near, outside, seen)
@@ -77,13 +77,13 @@ def mark_hits(
 
 @njit(cache=True)
 def _evidence_in_sectors(occupied, columns, x0, y0):
-    """Reach [cells] of evidence in each sector round (x0, y0) [cells], 0 where there is none; (SECTORS,)."""
+    """Distance [cells] of the farthest evidence in each sector round (x0, y0) [cells], 0 without any; (SECTORS,)."""
     far = np.zeros(SECTORS)
     per_radian = SECTORS / (2.0 * math.pi)
     for i in range(occupied.shape[0]):
         dx, dy = occupied[i] % columns + 0.5 - x0, occupied[i] // columns + 0.5 - y0
         distance = math.sqrt(dx * dx + dy * dy)
-        half = 1.0 / distance if distance > 2.0 else math.pi  # [rad] seen of a cell: at most asin(0.71 / distance)
+        half = 1.0 / distance if distance > 2.0 else math.pi  # [rad] half a cell's angle: at most asin(0.71 / distance)
         middle = math.atan2(dy, dx)
         first, last = math.floor((middle - half) * per_radian), math.floor((middle + half) * per_radian)
         for k in range(first, min(last, first + SECTORS - 1) + 1):
@@ -96,10 +96,10 @@ def clear_rays(
     level, hit_now, passed_now, last_hit, near_since, near_hit, occupied, sensor, ends, struck, now_ms, frame,
     fading,
 ):  # fmt: skip
-    """Take evidence away, once per scan, from every cell that a beam passed through before its end.
+    """Reduce evidence, once per scan, in every cell that a beam passed through before its end.
 
-    Behind the end of a beam that ``struck`` something [m range, < 0: nothing], up to its shadow, what is not static and
-    was not hit for a while is forgotten: an agent that drives towards the robot hides the cells it was seen in before.
+    In the shadow of a hit (``struck``: its range [m], < 0: none), cells that are not static and were not hit for a
+    while are freed: an agent that drives towards the robot hides the cells in which it was seen before.
     ``occupied``: flat indices of cells with evidence; no beam is followed beyond the last of them in its direction.
     """
     rows, columns = level.shape
@@ -140,10 +140,10 @@ def clear_rays(
 
 @njit(cache=True)
 def settle(occupied, level, last_hit, near_since, near_last, near_hit, now_ms, fading):
-    """Forget what was not confirmed, keep count of how long cells are occupied, and list the occupied cells.
+    """Free cells that were not confirmed, update how long cells have been occupied, and list the occupied cells.
 
     ``occupied``: flat indices, ascending, of all cells with evidence and perhaps others. Returns (cells, static): row
-    and column of those that remain, in the same order, shape (m, 2), and whether each is static, shape (m,).
+    and column of those that remain, in the same order, shape (m, 2), and the mask of static ones, shape (m,).
     """
     rows, columns = level.shape
     cells = np.empty((occupied.shape[0], 2), np.int32)
@@ -176,11 +176,11 @@ def settle(occupied, level, last_hit, near_since, near_last, near_hit, now_ms, f
 
 @njit(cache=True)
 def clear_footprint(level, outside, hit_now, occupied, pose, body, frame):
-    """Free the cells under the robot's body, except those that are hit now or were seen from outside it.
+    """Free the cells under the robot's body, except those that are hit now or were occupied before it was there.
 
-    What was never seen but from within the footprint is noise, or the robot itself. What was occupied before the robot
-    was there is an obstacle that it overlaps. ``occupied``: flat indices of cells with evidence; ``body``: half length,
-    half width and offset of the footprint [m]; ``outside`` is brought up to date.
+    A cell that became occupied under the footprint is noise, or the robot itself. One that was occupied before is an
+    obstacle that the robot overlaps. ``occupied``: flat indices of cells with evidence; ``body``: half length, half
+    width and offset of the footprint [m]; ``outside`` is updated.
     """
     columns = level.shape[1]
     cos, sin = math.cos(pose[2]), math.sin(pose[2])

@@ -1,4 +1,4 @@
-"""Checking of lidar scans: only a scan that passed may change the map."""
+"""Check of lidar scans: only a scan that has passed it may change the map."""
 
 import math
 from dataclasses import dataclass
@@ -10,8 +10,8 @@ from motm_twin.model.plant import Scan
 from motm_twin.model.profile import Lidar
 from motm_twin.model.reason import Kind, Reason
 
-BAD_SHARE = 0.05  # of the beams may be nan or negative, and one of any number: more is a lidar that fails
-BLIND_ANGLE = math.radians(5.0)  # [rad] of neighbouring ones, in which somebody's leg 1 m away would be missed
+BAD_SHARE = 0.05  # share of beams that may be nan or negative (one always may): with more, the lidar is failing
+BLIND_ANGLE = math.radians(5.0)  # [rad] of neighbouring bad beams: a wider gap would hide a leg 1 m away
 MAX_AGE = 0.5  # [s] older scans would draw obstacles where they no longer are
 POSE_SIZE = 3
 _CHECKED = object()
@@ -19,7 +19,7 @@ _CHECKED = object()
 
 @dataclass(frozen=True, eq=False)
 class RefusedScan:
-    """A scan that must not be used, and why."""
+    """A scan that must not be used, for a reason."""
 
     reason: Reason
 
@@ -40,15 +40,15 @@ class CheckedScan:
         bearings = scan.pose[2] + scan.angle_min + scan.angle_step * np.arange(len(scan.ranges))
         self.directions: Array = np.empty((len(bearings), 2))
         self.directions[:, 0], self.directions[:, 1] = np.cos(bearings), np.sin(bearings)
-        self.ranges: Array = np.where(scan.ranges >= scan.range_min, scan.ranges, np.nan)  # nan: says nothing
+        self.ranges: Array = np.where(scan.ranges >= scan.range_min, scan.ranges, np.nan)  # nan: not known
         self.range_max: float = scan.range_max
 
 
 def check_scan(scan: Scan, lidar: Lidar, now: float) -> CheckedScan | RefusedScan:
     """The scan, checked against the lidar of the profile at time now [s]; or the reason why it is refused.
 
-    A beam below ``range_min`` says nothing and is left out; one beyond ``range_max`` (or inf) means "nothing up to
-    there". A few beams that are nan or negative are left out, too; of many the scan is refused as a whole.
+    A beam below ``range_min`` is left out; one beyond ``range_max`` (or inf) means "nothing up to there". A few beams
+    that are nan or negative are left out, too; with many of them the whole scan is refused.
     """
     reason = _numbers_wrong(scan) or _shape_wrong(scan, lidar) or _time_wrong(scan, now)
     if reason:
@@ -68,9 +68,9 @@ def _numbers_wrong(scan: Scan) -> str:
 
 
 def _beams_wrong(scan: Scan) -> str:
-    """Too many beams that are nan or negative, in all or beside each other; those known to be blind do not count."""
+    """Reason if too many beams, in all or side by side, are nan or negative, without known blind ones; "" if not."""
     ranges, step = scan.ranges, scan.angle_step
-    bad = ~(ranges >= 0.0)  # nan is not
+    bad = ~(ranges >= 0.0)  # true for nan
     if scan.blind is not None and scan.blind.shape == bad.shape:
         bad &= ~scan.blind
     count = int(bad.sum())

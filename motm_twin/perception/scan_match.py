@@ -1,8 +1,8 @@
-"""The pose that the scan agrees with: localisation, corrected by the mapped furniture in sight.
+"""Scan matching: the localised pose, corrected by the mapped furniture in sight.
 
-Localisation is some centimetres off (`model.scene.USUAL_NOISE`): a table's edge is beside a finger or in it. What is
-mapped shows in every sweep by how much. A Kalman filter keeps the correction: each sweep measures it from point to line
-(Censi, *An ICP variant using a point-to-line metric*, ICRA 2008), and where nothing mapped is in sight it fades.
+Localisation is some centimetres off (`model.scene.USUAL_NOISE`), enough for a finger to hit a table's edge. Mapped
+furniture shows the error in every sweep. A Kalman filter keeps the correction: each sweep measures it from point to
+line (Censi, *An ICP variant using a point-to-line metric*, ICRA 2008), and with nothing mapped in sight it fades.
 """
 
 import math
@@ -18,8 +18,8 @@ from motm_twin.model.number import OWN, Number
 from motm_twin.model.plant import Observation, Scan
 from motm_twin.perception.sweeps import REACH, seen_edges
 
-QUICK = 0.3  # of the error's variance that comes and goes as quickly as `correlation` says; the rest drifts
-HEADING = 0.5  # [rad/m] of localisation's error of heading to that of position, both 1 sd
+QUICK = 0.3  # share of the error's variance that changes as quickly as `correlation` says; the rest drifts
+HEADING = 0.5  # [rad/m] ratio of localisation's error of heading to that of position, both 1 sd
 
 
 class MatchSettings(msgspec.Struct, frozen=True, kw_only=True):
@@ -35,18 +35,18 @@ class MatchSettings(msgspec.Struct, frozen=True, kw_only=True):
 
 @dataclass
 class MatchState:
-    """The correction, and what it was made from."""
+    """The correction, and the inputs of its last update."""
 
     offset: Array = field(default_factory=lambda: np.zeros(3))  # to be added to localised poses [m, m, rad]
     covariance: Array | None = None  # of the offset, shape (3, 3); None: nothing was matched yet
-    pose: Array | None = None  # as it came last
+    pose: Array | None = None  # as reported last; odometry likewise
     odometry: Array | None = None
     time: float = 0.0  # [s]
     stamp: float | None = None  # of the newest sweep that was matched
 
 
 def follow(state: MatchState, now: Observation, settings: MatchSettings) -> None:
-    """Let the correction fade; where localisation leaps from odometry, only the next sweep tells how far it is off."""
+    """Let the correction fade; when localisation leaps from odometry, its covariance is that of the prior again."""
     prior = _prior(settings)
     if state.pose is None or state.odometry is None or state.covariance is None:
         state.covariance = np.diag(prior * prior)
@@ -72,14 +72,14 @@ def match(state: MatchState, scan: Scan, segments: Array, settings: MatchSetting
 
 
 def corrected(state: MatchState, pose: Array) -> Array:
-    """A localised pose (3,) with the correction of now."""
+    """A localised pose (3,) with the present correction."""
     pose = pose + state.offset
     pose[2] = wrap_angle(float(pose[2]))
     return pose
 
 
 def sd(state: MatchState) -> float:
-    """Error of the place on the map, 1 sd [m] along the axis on which it is known worse."""
+    """Error of the position on the map, 1 sd [m] along the less certain axis."""
     return 0.0 if state.covariance is None else math.sqrt(max(state.covariance[0, 0], state.covariance[1, 1]))
 
 
@@ -92,10 +92,10 @@ def _measured(
     offset: Array, covariance: Array, localised: Array, ranges: Array, angle_min: float, step: float, origin: Array,
     segments: Array, reach: float, sd: float,
 ) -> tuple[Array, Array]:  # fmt: skip
-    """The correction (3,) and its covariance (3, 3) after a sweep, the map's lines taken as they are seen from there.
+    """The correction (3,) and its covariance (3, 3) after a sweep; a beam belongs to the map line it should meet.
 
-    Beams count less the further they end from their line (Tukey's weights), and not at all where the pose does not
-    explain it: an unmapped box before furniture must not be taken for that.
+    Beams count less the further they end from their line (Tukey's weights), and not at all beyond the error of the
+    pose: an unmapped box before furniture must not be taken for furniture.
     """
     pose = localised + offset
     expected, edges, _ = seen_edges(pose, origin, angle_min, step, ranges.shape[0], segments, reach)
@@ -142,7 +142,7 @@ def _measured(
 
 @njit(cache=True)
 def _inverse(m: Array) -> Array:
-    """Of a symmetric positive definite matrix (3, 3), by its cofactors."""
+    """Inverse of a symmetric positive definite matrix (3, 3), by its cofactors."""
     out = np.empty((3, 3))
     out[0, 0] = m[1, 1] * m[2, 2] - m[1, 2] * m[1, 2]
     out[1, 1] = m[0, 0] * m[2, 2] - m[0, 2] * m[0, 2]

@@ -1,4 +1,4 @@
-"""Static cells of the map: those that stood where no track may move, and what hangs together with them."""
+"""Static cells of the map: standing cells (hit for 3 s, on no track that may move), and cells connected to them."""
 
 import math
 from dataclasses import dataclass, field
@@ -13,21 +13,21 @@ from motm_twin.perception.grid import Grid
 from motm_twin.perception.mapper import MapSettings
 from motm_twin.perception.world_map import WorldMap
 
-JOINED = 2  # cells at most this far apart hang together
-_REMEMBERS = MapSettings().static_after  # [s] without a hit after which a cell that stood no longer is static
+JOINED = 2  # cells at most this far apart are connected
+_REMEMBERS = MapSettings().static_after  # [s] without a hit after which a standing cell is one no longer
 
 Mask = NDArray[np.bool_]
 
 
 @dataclass
 class Stood:
-    """Cells that stood lately, shape (n,) both."""
+    """Cells that were standing lately; both arrays of shape (n,)."""
 
-    cells: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, np.int64))  # numbers in the grid, ascending
-    until: Array = field(default_factory=lambda: np.zeros(0))  # [s] each of them is static when it is hit again
+    cells: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, np.int64))  # flat indices, ascending
+    until: Array = field(default_factory=lambda: np.zeros(0))  # [s] time until which each is standing when hit again
 
     def has(self, cells: NDArray[np.int64]) -> Mask:
-        """Membership of cells (m,), by number; shape (m,)."""
+        """Mask of cells (m,), by flat index, that are among these; shape (m,)."""
         return _among(cells, self.cells)
 
     def renew(self, cells: NDArray[np.int64], now: float) -> None:
@@ -40,10 +40,10 @@ class Stood:
 
 
 def static_cells(memory: Stood, world: WorldMap, grid: Grid, theirs: Mask) -> tuple[Mask, Mask]:
-    """Seen cells of the map that stood, and those with what hangs together with them, shape (m,) both.
+    """Masks of the map's seen cells: standing ones, and these with all cells connected to them; shape (m,) both.
 
-    A cell stood when it was hit for 3 s and is not ``theirs`` (m,), who may move; it does again for 3 s after its last
-    hit. Sides of a box that flicker or come into sight hang together with it.
+    A cell is standing if it was hit for 3 s and is on no track that may move (mask ``theirs``, (m,)), or is hit again
+    within 3 s after it was. Sides of a box that flicker or come into sight are connected to the box.
     """
     cells = grid.cell_of(world.seen_points)
     numbers = cells[:, 0] * grid.shape[1] + cells[:, 1]
@@ -53,7 +53,7 @@ def static_cells(memory: Stood, world: WorldMap, grid: Grid, theirs: Mask) -> tu
 
 
 def _among(cells: NDArray[np.int64], known: NDArray[np.int64]) -> Mask:
-    """Which cells (m,) are among the known ones (n,), which ascend; shape (m,)."""
+    """Mask of cells (m,) that are among the known ones (n,), in ascending order; shape (m,)."""
     if not len(known):
         return np.zeros(len(cells), dtype=bool)
     return known[np.minimum(np.searchsorted(known, cells), len(known) - 1)] == cells
@@ -61,12 +61,12 @@ def _among(cells: NDArray[np.int64], known: NDArray[np.int64]) -> Mask:
 
 @njit(cache=True)
 def beside(points, seen, stood, static, origin, resolution, shape):
-    """Which points (n, 2) are in or beside a cell that stood, and which a static one; shape (n,) both.
+    """Masks of points (n, 2): in or beside a standing cell, and in or beside a static one; shape (n,) both.
 
-    ``seen``: centres of cells [m], (m, 2), of which some ``stood`` and more are ``static``, (m,); ``shape`` of the map.
+    ``seen``: centres of cells [m], (m, 2), with their masks ``stood`` and ``static``, (m,); ``shape`` of the map.
     """
     rows, columns = shape
-    marks = np.zeros((rows + 2, columns + 2), np.int8)  # 1: beside a static cell, 2: beside one that stood, too
+    marks = np.zeros((rows + 2, columns + 2), np.int8)  # 1: beside a static cell, 2: beside a standing one, too
     for i in range(seen.shape[0]):
         row = math.floor((seen[i, 1] - origin[1]) / resolution)
         column = math.floor((seen[i, 0] - origin[0]) / resolution)

@@ -1,4 +1,4 @@
-"""The map without what moves."""
+"""The map without dynamic obstacles."""
 
 from dataclasses import dataclass
 
@@ -20,11 +20,11 @@ from motm_twin.perception.world_map import WorldMap
 class StandingState:
     """State between maps."""
 
-    outlines: tuple[Array, ...] = ()  # of what was seen to stand
+    outlines: tuple[Array, ...] = ()  # of the seen points that stand
 
 
 class StandingMap(Stateful[StandingState]):
-    """Builds the map of a period from only those of its seen points that stand."""
+    """Builds the map of a period with only those seen points that stand."""
 
     def __init__(self, known: KnownWorld) -> None:
         self._known, self._g = known, growth_of(known.robot.footprint)
@@ -32,14 +32,14 @@ class StandingMap(Stateful[StandingState]):
         self._state = StandingState()
 
     def keep(self, world: WorldMap, standing: np.ndarray) -> WorldMap:
-        """The map with only those seen points (m,) of bool that stand."""
+        """The map with only the seen points in the mask ``standing``, shape (m,)."""
         if standing.all():
             self._state.outlines = ()
             return world
         base = self._base_map(world.resolution)
         shape, extent = world.occupied.shape, world.resolution * np.array(world.occupied.shape[::-1])
         left, low = np.round((world.origin - np.array(base.grid.origin)) / world.resolution).astype(np.int32)
-        window = (slice(low, low + shape[0]), slice(left, left + shape[1]))  # of a large map it is a part
+        window = (slice(low, low + shape[0]), slice(left, left + shape[1]))  # only a part of a large map
         points = world.seen_points[standing]
         column, row = np.floor((points - world.origin).T / world.resolution).astype(np.int32)
         cells = np.column_stack((row, column))
@@ -64,7 +64,7 @@ class StandingMap(Stateful[StandingState]):
 
 
 class StillMap(StandingMap):
-    """The map of a period without anything that moves."""
+    """The map of a period without dynamic obstacles."""
 
     def __init__(self, known: KnownWorld, parameters: TrackParameters | None = None) -> None:
         super().__init__(known)
@@ -75,6 +75,6 @@ class StillMap(StandingMap):
         return self.keep(world, stationary_points(world, world.movers, self._parameters))
 
     def proximity(self, world: WorldMap) -> np.ndarray:
-        """STAA*'s grid of such a map, shape (rows, columns): `keep` leaves the one that it was given."""
+        """STAA*'s proximity grid of such a map, shape (rows, columns): `keep` does not change that of the map."""
         settings = MapSettings()
         return proximity_cost(world.distance, settings.proximity_width, settings.proximity_blur)

@@ -1,4 +1,4 @@
-"""Content of the lidar's sweeps: do they change, do they return, do they scatter; and how well they fit the map."""
+"""Checks of lidar sweeps for a frozen, blind or noisy lidar, and the fit of a sweep to the map."""
 
 import math
 from dataclasses import dataclass
@@ -19,7 +19,7 @@ from motm_twin.perception.finding import HALF, Finding
 from motm_twin.perception.footprints import outline
 
 REACH = 6.0  # [m] mapped furniture further away may be missed by thin beams
-GONE_AFTER = 3.0  # [s] what is mapped, or returned, and no beam has seen since is believed to be gone
+GONE_AFTER = 3.0  # [s] after which furniture or returns that no beam has seen since are believed to be gone
 
 
 class SweepSettings(msgspec.Struct, frozen=True, kw_only=True):
@@ -51,13 +51,13 @@ class SweepState:
 
     ranges: Array | None = None  # of the newest sweep
     stamp: float | None = None
-    same: int = 0  # sweeps since that were identical
+    same: int = 0  # number of identical sweeps before it
     odometry: Array | None = None  # when the first of them came, shape (3,)
     noisy: bool = False
     scatter: float = 0.0  # [m]
-    returning: int = 0  # beams that returned before they vanished, or return now
+    returning: int = 0  # beams that return now, or did before they vanished
     things: int = 0  # runs of neighbouring beams among them
-    vanished: float | None = None  # [s] when
+    vanished: float | None = None  # [s] stamp at which they vanished; None: they did not
 
 
 def map_segments(known: KnownWorld) -> Array:
@@ -74,7 +74,7 @@ def map_segments(known: KnownWorld) -> Array:
 def check_sweep(
     state: SweepState, scan: Scan, pose: Array, odometry: Array, segments: Array, settings: SweepSettings
 ) -> Finding | None:
-    """The worst that a new sweep shows; None for a good one. ``pose`` (3,): where it was made, ``odometry`` (3,)."""
+    """The worst finding of a new sweep; None for a good one. ``pose`` (3,): that of the sweep; ``odometry`` (3,)."""
     frozen = _frozen(state, scan, odometry, settings)
     if frozen is None:
         state.scatter = scatter(scan.ranges, settings.triples)
@@ -84,7 +84,7 @@ def check_sweep(
 
 
 def _frozen(state: SweepState, scan: Scan, odometry: Array, settings: SweepSettings) -> Finding | None:
-    """Real noise never repeats; without noise, what is seen has to move as the robot does."""
+    """Finding for a repeated sweep: noise never repeats, and without noise ranges must change as the robot moves."""
     before = state.ranges
     returning = int(np.isfinite(scan.ranges).sum())
     if before is None or returning < settings.expected or not np.array_equal(before, scan.ranges, equal_nan=True):
@@ -102,12 +102,12 @@ def _frozen(state: SweepState, scan: Scan, odometry: Array, settings: SweepSetti
 
 
 def unmoved(scan: Scan, before: Array, now: Array) -> float:
-    """Share of the returning beams that do not look as they must after the motion between two odometry poses (3,)."""
+    """Share of the returning beams that contradict the motion between two odometry poses (3,)."""
     return _unmoved(scan.ranges, scan.angle_min, scan.angle_step, scan.origin, before, now)
 
 
 def _blind(state: SweepState, scan: Scan, pose: Array, segments: Array, settings: SweepSettings) -> Finding | None:
-    """Nothing returns where the map has furniture, or all that returned went at once."""
+    """Finding for missing returns: none where the map has furniture, or all vanished at once."""
     ranges = scan.ranges
     returning = int(np.isfinite(ranges).sum())
     expected = 0
@@ -149,7 +149,7 @@ def _noisy(state: SweepState, settings: SweepSettings) -> Finding | None:
 
 @njit(cache=True)
 def _runs(ranges: Array) -> int:
-    """Runs of neighbouring beams that return."""
+    """Number of runs of neighbouring beams that return."""
     count = 0
     inside = False
     for value in ranges:
@@ -188,7 +188,7 @@ def expected_ranges(
 def seen_edges(
     pose: Array, origin: Array, angle_min: float, step: float, count: int, segments: Array, reach: float
 ) -> tuple[Array, NDArray[np.int64], Array]:
-    """Of each beam the range [m] to the nearest segment (s, 4), which segment that is, and where on it (0 to 1).
+    """Range [m] of each beam to the nearest segment (s, 4), the index of that, and the position on it (0 to 1).
 
     Beyond reach: inf, -1, 0.
     """
@@ -223,9 +223,9 @@ def seen_edges(
 def map_fit(
     pose: Array, ranges: Array, angle_min: float, step: float, origin: Array, segments: Array, reach: float, sd: float
 ) -> tuple[int, float]:
-    """Beams that should meet mapped furniture from a pose (3,), and how well they do: mean of exp(-(error / sd)^2).
+    """Number of beams that should meet mapped furniture from a pose (3,), and their fit: mean of exp(-(error / sd)^2).
 
-    What ends before it meets the map meets something else, and says nothing.
+    A beam that ends over 1 m before the map meets something else, and is left out.
     """
     sensed = expected_ranges(pose, origin, angle_min, step, ranges.shape[0], segments, reach)
     count = 0

@@ -1,4 +1,4 @@
-"""Kernels of the tracks: scan points off the furniture, their segments, and the correction of a track by them."""
+"""Kernels of the tracker: scan points off the furniture, their segments, and the Kalman filter of a track."""
 
 import math
 
@@ -9,20 +9,20 @@ from motm_twin.model.compiler import njit
 from motm_twin.model.geometry import Array
 from motm_twin.perception.discs import fitted_circle, front_circle, is_behind, seen_width
 
-BEAMS_LOST = 3  # between two points of one segment: a few say nothing
+BEAMS_LOST = 3  # beams from one point of a segment to the next, at most: a few may have no return
 
 
 @njit(cache=True)
 def ends_off_furniture(ranges, directions, origin, reach, distance, corner, resolution, explained):
-    """Ends (n, 2) [m] of beams that are on the map, and farther from furniture than ``explained`` [m]; the beams (n,).
+    """Ends (n, 2) [m] of beams on the map and farther than ``explained`` [m] from furniture; and these beams (n,).
 
-    Beams of ``reach`` [m] and more say nothing. ``distance`` to furniture [m] of the map's cells, whose first begins at
-    ``corner`` (x, y) [m].
+    Beams of ``reach`` [m] and more are left out. ``distance``: grid of distances to furniture [m]; its first cell
+    begins at ``corner`` (x, y) [m].
     """
     ends, beams, count = np.empty((ranges.shape[0], 2)), np.empty(ranges.shape[0], np.int64), 0
     least = np.float32(explained)
     for k in range(ranges.shape[0]):
-        if ranges[k] < reach:  # nan is not
+        if ranges[k] < reach:  # false for nan
             x, y = origin[0] + ranges[k] * directions[k, 0], origin[1] + ranges[k] * directions[k, 1]
             row, column = math.floor((y - corner[1]) / resolution), math.floor((x - corner[0]) / resolution)
             if 0 <= row < distance.shape[0] and 0 <= column < distance.shape[1] and distance[row, column] > least:
@@ -33,9 +33,9 @@ def ends_off_furniture(ranges, directions, origin, reach, distance, corner, reso
 
 @njit(cache=True)
 def segments(points: Array, beams: NDArray[np.int64], reach: Array, gap: float) -> NDArray[np.int64]:
-    """First point of each segment, and the number of points (n, 2), in the order of the beams (n,); shape (k + 1,).
+    """First point of each segment, and the number of all points (n, 2), which are in order of beams (n,); (k + 1,).
 
-    Neighbours in a segment are no farther apart than ``gap`` [m], 8 m away twice that. ``reach`` [m], shape (n,).
+    Neighbours in a segment are at most ``gap`` [m] apart, twice that at a range (``reach``, (n,)) of 8 m.
     """
     n, count = points.shape[0], 1
     cuts = np.zeros(n + 1, np.int64)
@@ -52,10 +52,10 @@ def segments(points: Array, beams: NDArray[np.int64], reach: Array, gap: float) 
 
 @njit(cache=True)
 def share_out(points, beams, ranges, sensor, owner, cuts, tracks, limits):
-    """Give all of a segment to the only track that has points in it, if it may be one thing: changes ``owner`` (n,).
+    """Assign all of a segment to the only track with points in it, if it may be one body: changes ``owner`` (n,).
 
-    ``cuts``: see `segments`; ``tracks``: their number; ``limits``: a gap and half the width of what may be one thing
-    [m]. Returns which tracks are seen alone in their segment, and which are partly hidden; shape (tracks,) both.
+    ``cuts``: see `segments`; ``tracks``: their number; ``limits``: a gap, and half the largest width of one body [m].
+    Returns masks of tracks that are alone in their segments, and of tracks partly hidden; shape (tracks,) both.
     """
     gap, width = limits
     alone, partly = np.ones(tracks, np.bool_), np.zeros(tracks, np.bool_)
@@ -82,7 +82,7 @@ def share_out(points, beams, ranges, sensor, owner, cuts, tracks, limits):
 
 @njit(cache=True)
 def goes_on_hidden(beams: NDArray[np.int64], ranges: Array, gap: float) -> bool:
-    """Something nearer by ``gap`` [m] ends a segment, in the order of the beams, on one of its sides."""
+    """True when a segment (its beams in order) ends at something nearer by ``gap`` [m], on one of its sides."""
     for end, step in ((0, -1), (beams.shape[0] - 1, 1)):
         for k in range(1, BEAMS_LOST + 1):
             other = beams[end] + k * step
@@ -93,7 +93,7 @@ def goes_on_hidden(beams: NDArray[np.int64], ranges: Array, gap: float) -> bool:
 
 @njit(cache=True)
 def is_hidden(ranges: Array, directions: Array, middle: Array, radius: float) -> bool:
-    """Most beams that would meet a disc end before it; ``middle`` (2,) [m] from the sensor."""
+    """True when at least half of the beams towards a disc end before it; ``middle`` (2,) [m] from the sensor."""
     x, y = middle[0], middle[1]
     away, towards, before = math.hypot(x, y), 0, 0
     if away <= radius:
@@ -110,9 +110,9 @@ def is_hidden(ranges: Array, directions: Array, middle: Array, radius: float) ->
 def correct(state, covariance, own, sensor, radius, alone, partly, sizes):
     """Correct a track with its points (n, 2): changes ``state`` (4,) and ``covariance`` (4, 4).
 
-    ``alone``: its segment shows nothing else; ``partly``: something nearer hides one side of it. ``sizes``: least and
-    greatest radius [m], share by which a radius shrinks, noise of a middle [m]. Returns the radius
-    [m], and the distance of the farthest point from the middle, less the noise [m].
+    ``alone``: nothing else is in its segment; ``partly``: something nearer hides one side of it. ``sizes``: least
+    and greatest radius [m], share by which a radius shrinks, noise of a middle [m]. Returns the radius [m], and the
+    distance of the farthest point from the middle, less the noise [m].
     """
     least, most, shrinks, noise = sizes
     middle = fitted_circle(own, state[:2], radius)
@@ -121,7 +121,7 @@ def correct(state, covariance, own, sensor, radius, alone, partly, sizes):
         radius += (0.5 if wanted > radius else shrinks) * (wanted - radius)
         before, middle = middle, fitted_circle(own, state[:2], radius)
         for axis in range(2):
-            state[axis] += middle[axis] - before[axis]  # more of it is seen: that is no motion
+            state[axis] += middle[axis] - before[axis]  # more of it is seen: this is no motion
     if is_behind(own, middle, sensor, radius):
         before, middle = middle, front_circle(own, sensor, radius)
         for axis in range(2):
@@ -135,7 +135,7 @@ def correct(state, covariance, own, sensor, radius, alone, partly, sizes):
 
 @njit(cache=True)
 def predict(state: Array, covariance: Array, dt: float, density: float) -> None:
-    """Move a track on by dt [s], with white acceleration of this density [m^2/s^3]."""
+    """Predict a track over dt [s], with white-noise acceleration of this density [m^2/s^3]."""
     for axis in range(2):
         state[axis] += dt * state[2 + axis]
     for axis in range(2):
@@ -149,7 +149,7 @@ def predict(state: Array, covariance: Array, dt: float, density: float) -> None:
 
 @njit(cache=True)
 def _update(state: Array, covariance: Array, middle: Array, variance: float) -> None:
-    """Correct a track with a measured middle (2,); both axes are independent."""
+    """Correct a track with a measured middle (2,) of this variance [m^2]; both axes are independent."""
     for axis in range(2):
         i, k = axis, 2 + axis
         pp, pv = covariance[i, i], covariance[i, k]
@@ -165,10 +165,10 @@ def _update(state: Array, covariance: Array, middle: Array, variance: float) -> 
 
 @njit(cache=True)
 def passed(points, origin, first, step, ranges, margin, turn):
-    """Number of points (n, 2) [m] that all beams of a scan near them went past, by ``margin`` [m] at least.
+    """Number of points (n, 2) [m] that all beams of a scan near them passed, by at least ``margin`` [m].
 
-    ``turn`` [rad]: the points' bearings may be off by this, and by the margin. ``first``, ``step`` [rad]: the beams'
-    bearings; a beam of nan says nothing.
+    ``turn`` [rad]: bearings of points may be off by this, and by the margin. ``first``, ``step`` [rad]: bearing of the
+    first beam, and step to the next; a nan beam passes nothing.
     """
     count, beams = 0, ranges.shape[0]
     for i in range(points.shape[0]):

@@ -1,11 +1,11 @@
-"""Tracks of dynamic obstacles from lidar scans: who is where, how fast, how sure that is, and what stands.
+"""Tracks of dynamic obstacles from lidar scans: positions, velocities and their uncertainty; and static cells.
 
-Each track is a disc with a constant-velocity Kalman filter. The points of a scan that neither mapped furniture nor what
-is known to stand explains go to the track on whose rim they lie, point by point, so that two who stand side by side
-stay two; a circle of the known radius is fitted to them. What is left over is cut into segments, each of which begins a
-track. A track that is hidden behind something nearer lives on for a while, one that the beams pass through does not.
+Each track is a disc with a constant-velocity Kalman filter. Scan points that neither mapped furniture nor standing
+cells (`static_cells`) explain are assigned to the track on whose rim they lie, point by point, so that two obstacles
+side by side stay two; a circle of the known radius is fitted to them. The others are cut into segments, each of which
+begins a track. A track that is hidden by something nearer lives on for a while, one that beams pass through does not.
 
-A new track has not moved yet. It does when it is fast enough and has left its place: beams pass where it was, or it is
+A new track has not moved yet. It moves once it is fast enough and has left its place: beams pass where it was, or it is
 where beams passed. A box that comes into sight bit by bit does neither, however the base drives.
 """
 
@@ -44,8 +44,8 @@ X, Y, VX, VY, RADIUS, SD, IDENTITY = range(7)  # columns of `WorldMap.tracks`
 
 _MAP = MapSettings()
 _REACH = _MAP.lidar_reach  # [m] farther points are left out: too few beams meet a leg there
-_OFF = _MAP.explained_margin  # [m] by which position and range are off at most
-_ASTRAY = _MAP.explained_per_range  # [rad] by which the heading is
+_POSITION_ERROR = _MAP.explained_margin  # [m] largest error of position and range
+_HEADING_ERROR = _MAP.explained_per_range  # [rad] largest error of heading
 
 
 class TrackParameters(msgspec.Struct, frozen=True, kw_only=True):
@@ -96,11 +96,11 @@ class Look(NamedTuple):
     origin: Array  # of the beams [m], shape (2,)
     first: float  # [rad] bearing of the first
     step: float  # [rad] from one to the next
-    ranges: Array  # [m], nan where a beam says nothing, shape (n,)
+    ranges: Array  # [m], nan where not known, shape (n,)
 
 
 class Place(NamedTuple):
-    """Points where a track was seen, and all of that scan."""
+    """Points at which a track was seen, and the whole scan."""
 
     points: Array  # [m], shape (n, 2)
     look: Look
@@ -128,8 +128,8 @@ class Track:
     covers: float = 0.0  # [m] from its middle to the farthest of the points that were last seen of it
     hits: int = 1
     moved: float = -math.inf  # [s] last time that it moved
-    static: bool = False  # most of what is seen of it is static
-    near: bool = False  # in the way
+    static: bool = False  # most of its points are at static cells
+    near: bool = False  # near the base
 
 
 @dataclass
@@ -138,13 +138,13 @@ class TrackState:
 
     stamp: float | None = None
     tracks: list[Track] = field(default_factory=list)
-    ends: tuple[Disc, ...] = ()  # at the ends of what is too wide for a track, and not static
+    ends: tuple[Disc, ...] = ()  # at the ends of segments that are too wide for a track, and not static
     next_identity: int = 1
     stood: Stood = field(default_factory=Stood)
 
 
 class Points(NamedTuple):
-    """Points of a scan that nothing explains, in the order of the beams."""
+    """Points of a scan that neither furniture nor standing cells explain, in the order of the beams."""
 
     at: Array  # [m], shape (n, 2)
     beam: NDArray[np.int64]  # shape (n,)
@@ -153,7 +153,7 @@ class Points(NamedTuple):
 
 
 class DynamicTracker(Stateful[TrackState]):
-    """Follows dynamic obstacles from scan to scan, and tells static cells from theirs."""
+    """Tracks dynamic obstacles from scan to scan, and finds the static cells of the map."""
 
     def __init__(self, known: KnownWorld, parameters: TrackParameters | None = None) -> None:
         p = self.parameters = parameters or TrackParameters()
@@ -165,7 +165,7 @@ class DynamicTracker(Stateful[TrackState]):
         self._state = TrackState()
 
     def update(self, scan: CheckedScan | None, world: WorldMap, pose: Array) -> WorldMap:
-        """The map with its tracks, movers and static cells, at its time.
+        """Update the tracks, and return the map with tracks, movers and static cells, at its time.
 
         ``scan``: a new one that the map has taken in; None: there is none. ``pose`` of the base, shape (3,).
         """
@@ -195,12 +195,12 @@ class DynamicTracker(Stateful[TrackState]):
         return -math.inf if self._state.stamp is None else self._state.stamp
 
     def _counting(self, now: float) -> list[Track]:
-        """Tracks that count at a time [s]; none once no scan has come for so long that they would be over."""
+        """Tracks seen often enough to count, at a time [s]; none if the newest scan is too old."""
         p = self.parameters
         return [] if now - self._stamp > p.hidden else [one for one in self._state.tracks if one.hits >= p.hits]
 
     def _unsettled(self, now: float) -> list[Track]:
-        """Those that have moved lately."""
+        """Counting tracks that move or wait at a time [s]."""
         return [one for one in self._counting(now) if self._phase(one, now) in (Phase.MOVING, Phase.WAITING)]
 
     def _phase(self, track: Track, now: float) -> Phase:
@@ -220,7 +220,7 @@ class DynamicTracker(Stateful[TrackState]):
         return (x, y, vx, vy, max(track.radius, track.covers), sd, float(track.identity))
 
     def _mark_near(self, base: Array, now: float) -> None:
-        """Say which are near the base (2,) [m], with a hysteresis."""
+        """Update which tracks are near the base (2,) [m], with hysteresis."""
         for track in self._state.tracks:
             limit = self.parameters.parted * self.near if track.near else self.near
             track.near = math.dist(_expected(track, now - self._stamp), base) <= limit
@@ -231,7 +231,7 @@ class DynamicTracker(Stateful[TrackState]):
         return self._base
 
     def _take(self, scan: CheckedScan, world: WorldMap, stood: Mask, static: Mask) -> None:
-        """Predict, give the points to the tracks, correct these, begin new ones, and end what is gone."""
+        """Predict the tracks, assign points to them, correct them, end lost tracks, and begin new ones."""
         p, state = self.parameters, self._state
         dt = 0.0 if state.stamp is None else scan.stamp - state.stamp
         if not 0.0 <= dt <= p.hidden:
@@ -260,7 +260,7 @@ class DynamicTracker(Stateful[TrackState]):
         self._begin(points, owner < 0, scan, look)
 
     def _unexplained(self, scan: CheckedScan, world: WorldMap, stood: Mask, static: Mask) -> Points:
-        """Points that are neither mapped furniture nor known to stand; those of who stands but has moved stay in."""
+        """Points that neither furniture nor standing cells explain; those on tracks that have moved are kept, too."""
         p = self.parameters
         known = self._base_map(world)
         at, beam = ends_off_furniture(
@@ -276,7 +276,7 @@ class DynamicTracker(Stateful[TrackState]):
         return Points(at[free], beam[free], scan.ranges[beam[free]], by_static[free])
 
     def _merge(self) -> None:
-        """Of two tracks whose middles are as near as no two of anything can be, keep the older."""
+        """Keep the older of two tracks whose middles are nearer than those of two bodies can be."""
         kept: list[Track] = []
         for track in self._state.tracks:
             if all(math.dist(track.state[:2], other.state[:2]) > self.parameters.merges for other in kept):
@@ -294,9 +294,9 @@ class DynamicTracker(Stateful[TrackState]):
         track.hits += 1
 
     def _judge(self, track: Track, here: Place, now: float) -> None:
-        """Say if a track moves: it has left its place and is fast enough, or it goes on moving.
+        """Decide if a track moves: it has left its place and is fast enough, or it goes on moving.
 
-        One that has stopped among what is static never moved: it is a side of that, and the pose was off.
+        One that has stopped among static cells never moved: it is a side of a static obstacle, and the pose was off.
         """
         p, before, speed = self.parameters, track.place, math.hypot(track.state[2], track.state[3])
         unsettled = self._phase(track, now) in (Phase.MOVING, Phase.WAITING)
@@ -304,8 +304,8 @@ class DynamicTracker(Stateful[TrackState]):
         if not unsettled and speed < p.sets_off:
             return
         left = (
-            passed(before.points, *here.look, _OFF, _ASTRAY) >= p.points
-            or passed(here.points, *before.look, _OFF, _ASTRAY) >= p.points
+            passed(before.points, *here.look, _POSITION_ERROR, _HEADING_ERROR) >= p.points
+            or passed(here.points, *before.look, _POSITION_ERROR, _HEADING_ERROR) >= p.points
         )
         if left or goes_on:
             track.moved, track.place = now, here
@@ -313,7 +313,7 @@ class DynamicTracker(Stateful[TrackState]):
             track.moved, track.place = -math.inf, here
 
     def _lives(self, track: Track, scan: CheckedScan) -> bool:
-        """It was seen lately, or something nearer hides it."""
+        """True when a track was seen lately, or something nearer hides it."""
         p, silent = self.parameters, scan.stamp - track.seen
         if silent <= 0.0:
             return True
@@ -324,11 +324,11 @@ class DynamicTracker(Stateful[TrackState]):
         return silent <= (p.rests if self._waits_unseen(track, scan.stamp) else p.hidden)
 
     def _waits_unseen(self, track: Track, stamp: float) -> bool:
-        """It was not seen in the scan of this time [s], and waited when it was seen last: it is still there."""
+        """True when a track is not in the scan of this time [s], but waited when last seen: it is still there."""
         return track.seen < stamp and self._phase(track, track.seen) == Phase.WAITING
 
     def _begin(self, points: Points, left: Mask, scan: CheckedScan, look: Look) -> None:
-        """Begin a track with each segment of the points that are left, if it may be somebody."""
+        """Begin a track with each segment of the points left, if it may be a dynamic obstacle."""
         p, state = self.parameters, self._state
         rest = Points(points.at[left], points.beam[left], points.reach[left], points.static[left])
         ends: list[Disc] = []
@@ -357,17 +357,17 @@ class DynamicTracker(Stateful[TrackState]):
 
 
 def stationary_points(world: WorldMap, movers: Array, parameters: TrackParameters) -> Mask:
-    """Which seen points of the map do not belong to one of these movers (k, 5 or more), shape (m,)."""
-    rows = movers[:, :5].copy()  # neither a slice nor read-only: one kernel for all
+    """Mask of seen points of the map that belong to none of these movers (k, 5 or more), shape (m,)."""
+    rows = movers[:, :5].copy()  # neither a slice nor read-only, so that one compiled kernel serves all
     return world.seen_static | ~on_ways(world.seen_points, rows, parameters.trail, parameters.rim)
 
 
 def _expected(track: Track, ahead: float) -> tuple[float, float]:
-    """Place [m] of a track ``ahead`` [s] of the newest scan."""
+    """Predicted position [m] of a track ``ahead`` [s] of the newest scan."""
     x, y, vx, vy = track.state.tolist()
     return x + ahead * vx, y + ahead * vy
 
 
 def _most(mask: Mask) -> bool:
-    """More than half of them are set."""
+    """True when more than half of a mask is set."""
     return bool(2 * np.count_nonzero(mask) > len(mask))

@@ -31,8 +31,8 @@ class WorldMap(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     proximity: NDArray[np.float32]  # blurred, inflated occupancy 0..1 (STAA*'s grid penalty)
     polygons: tuple[Array, ...]  # obstacle outlines, counter-clockwise, not inflated, each shape (n, 2)
     seen_points: Array  # centres of cells occupied by lidar outside the mapped furniture [m], shape (m, 2)
-    seen_static: NDArray[np.bool_]  # occupied for 3 s, at rest for 12 s if it was seen to move, shape (m,)
-    movers: Array = NO_MOVERS  # where they are followed: x, y [m], velocity [m/s], radius [m], near (0, 1), (k, 6)
-    tracks: Array = NO_TRACKS  # of those: columns of `perception/tracks.py`, (k, 7)
-    floor: Floor | None = None  # what is known of the floor round the robot; None: all of it is free
-    hidden: Array = NO_POINTS  # far sides of what may be moving, which the lidar does not see [m], shape (n, 2)
+    seen_static: NDArray[np.bool_]  # occupied for 3 s, at rest for 12 s if seen to move, or connected to such, (m,)
+    movers: Array = NO_MOVERS  # moving tracks: x, y [m], velocity [m/s], radius [m], near the base (0, 1), (k, 6)
+    tracks: Array = NO_TRACKS  # moving and waiting tracks, with the columns of `perception/tracks.py`, (k, 7)
+    floor: Floor | None = None  # seen floor round the robot; None: all floor is free
+    hidden: Array = NO_POINTS  # far sides of obstacles that may move, hidden from the lidar [m], shape (n, 2)

@@ -1,6 +1,6 @@
-"""A hand that no arm carries, over one cube: what a grasp on the move holds, by contact dynamics and by the rules.
+"""Grasps of a cube by a moving hand without an arm: contact dynamics compared with the rules of the kinematic plant.
 
-`sweep` tries many such grasps; `write` keeps their counts and their figure.
+`sweep` tries many such grasps; `write` saves their counts and their figure.
 """
 
 import json
@@ -30,21 +30,21 @@ from motm_twin.sim.objects import ObjectState, ObjectWorld
 from motm_twin.sim.solids import NOTHING
 
 SIDE = 0.04  # [m] of the cube
-LIFT, LIFT_SPEED = 0.10, 0.25  # [m], [m/s] after the closing
+LIFT, LIFT_SPEED = 0.10, 0.25  # [m], [m/s] of the lift after closing
 STOPS = 0.05  # [s] in which the hand comes to rest before it lifts
-HAND_MASS = 3.0  # [kg] that moves with the hand
+HAND_MASS = 3.0  # [kg] of the hand and what moves with it
 _GAIN = 5000.0  # [N s/m] of the velocity drives that move the hand
 _DT = 0.01  # [s] between two commands
-_STARTS = 0.05  # [s] in which the fingers begin to move
+_STARTS = 0.05  # [s] in which the fingers begin to move: until then slow ones do not count as standing
 _DOWN = np.diag([1.0, -1.0, -1.0])  # the hand looks down, and closes along y
 
 
 class Cell(msgspec.Struct, frozen=True, kw_only=True):
-    """One grasp: how the hand moves past the cube, and of what kind both are."""
+    """One grasp: motion of the hand past the cube, and properties of both."""
 
     closing_time: float = 0.8  # [s]
     along: float = 0.0  # [m/s] of the hand over the cube along the pads
-    across: float = 0.0  # [m/s] and across them
+    across: float = 0.0  # [m/s] the same across the pads
     offset: float = 0.0  # [m] of the cube across the pads, when the fingers begin to close
     ahead: float = 0.0  # [m] the same along the pads
     height: float = 0.0  # [m] of the tool centre point over the cube's centre
@@ -55,7 +55,7 @@ class Cell(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def physics_holds(cell: Cell) -> bool:
-    """Does the cube come along when the hand lifts?"""
+    """True when the hand lifts the cube, by contact dynamics."""
     physics = Physics(pad_friction=cell.friction, grip_force=cell.force, object_mass=cell.mass)
     model = _model(physics)
     data = mujoco.MjData(model)
@@ -80,7 +80,7 @@ def physics_holds(cell: Cell) -> bool:
 
 
 def rule_holds(cell: Cell, rule: str = STRICT) -> bool:
-    """The same by a grasp rule of the kinematic plant."""
+    """True when the hand holds the cube, by a grasp rule of the kinematic plant."""
     gripper = Gripper(GripperSpec(closing_time=cell.closing_time), ObjectWorld(_DT), _DT, rule)
     state = gripper.start()
     item = ObjectState(name="cube", position=np.array([0.0, 0.0, 0.5 * SIDE]), yaw=0.0, side=SIDE)
@@ -119,7 +119,7 @@ def _model(physics: Physics) -> mujoco.MjModel:
 
 
 def _place(model: mujoco.MjModel, data: mujoco.MjData, cell: Cell) -> None:
-    """Fingers open, the cube on the table, and the hand as far from it as the cell says, at its speed."""
+    """Set the start: fingers open, the cube on the table, the hand at the cell's offset and speed."""
     data.qpos[:3] = (-cell.ahead, -cell.offset, cell.height)
     data.qvel[:3] = (cell.along, cell.across, 0.0)
     data.qpos[3:5] = 0.5 * GripperSpec().max_width
@@ -128,7 +128,7 @@ def _place(model: mujoco.MjModel, data: mujoco.MjData, cell: Cell) -> None:
 
 
 def _pressed(model: mujoco.MjModel, data: mujoco.MjData) -> bool:
-    """Both pads press the cube."""
+    """True when both pads press the cube."""
     cube, felt = model.geom("object:cube").id, set[str]()
     pairs: Array = data.contact.geom
     for row in range(data.ncon):
@@ -143,12 +143,12 @@ CLOSING = (0.2, 0.4, 0.6, 0.8)  # [s]
 ALONG = (0.0, 0.01, 0.02, 0.03, 0.04, 0.05, 0.075, 0.1, 0.15, 0.2)  # [m/s]
 ACROSS = (0.0, 0.03, 0.1, 0.2)  # [m/s]
 NOMINAL = Cell()
-RANDOM, SEED = 4000, 11  # further cells, anywhere between those of the grid
+RANDOM, SEED = 4000, 11  # number and seed of further cells, drawn from about the range of the grid
 SLOW = 0.05  # [m/s] along and across: Experiment 1 has at most 0.046
 
 
 class Outcome(NamedTuple):
-    """One cell, and who holds it."""
+    """One cell, and which models hold its cube."""
 
     cell: Cell
     physics: bool
@@ -157,7 +157,7 @@ class Outcome(NamedTuple):
 
 
 def cells(*, quick: bool = False) -> list[Cell]:
-    """All combinations of motion, place, friction and force; then one thing at a time."""
+    """All combinations of motion, offset, friction and force; then one parameter at a time; then random cells."""
     places = ((0.0, 0.0),) if quick else tuple(product((-0.015, 0.0, 0.015), (0.0, 0.015)))
     grips = ((0.8, 40.0),) if quick else tuple(product((0.3, 0.8), (10.0, 40.0)))
     found = [
@@ -173,7 +173,7 @@ def cells(*, quick: bool = False) -> list[Cell]:
 
 
 def random_cells(count: int, seed: int = SEED) -> list[Cell]:
-    """Cells with everything at random, turned cubes included."""
+    """Cells with random motion, offset, yaw, height, friction and force."""
     rng = np.random.default_rng(seed)
     found = []
     for _ in range(count):
@@ -187,7 +187,7 @@ def random_cells(count: int, seed: int = SEED) -> list[Cell]:
 
 
 def outcome(cell: Cell) -> Outcome:
-    """Outcome of a cell by physics and by both rules."""
+    """Outcome of a cell by contact dynamics and by both rules."""
     return Outcome(cell, physics_holds(cell), rule_holds(cell, STRICT), rule_holds(cell, SWEPT))
 
 
@@ -197,7 +197,7 @@ def sweep(workers: int, *, quick: bool = False) -> list[Outcome]:
 
 
 def counts(outcomes: Sequence[Outcome]) -> dict[str, int]:
-    """Cells that physics and each rule hold and lose."""
+    """Numbers of cells that physics holds, and on which each rule disagrees with it."""
     slow = [one for one in outcomes if max(abs(one.cell.along), abs(one.cell.across)) <= SLOW]
     found: Counter[str] = Counter()
     for name, these in (("", outcomes), ("slow: ", slow)):
@@ -210,7 +210,7 @@ def counts(outcomes: Sequence[Outcome]) -> dict[str, int]:
 
 
 def write(outcomes: Sequence[Outcome], out: Path) -> Path:
-    """Counts and cells as ``grasp_rule.json``, the figure beside it."""
+    """Write counts and cells as ``grasp_rule.json``, with the figure beside it; returns the file."""
     out.mkdir(parents=True, exist_ok=True)
     rows = [{**msgspec.to_builtins(one.cell), **one._asdict(), "cell": None} for one in outcomes]
     target = out / "grasp_rule.json"
@@ -220,7 +220,7 @@ def write(outcomes: Sequence[Outcome], out: Path) -> Path:
 
 
 def draw(outcomes: Sequence[Outcome], file: Path) -> None:
-    """Speed along the pads against closing time, for each speed across them, of the nominal hand."""
+    """Draw speed along the pads over closing time, for each speed across them, of the nominal hand."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(10.0, 3.2), layout="constrained")

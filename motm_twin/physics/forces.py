@@ -1,10 +1,10 @@
-"""Forces as MuJoCo has them, and torques as the arm estimates them; with the state of the contact dynamics.
+"""Contact forces from MuJoCo, external torques as the arm would estimate them, and the state of the contact dynamics.
 
 Forces: of the pads on an object, and of the robot on everything else.
 
-Torques: the arm's own controller does not know that its base moves. tau_ext = tau - (M(q) ddq + c(q, dq) + g(q)), of an
-arm on a base at rest. Accelerations of the base, bumps of the floor and contacts all are in it; beyond a threshold the
-Panda stops by a reflex. A base that drives can trip it: a phantom collision.
+Torques: the arm's own controller assumes a base at rest: tau_ext = tau - (M(q) ddq + c(q, dq) + g(q)). So it contains
+accelerations of the base and bumps of the floor besides contacts. Beyond a threshold the Panda stops by a reflex; a
+moving base alone can trip it: a phantom collision.
 """
 
 import xml.etree.ElementTree as ET
@@ -25,59 +25,59 @@ from motm_twin.sim.plant_state import ArmState, BaseState, PlantState
 
 @dataclass
 class Press:
-    """A contact with force that goes on."""
+    """An ongoing contact of the robot with another body."""
 
     began: float  # [s]
     last: float
-    bodies: tuple[str, ...]  # of the robot, in order
+    bodies: tuple[str, ...]  # of the robot, in order of contact
     force: float  # [N] largest
     impulse: float  # [Ns]
 
 
 @dataclass
 class Grasp:
-    """Fingers and what is between them."""
+    """State of the fingers and of the object between them."""
 
-    width: float  # [m] that the drive is told
+    width: float  # [m] commanded to the drive
     waits: int = 0  # substeps until the fingers begin to move
-    still: int = 0  # substeps for which they have not moved
+    still: int = 0  # substeps for which the fingers have not moved
     pressed: str = ""  # object that both pads press
-    loose: int = 0  # substeps for which a held object was not pressed by both
+    loose: int = 0  # substeps for which a held object was not pressed by both pads
     forces: tuple[float, float] = (0.0, 0.0)  # [N] of left and right pad on it
     began: float = 0.0  # [s] of the command to close
     speed: float = 0.0  # [m/s] largest of the tool centre point since then
     places: dict[str, Array] = field(default_factory=dict)  # [m] of the objects then
-    taken: tuple[Array, Array] | None = None  # position and rotation in the hand of what is held, when it was taken
+    taken: tuple[Array, Array] | None = None  # pose of the held object in the hand when it was grasped
     done: list[GraspTruth] = field(default_factory=list)  # all grasps, the newest last
 
 
 @dataclass
 class PhysicsState:
-    """Everything that changes, beside what the kinematic plant has too."""
+    """State of the contact dynamics, in addition to that of the kinematic plant."""
 
     integration: Array  # of MuJoCo: mjSTATE_INTEGRATION
     base: BaseState  # reference of the base's drives: its speeds
     arm: ArmState  # reference of the arm's drives
     grasp: Grasp
     quiet: dict[str, int] = field(default_factory=dict)  # substeps for which a falling object has been at rest
-    presses: dict[str, Press] = field(default_factory=dict)  # contacts of the robot that go on, by the other
+    presses: dict[str, Press] = field(default_factory=dict)  # ongoing contacts of the robot, by the other body
     torque: Array = field(default_factory=lambda: np.zeros(7))  # [Nm] external, as the arm estimates it
     torque_peaks: Array = field(default_factory=lambda: np.zeros(7))  # [Nm] largest magnitude so far
-    reflexes: dict[str, str] = field(default_factory=dict)  # threshold: when it was first passed, and by which joint
-    trips: dict[str, int] = field(default_factory=dict)  # threshold: times that it was passed without a contact
+    reflexes: dict[str, str] = field(default_factory=dict)  # threshold: time and joint that first passed it, as text
+    trips: dict[str, int] = field(default_factory=dict)  # threshold: number of times it was passed without a contact
     over: dict[str, int] = field(default_factory=dict)  # threshold: last substep in which it was passed
     wrist: tuple[float, float] = (0.0, 0.0)  # [N], [Nm] at the hand's mount, weight included
     wrist_peaks: tuple[float, float] = (0.0, 0.0)  # largest so far
-    edited: int = -1000  # substep of a person's newest edit
-    felt: list[ContactForce] = field(default_factory=list)  # those that have ended
+    edited: int = -1000  # substep of the user's newest edit
+    felt: list[ContactForce] = field(default_factory=list)  # contacts that have ended
 
 
-FELT = 0.5  # [N] below which a contact is none
-ENDED = 0.1  # [s] apart after which a contact has ended, as with the referee
+FELT = 0.5  # [N] smaller contact forces are ignored
+ENDED = 0.1  # [s] without force after which a contact has ended, as for the referee
 _NONE = -2  # index of no object
 _OF_ROBOT = ("base", "panda_", "held:")
 _FLOOR, _SOLID, _CUBE, _BODY, _LEFT, _RIGHT, _ROLLS, _AGENT = range(8)
-_CLASSES = {  # beginnings of a geometry's name, the first that fits; solids are s0, s1, ...
+_CLASSES = {  # prefixes of a geometry's name, the first match counts; solids are s0, s1, ...
     _FLOOR: ("floor", "bump:"),
     _CUBE: ("object:",),
     _AGENT: ("agent:",),
@@ -89,7 +89,7 @@ _CLASSES = {  # beginnings of a geometry's name, the first that fits; solids are
 
 
 class Contacts:
-    """Reads the contacts of one model."""
+    """Reads the contact forces of one model, substep by substep."""
 
     def __init__(self, model: mujoco.MjModel, kind: Kind) -> None:
         names = [model.geom(i).name for i in range(model.ngeom)]
@@ -104,7 +104,7 @@ class Contacts:
         self.begin("")
 
     def begin(self, lifted: str) -> None:
-        """A substep begins, with an object held in the air, or ""."""
+        """Begin a substep; ``lifted``: the object held in the air, or ""."""
         self._lifted = self._objects.index(lifted) if lifted else _NONE
         self.deepest, self.deepest_pair = 0.0, ""
         self._peaks: dict[tuple[int, int], list[float]] = {}
@@ -112,7 +112,7 @@ class Contacts:
         self._looks = 0
 
     def look(self, data: mujoco.MjData, dt: float) -> None:
-        """After a step of dt [s]."""
+        """Add the contacts after a solver step of dt [s]."""
         self._looks += 1
         pairs = data.contact.geom
         if not len(pairs):
@@ -158,7 +158,7 @@ class Contacts:
         return (self._objects[best], (left, right)) if min(left, right) > FELT else ("", (left, right))
 
     def tell(self, s: PlantState, dt: float, between: set[str]) -> None:
-        """Add what was felt in the substep to the contacts so far; fingers at objects between them make none."""
+        """Add the substep's forces to the contacts so far, without those of fingers on objects ``between`` them."""
         p, now = s.physics, s.substep * dt
         inside = between | {s.gripper.held, self.pinched[0]}
         for (a, b), (force, impulse) in sorted(self._peaks.items()):
@@ -175,14 +175,14 @@ class Contacts:
             p.felt.append(force_of(other, p.presses.pop(other)))
 
     def name_solids(self, names: tuple[str, ...]) -> None:
-        """The solids of the scene by their numbers."""
+        """Set the names of the solids, by their numbers."""
         for i, number in enumerate(self._solid.tolist()):
             if number >= 0:
                 self._names[i] = names[number]
 
 
 def force_of(other: str, press: Press) -> ContactForce:
-    """A contact as far as it has gone."""
+    """The contact up to now, as a `ContactForce`."""
     return ContactForce(
         time=press.began, body=press.bodies[0], other=other, force=press.force, impulse=press.impulse,
         duration=press.last - press.began,
@@ -190,7 +190,7 @@ def force_of(other: str, press: Press) -> ContactForce:
 
 
 def disagreements(judged: Sequence[Contact], felt: Sequence[ContactForce]) -> tuple[str, ...]:
-    """One sentence for each contact of the robot that only the referee's geometry has, or only the forces."""
+    """One sentence for each contact of the robot that only the referee's geometry or only the forces show."""
     robots = [one for one in judged if one.body.startswith(_OF_ROBOT)]
     seen, pressed = _spans(robots), _spans(felt)
     found = [
@@ -207,7 +207,7 @@ def disagreements(judged: Sequence[Contact], felt: Sequence[ContactForce]) -> tu
 
 
 def _spans(contacts: Sequence[Contact | ContactForce]) -> dict[str, tuple[list[float], list[float]]]:
-    """By the other: beginnings [s] of its contacts in order, less `ENDED`, and the last end [s] up to each of them."""
+    """For each other body: sorted starts [s] of its contacts, less `ENDED`, and the latest end [s] up to each."""
     spans: dict[str, tuple[list[float], list[float]]] = {}
     for one in sorted(contacts, key=lambda one: one.time):
         begins, ends = spans.setdefault(one.other, ([], []))
@@ -217,14 +217,14 @@ def _spans(contacts: Sequence[Contact | ContactForce]) -> dict[str, tuple[list[f
 
 
 def _met(one: Contact | ContactForce, spans: dict[str, tuple[list[float], list[float]]]) -> bool:
-    """A contact of the same other is at the same time, up to the gap `ENDED` that separates two contacts."""
+    """True when a contact with the same other body is at the same time, up to the gap `ENDED` between contacts."""
     begins, ends = spans.get(one.other, ([], []))
     count = bisect_right(begins, one.time + one.duration)
     return count > 0 and one.time - ENDED <= ends[count - 1]
 
 
 def _own_name(name: str) -> str:
-    """The name of what a geometry belongs to, as the referee calls it."""
+    """The referee's name of the body that a geometry belongs to."""
     for part in ("object:", "agent:", "bump:"):
         if name.startswith(part):
             return name.removeprefix(part)
@@ -235,11 +235,11 @@ def _class_of(name: str) -> int:
     return next((found for found, beginnings in _CLASSES.items() if name.startswith(beginnings)), _SOLID)
 
 
-APART = 10  # substeps below a threshold after which it is passed anew
+APART = 10  # substeps below a threshold after which passing it counts again
 
 
 def note_reflexes(p: PhysicsState, substep: int, now: float) -> None:
-    """Count the thresholds that the torque of now passes; a phantom collision is one without any contact."""
+    """Count the thresholds that the present torque passes; without any contact, that is a phantom collision."""
     most = np.abs(p.torque)
     p.torque_peaks = np.maximum(p.torque_peaks, most)
     joint = int(most.argmax())
@@ -253,7 +253,7 @@ def note_reflexes(p: PhysicsState, substep: int, now: float) -> None:
 
 
 class ArmAlone:
-    """The arm on a base at rest."""
+    """Inverse dynamics of the arm on a base at rest."""
 
     def __init__(self, profile: RobotProfile, physics: Physics) -> None:
         root = ET.Element("mujoco", model="arm")
@@ -266,7 +266,7 @@ class ArmAlone:
         self._data = mujoco.MjData(self._model)
 
     def torque(self, q: Array, dq: Array, ddq: Array, width: float) -> Array:
-        """Torques [Nm] of a motion, shape (7,), with the gripper ``width`` [m] open."""
+        """Torques [Nm] that a motion takes, shape (7,), with the gripper ``width`` [m] open."""
         data = self._data
         data.qpos[:7], data.qvel[:7], data.qacc[:7] = q, dq, ddq
         data.qpos[7:9] = 0.5 * width

@@ -1,4 +1,4 @@
-"""The gripper's drive: how fast the fingers are led, and when they report that they hold something."""
+"""The gripper's drive: speed of the commanded width, and detection of a held object."""
 
 import math
 
@@ -15,18 +15,18 @@ from motm_twin.sim.gripper import GripperState, open_width
 from motm_twin.sim.plant_state import PlantState
 
 USUAL_SIDE = 0.04  # [m] of an object, where a scene has none
-FIRM = 0.6  # share of the grip force that both pads must feel
+FIRM = 0.6  # share of the grip force with which both pads must press
 BUILD_UP = 0.06  # [s] from the first touch to that force
-BEYOND = 0.012  # [m] by which the width that the drive is told may be ahead of the fingers: enough for full force
-PRESSING = 4.0  # times the closing speed at which the drive's force grows once the fingers stand
+BEYOND = 0.012  # [m] largest lead of the commanded width over the fingers: enough for full force
+PRESSING = 4.0  # factor on the closing speed once the fingers stand, so that the force grows faster
 STANDS = 2e-4  # [m] per substep: slower fingers stand
-STOOD = 4  # substeps after which they do
+STOOD = 4  # substeps so slow, after which the grip is judged
 LOOSE = 3  # substeps after which an object that is not pressed by both pads is no longer held
-OPEN = 1e-3  # [m] from the widest at which the fingers are open
+OPEN = 1e-3  # [m] from the open width within which the fingers are open; from 0: closed on nothing
 
 
 class Fingers:
-    """Leads the width between the pads, with the force of the drive as its limit."""
+    """Drives the width between the pads with limited force, and finds what the fingers hold."""
 
     def __init__(self, spec: GripperSpec, physics: Physics, sides: list[float], dt: float) -> None:
         """``sides`` [m] of the scene's objects; substeps of dt [s].
@@ -42,7 +42,7 @@ class Fingers:
         self._firm = FIRM * physics.grip_force
 
     def command(self, s: PlantState, now: float) -> None:
-        """React to the changed command of a plant."""
+        """Begin to close or open, as the plant's changed command says; ``now`` [s]."""
         state, grasp, command = s.gripper, s.physics.grasp, s.gripper_command
         if command == "close" and state.phase in ("open", "opening"):
             state.phase, state.outcome, grasp.waits = "closing", "nothing", self._wait
@@ -55,7 +55,7 @@ class Fingers:
         state.began, state.start_width, grasp.still = now, state.width, 0
 
     def reference(self, state: GripperState, grasp: Grasp, *, stuck: bool) -> None:
-        """Lead the width on by a substep."""
+        """Advance the commanded width by a substep; ``stuck``: it stays."""
         if stuck:
             return
         if state.phase in ("closing", "closed"):
@@ -70,7 +70,7 @@ class Fingers:
             grasp.width = max(grasp.width - step, min(max(grasp.width, state.width) + step, wide))
 
     def read(self, s: PlantState, hand: Array, width: float, contacts: Contacts, now: float, tcp_speed: float) -> None:
-        """Read the fingers: their phase, and the object that they hold.
+        """Update the phase of the fingers, and the object that they hold.
 
         ``hand``: its transform; ``width`` [m] between the pads; ``tcp_speed`` [m/s].
         """

@@ -1,7 +1,7 @@
-"""Motion by contact dynamics: drives follow their references with limited force, and everything pushes everything.
+"""Motion by contact dynamics: drives follow their references with limited force, and all bodies push each other.
 
-The state of a plant is its whole state: before each substep MuJoCo's data are set from it, and read back after. So a
-plant can be copied, restored and edited like the kinematic one.
+`PlantState` is the whole state: before each substep MuJoCo's data are set from it, and read back after. So a plant can
+be copied, restored and edited like the kinematic one.
 """
 
 import math
@@ -46,18 +46,18 @@ SUBSTEP = 0.01  # [s]
 _STEPS = round(SUBSTEP / TIMESTEP)
 _STATE = mujoco.mjtState.mjSTATE_INTEGRATION
 _SETTLING = 30  # substeps at the start
-_AHEAD = 0.05  # [rad] by which a joint's reference may run ahead of a joint that is held up
-_STILL = 2e-6  # [m], [rad] within which an object that rests is where it was
-_EDITED = 1e-9  # [m], [rad] of difference that only a person makes
-_AT_REST = 0.02  # [m/s] below which an object that fell comes to rest ...
-_REST = 8  # ... after so many substeps
-_FALLS = 0.15  # [m/s] downwards from which an object falls
-_DEEP = 0.01  # [m] of penetration that tells of a broken simulation: what falls goes less far in a step
-_SEPARATION_TIME = 100  # substeps after an edit in which bodies that a person put into each other part again
+_AHEAD = 0.05  # [rad] largest lead of a joint's reference over a joint that is blocked
+_STILL = 2e-6  # [m], [rad] smaller motion of a resting object is ignored
+_EDITED = 1e-9  # [m], [rad] larger differences between state and dynamics are the user's edits
+_AT_REST = 0.02  # [m/s] a fallen object that is slower ...
+_REST = 8  # ... for so many substeps has come to rest
+_FALLS = 0.15  # [m/s] an object that moves down faster is falling
+_DEEP = 0.01  # [m] deeper penetration is a fault of the simulation: a falling object moves less far in a step
+_SEPARATION_TIME = 100  # substeps after an edit in which bodies that the user put into each other separate again
 
 
 class _Free(NamedTuple):
-    """Addresses of a free joint and its body, by their one name."""
+    """Addresses of a free joint and its body, which have the same name."""
 
     q: int
     v: int
@@ -65,13 +65,13 @@ class _Free(NamedTuple):
 
     @classmethod
     def of(cls, model: mujoco.MjModel, name: str) -> "_Free":
-        """Those of a model."""
+        """Look up the addresses in a model."""
         joint = model.joint(name)
         return cls(int(joint.qposadr[0]), int(joint.dofadr[0]), model.body(name).id)
 
 
 def _addresses(model: mujoco.MjModel, names: Sequence[str]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Addresses of positions and of rates of joints."""
+    """Addresses of the positions and of the rates of joints."""
     joints = [model.joint(name) for name in names]
     return np.array([int(one.qposadr[0]) for one in joints]), np.array([int(one.dofadr[0]) for one in joints])
 
@@ -86,7 +86,7 @@ class Dynamics:
     solid = True
 
     def __init__(self, scene: Scene) -> None:
-        """Robot and numbers of the scene, which must have some."""
+        """Take robot and physics of the scene; raises ValueError for a scene without physics."""
         if scene.physics is None:
             raise ValueError("the scene has no physics parameters: set its `physics`")
         self._scene, self._physics, self._robot = scene, scene.physics, scene.robot
@@ -100,7 +100,7 @@ class Dynamics:
         self._solids: Solids | None = None
 
     def begin(self, state: PlantState, scenery: Scenery) -> tuple[Array, Mapping[str, Array] | None]:
-        """Put everything where the scene has it, and let it come to rest."""
+        """Place all bodies as in the scene, and let them settle; returns frames of the arm, and the links."""
         self.prepare(state, scenery)
         data, start = self._data, state.base.pose.copy()
         mujoco.mj_resetData(self._model, data)
@@ -132,19 +132,19 @@ class Dynamics:
         return self._frames_of(links), links
 
     def frames(self, state: PlantState) -> Array:
-        """Frames of the arm as the state has them."""
+        """Frames of the arm in this state."""
         self._load(state)
         return self._frames_of(self._links())
 
     def grip(self, state: PlantState, now: float, frames: Array) -> None:
-        """The fingers are told to open or to close."""
+        """Start the gripper command that changed at ``now`` [s]."""
         self._fingers.command(state, now)
 
-    def substep(self, state: PlantState, told: DriveCommand, around: Surroundings) -> Moved:
-        """Move everything on by `SUBSTEP`."""
+    def substep(self, state: PlantState, command: DriveCommand, around: Surroundings) -> Moved:
+        """Advance all bodies by `SUBSTEP`."""
         s, p, model, data = state, state.physics, self._model, self._data
         slides, riding = around.slide() if s.slides else (NO_SLIDES, ())
-        scenery, grip = around.scenery, max(told.grip, 1e-3)  # also wheels that only slip turn, and are read
+        scenery, grip = around.scenery, max(command.grip, 1e-3)  # not 0: measured wheel speeds are divided by it
         self.prepare(s, scenery)
         self._load(s)
         if riding:
@@ -155,9 +155,9 @@ class Dynamics:
         self._lead_agents(s, poses, slides)
         began = (p.base.v, p.base.w)
         before = p.arm.q.copy()
-        self._reference(s, told)
+        self._reference(s, command)
         turned = data.qpos[self._wheel_q].copy()
-        self._fingers.reference(s.gripper, p.grasp, stuck=told.stuck)
+        self._fingers.reference(s.gripper, p.grasp, stuck=command.stuck)
         faults: dict[str, str] = {}
         torque, rates = np.zeros(len(self._rates)), data.qvel[self._rates].copy()
         self._contacts.begin(_lifted(s))
@@ -192,7 +192,7 @@ class Dynamics:
         )
 
     def felt(self, state: PlantState, judged: Sequence[Contact]) -> PhysicsTruth | None:
-        """Forces and grasps so far, and where forces and the referee disagree."""
+        """Forces, torques and grasps so far, and disagreements between forces and referee."""
         p = state.physics
         forces = (*p.felt, *(force_of(other, press) for other, press in p.presses.items()))
         return PhysicsTruth(
@@ -209,7 +209,7 @@ class Dynamics:
         )
 
     def edited(self, state: PlantState, scenery: Scenery) -> Mapping[str, Array] | None:
-        """Take over what a person has changed in the state."""
+        """Take over the user's changes of the state; returns the links."""
         self._load_after_edit(state, scenery)
         self._take_edits(state)
         mujoco.mj_kinematics(self._model, self._data)
@@ -220,7 +220,7 @@ class Dynamics:
     # -- the model -----------------------------------------------------------------------------------------------
 
     def prepare(self, state: PlantState, scenery: Scenery) -> None:
-        """Compile a new model if the state needs one, and put all solids where they stand."""
+        """Compile a new model if the state needs one, and place all solids."""
         solids = scenery.solids
         agents = kind_of((), (), state.agents).agents
         if solids is self._solids and self._kind is not None and agents == self._kind.agents:
@@ -270,7 +270,7 @@ class Dynamics:
         state.physics.integration = whole
 
     def _load_after_edit(self, state: PlantState, scenery: Scenery) -> None:
-        """The state in a model that fits the edited world: agents may have come or gone, and solids."""
+        """Load the state into a model that fits the edited world: agents and solids may have been added or removed."""
         self._load(state)
         kept, old, model, agents = self._kind, self._data, self._model, self._agents
         q, v, warm, now = old.qpos.copy(), old.qvel.copy(), old.qacc_warmstart.copy(), old.time
@@ -295,7 +295,7 @@ class Dynamics:
                 data.qpos[here[0]], data.qvel[here[1]] = q[at[0]], v[at[1]]
 
     def _take_edits(self, state: PlantState) -> None:
-        """Take over differences of the state from the dynamics: a person has made them."""
+        """Copy differences between state and dynamics into the dynamics: they are the user's edits."""
         data = self._data
         here = self._planar()
         if np.abs(state.base.pose - here).max() > _EDITED:
@@ -312,7 +312,7 @@ class Dynamics:
                 data.qpos[at[0]], data.qvel[at[1]] = one.pose, 0.0
 
     def _put_base(self, pose: Array, *, level: bool) -> None:
-        """The base at a pose, shape (3,), turned about the vertical only; ``level``: and on its wheels."""
+        """Put the base at a planar pose, shape (3,), keeping tilt and height; ``level``: these are set to 0."""
         data, at = self._data, self._free
         if level:
             data.qpos[at.q : at.q + 7] = (pose[0], pose[1], 0.0, *_about_z(float(pose[2])))
@@ -334,17 +334,17 @@ class Dynamics:
 
     # -- drives --------------------------------------------------------------------------------------------------
 
-    def _reference(self, s: PlantState, told: DriveCommand) -> None:
-        """References of base and arm at the end of the substep: what ideal drives would reach."""
+    def _reference(self, s: PlantState, command: DriveCommand) -> None:
+        """Advance the references of base and arm to the end of the substep, as ideal drives would move."""
         p = s.physics
-        self._base.step(p.base, told.twist, more_lag=told.more_lag, grip=0.0)
-        self._arm.step(p.arm, told.rates)
+        self._base.step(p.base, command.twist, more_lag=command.more_lag, grip=0.0)
+        self._arm.step(p.arm, command.rates)
         if self._robot.has_arm:
             q = self._data.qpos[self._joints]
             p.arm.q = np.clip(p.arm.q, q - _AHEAD, q + _AHEAD)
 
     def _drive(self, began: tuple[float, float], end: BaseState, grip: float, share: float) -> None:
-        """Tell the wheels their speeds at a share of the substep; slip is a share of them that moves nothing."""
+        """Command the wheel speeds at a share of the substep, times ``grip``: slip is simulated as slower wheels."""
         change = end.v - began[0], end.w - began[1]
         v, w = began[0] + share * change[0], began[1] + share * change[1]
         push, twist = self._inertia[0] * change[0] / SUBSTEP, self._inertia[1] * change[1] / SUBSTEP
@@ -354,12 +354,12 @@ class Dynamics:
             self._data.ctrl[wheel] = turning + torque / WHEEL_GAIN
 
     def _wheels(self, turning: Array) -> tuple[float, float]:
-        """Forward speed [m/s] and yaw rate [rad/s] by the wheels' turning, shape (2,)."""
+        """Forward speed [m/s] and yaw rate [rad/s] of the base for wheel rates [rad/s], shape (2,)."""
         left, right = (WHEEL_RADIUS * turning).tolist()
         return 0.5 * (left + right), (right - left) / self._track
 
     def _lead_agents(self, s: PlantState, before: list[Array], slides: Mapping[str, object]) -> None:
-        """Let the agents drive from where they were to where they want to be after the substep."""
+        """Command the agents' drives from their poses ``before`` to those that they want after the substep."""
         data = self._data
         for one, pose in zip(s.agents, before, strict=True):
             at = self._agents[one.agent.name]
@@ -371,7 +371,7 @@ class Dynamics:
             data.ctrl[at[2]] = way / SUBSTEP
 
     def _estimate(self, s: PlantState, torque: Array, before: Array) -> None:
-        """External torque on the arm over the substep, from its own torques and its rates before, shape (7,)."""
+        """Estimate the external torque on the arm in the substep from its torques, and its rates before, shape (7,)."""
         if self._alone is None:
             return
         p, data = s.physics, self._data
@@ -381,7 +381,7 @@ class Dynamics:
         p.torque = torque - self._alone.torque(q, 0.5 * (dq + before), ddq, s.gripper.width)
         note_reflexes(p, s.substep, s.substep * SUBSTEP)
         mujoco.mj_rnePostConstraint(self._model, data)
-        load = data.cfrc_int[self._link_bodies["panda_hand"]]  # turning part about the robot's centre of mass
+        load = data.cfrc_int[self._link_bodies["panda_hand"]]  # its torque part is about the robot's centre of mass
         arm = data.xpos[self._link_bodies["panda_hand"]] - data.subtree_com[self._free.body]
         p.wrist = norm(load[3:]), norm(load[:3] - np.cross(arm, load[3:]))
         p.wrist_peaks = max(p.wrist_peaks[0], p.wrist[0]), max(p.wrist_peaks[1], p.wrist[1])
@@ -423,7 +423,7 @@ class Dynamics:
         return frames
 
     def _read(self, s: PlantState, scenery: Scenery, wheels: tuple[float, float]) -> Array:
-        """Bring the plant's state to what the dynamics say; the true twist of the base, shape (2,)."""
+        """Update the plant's state from the dynamics; returns the true twist of the base, shape (2,)."""
         data, at = self._data, self._free
         s.base.pose = self._planar()
         s.base.v, s.base.w = wheels
@@ -445,7 +445,7 @@ class Dynamics:
         return np.array([c * vx + sine * vy, data.qvel[at.v + 5]])
 
     def _read_pose(self, item: ObjectState) -> None:
-        """Pose of an object; one that rests and has hardly moved stays where it was."""
+        """Update the pose of an object; a resting one that moved less than `_STILL` keeps its pose."""
         data, at = self._data, self._objects[item.name]
         position, rotation = data.qpos[at.q : at.q + 3], _rotation(data.qpos[at.q + 3 : at.q + 7])
         moved = max(np.abs(position - item.position).max(), np.abs(rotation - item.rotation).max())
@@ -455,7 +455,7 @@ class Dynamics:
             item.yaw = _upright_yaw(rotation)
 
     def _read_object_state(self, s: PlantState, item: ObjectState, solids: Solids) -> None:
-        """State of an object, after what the fingers hold is known."""
+        """Update the state of an object, once the held object is known."""
         data, at = self._data, self._objects[item.name]
         speed = float(np.abs(data.qvel[at.v : at.v + 6] * (1.0, 1.0, 1.0, 0.03, 0.03, 0.03)).max())
         quiet = s.physics.quiet
@@ -473,7 +473,7 @@ class Dynamics:
                 item.state = _resting(item, solids)
 
     def _check(self, s: PlantState, faults: dict[str, str]) -> None:
-        """Tell of anything that does not happen in a sound simulation."""
+        """Add faults of the simulation: solver warnings, penetration, joints beyond their limits."""
         data, now = self._data, s.substep * SUBSTEP
         for i, warning in enumerate(data.warning):
             if warning.number:
@@ -491,18 +491,18 @@ class Dynamics:
 
 
 def _first_agent(agents: dict, which: int, otherwise: int) -> int:
-    """Address from which the agents' positions (0) or rates (1) are."""
+    """First address of the agents' positions (0) or rates (1); ``otherwise`` without agents."""
     return min((int(at[which][0]) for at in agents.values()), default=otherwise)
 
 
 def _lifted(s: PlantState) -> str:
-    """Object that is held clear of what it was taken from, as the referee has it."""
+    """Object held clear of its former support, by the referee's rule; "" for none."""
     item = next((item for item in s.objects if item.name == s.gripper.held), None)
     return item.name if item is not None and item.position[2] > s.gripper.held_from_z + SUPPORT_CLEAR else ""
 
 
 def _between(s: PlantState, links: Mapping[str, Array], has_arm: bool) -> set[str]:
-    """Objects between the pads: fingers that touch them grasp or release them, as the referee has it."""
+    """Objects between the pads, by the referee's rule: fingers that touch them grasp or release them."""
     if not has_arm:
         return set()
     hand = links["panda_hand"]
@@ -521,13 +521,13 @@ def _rotation(quat: Array) -> Array:
 
 
 def _upright_yaw(rotation: Array) -> float:
-    """Yaw of a cube's faces: whichever of its axes is the upright one, it looks the same."""
+    """Yaw of a cube's faces, from its most level axis: any of its axes may be the upright one."""
     level = int(np.argmin(np.abs(rotation[2])))
     return math.atan2(rotation[1, level], rotation[0, level])
 
 
 def _resting(item: ObjectState, solids: Solids) -> str:
-    """The state of an object that has come to rest."""
+    """State of an object that has come to rest: "binned:NAME", "dropped" or "resting"."""
     for box in solids.bins:
         if box.floor_z - item.side < item.position[2] < box.rim_z + item.side and over(box, item):
             return f"binned:{box.name}"

@@ -1,8 +1,8 @@
 """Robot and world as MJCF, and the model that MuJoCo compiles from it.
 
 The robot is a base on two driven wheels and four casters, and the Panda with its hand. Kinematics, limits and shapes
-come from `frankie.urdf`. What it does not have is here, with its source. The world is floor, furniture, bins, objects
-and agents. Furniture has no degrees of freedom: its bodies can be put elsewhere without compiling anew, as long as
+come from `frankie.urdf`. Values that it lacks are here, with their source. The world is floor, furniture, bins, objects
+and agents. Furniture has no degrees of freedom: its bodies can be moved without compiling a new model, as long as
 their shapes stay the same.
 """
 
@@ -23,18 +23,18 @@ from motm_twin.sim.objects import ObjectState
 from motm_twin.sim.solids import Solids
 
 WHEEL_RADIUS = 0.10  # [m] of the drive wheels of an Omron LD-60, which are about 200 mm across
-TRACK_SHARE = 0.84  # of the width of the footprint that is between the wheels
+TRACK_SHARE = 0.84  # distance between the wheels, as a share of the footprint's width
 CASTER_RADIUS = 0.0375  # [m]
 CASTER_STIFFNESS, CASTER_DAMPING, CASTER_MASS = 15000.0, 600.0, 3.0  # [N/m], [N s/m], [kg]; choices of this project
 CASTER_LOAD = 70.0  # [N] of each sprung caster on a level floor: the wheels carry the other two thirds
 WHEEL_MASS = 2.0  # [kg] each, part of the base's mass
 WHEEL_TORQUE = 30.0  # [Nm] of each wheel's drive; a choice of this project: 0.5 m/s^2 takes 2.3 Nm
-WHEEL_GAIN = 40.0  # [Nm s/rad] of its velocity loop, which also gets the torque for the acceleration that it is told
+WHEEL_GAIN = 40.0  # [Nm s/rad] of its velocity loop, which also gets feed-forward torque for the commanded acceleration
 WHEEL_ARMATURE = 0.2  # [kg m^2] of its motor behind its gears
 CLEARANCE = 0.03  # [m] of the base body above the floor
 TORQUE_MAX = (87.0, 87.0, 87.0, 87.0, 12.0, 12.0, 12.0)  # [Nm] Franka Control Interface documentation, Panda
-# Gains of the joints' loops: choices of this project. As stiff as a step of 2 ms takes without help of the integrator:
-# damping that only an implicit integrator makes stable is unknown to the contact solver, and contacts creep by it.
+# Gains of the joints' loops: choices of this project. As stiff as is stable at 2 ms even without an implicit
+# integrator: the contact solver does not know damping that only such an integrator makes stable; contacts would creep.
 STIFFNESS = (2000.0, 2000.0, 800.0, 1200.0, 250.0, 250.0, 250.0)  # [Nm/rad]
 DAMPING = (200.0, 200.0, 80.0, 120.0, 25.0, 25.0, 25.0)  # [Nm s/rad]
 ARMATURE = 0.1  # [kg m^2] of the joints' motors behind their gears: MuJoCo Menagerie, franka_emika_panda
@@ -73,7 +73,7 @@ _CHAIN = {f"panda_link{k}": k for k in range(8)} | {"panda_hand": 8, "panda_left
 
 
 def text(*values: float) -> str:
-    """Numbers as an attribute."""
+    """Numbers as the text of an XML attribute."""
     return " ".join(repr(float(value)) for value in values)
 
 
@@ -83,7 +83,7 @@ def track(profile: RobotProfile) -> float:
 
 
 def base_inertia(profile: RobotProfile, physics: Physics) -> tuple[float, float]:
-    """Load as the wheels' drives know it: mass [kg], and inertia about the vertical [kg m^2], of a folded arm."""
+    """Load that the wheels' drives assume, arm folded: mass [kg], and inertia about the vertical [kg m^2]."""
     foot = profile.footprint
     arm = ARM_MASS if profile.has_arm else 0.0
     turning = physics.base_mass * (foot.length**2 + foot.width**2) / 12.0 + arm * (profile.arm.mount_x + 0.1) ** 2
@@ -94,7 +94,7 @@ def base_inertia(profile: RobotProfile, physics: Physics) -> tuple[float, float]
 def add_robot(
     world: ET.Element, root: ET.Element, profile: RobotProfile, physics: Physics, *, sprung: bool = False
 ) -> dict[str, bytes]:
-    """Add the robot to a model; the files of its meshes. ``sprung``: its casters are, for a floor with bumps."""
+    """Add the robot to a model; returns the files of its meshes. ``sprung``: casters on springs, for bumps."""
     base = ET.SubElement(world, "body", name="base")
     ET.SubElement(base, "freejoint", name="base")
     _add_body(base, profile, physics)
@@ -108,7 +108,7 @@ def add_robot(
 
 
 def add_arm_alone(base: ET.Element, root: ET.Element, profile: RobotProfile, physics: Physics) -> dict[str, bytes]:
-    """Add the arm to a base; the files of its meshes."""
+    """Add the arm to a base; returns the files of its meshes."""
     asset = section(root, "asset")
     for link in COLLISION:
         ET.SubElement(asset, "mesh", name=link, file=f"{link}.stl")
@@ -117,26 +117,26 @@ def add_arm_alone(base: ET.Element, root: ET.Element, profile: RobotProfile, phy
 
 
 def section(root: ET.Element, name: str) -> ET.Element:
-    """The section of a model, made when it is not there."""
+    """The section of a model; it is added if missing."""
     found = root.find(name)
     return ET.SubElement(root, name) if found is None else found
 
 
 def _joints(kind: str = "") -> list[ET.Element]:
-    """Joints of the URDF, with a condition on them."""
+    """Joints of the URDF; ``kind``: an XPath condition on them."""
     urdf = ET.parse(web_assets_dir() / "frankie.urdf").getroot()  # noqa: S314 - our own file, not from outside
     return urdf.findall(f"joint{kind}")
 
 
 def _part(joint: ET.Element, name: str) -> dict[str, str]:
-    """Attributes of a part of a joint."""
+    """Attributes of a child element of a joint."""
     found = joint.find(name)
     assert found is not None
     return found.attrib
 
 
 def _add_link(parent: ET.Element, joint: ET.Element, **more: str) -> ET.Element:
-    """The body behind a joint, with its inertia; ``more`` of its attributes."""
+    """Add the child link of a joint as a body, with its inertia; ``more``: further attributes."""
     link, origin = _part(joint, "child")["link"], _part(joint, "origin")
     body = ET.SubElement(parent, "body", name=link, pos=origin.get("xyz", "0 0 0"), **more)
     if link in INERTIALS:
@@ -146,7 +146,7 @@ def _add_link(parent: ET.Element, joint: ET.Element, **more: str) -> ET.Element:
 
 
 def _add_body(base: ET.Element, profile: RobotProfile, physics: Physics) -> None:
-    """The body: a box over the floor, its mass low in it, as batteries are."""
+    """Add the base's body: a box above the floor, with its mass low in it, as batteries are."""
     foot, mass = profile.footprint, physics.base_mass - 2.0 * WHEEL_MASS
     x, y, z = foot.length, foot.width, 0.5 * foot.height
     inertia = tuple(mass / 12.0 * (a * a + b * b) for a, b in ((y, z), (x, z), (x, y)))
@@ -162,7 +162,7 @@ def _add_body(base: ET.Element, profile: RobotProfile, physics: Physics) -> None
 
 
 def _add_wheels(base: ET.Element, root: ET.Element, profile: RobotProfile, physics: Physics) -> None:
-    """Two driven wheels, which touch the floor at one point each."""
+    """Add two driven wheels, which touch the floor at one point each."""
     r = WHEEL_RADIUS
     actuator = section(root, "actuator")
     for side, name in ((0.5, "left"), (-0.5, "right")):
@@ -182,7 +182,7 @@ def _add_wheels(base: ET.Element, root: ET.Element, profile: RobotProfile, physi
 
 
 def _add_casters(base: ET.Element, profile: RobotProfile, *, sprung: bool) -> None:
-    """Four casters that slide without friction; rigid ones would lift the wheels off the floor beside a bump."""
+    """Add four frictionless casters; next to a bump, rigid ones would lift the wheels off the floor."""
     foot = profile.footprint
     for i, (along, across) in enumerate(((1, 1), (1, -1), (-1, 1), (-1, -1))):
         x = foot.offset_x + along * (0.5 * foot.length - 0.06)
@@ -204,7 +204,7 @@ def _add_casters(base: ET.Element, profile: RobotProfile, *, sprung: bool) -> No
 
 
 def _add_arm(base: ET.Element, root: ET.Element, profile: RobotProfile, physics: Physics) -> None:
-    """Links, joints and drives of the URDF, with the inertias of `INERTIALS`."""
+    """Add links, joints and drives of the URDF, with the inertias of `INERTIALS`."""
     arm, actuator = profile.arm, section(root, "actuator")
     bodies = {"base_link": base}
     for joint in _joints():
@@ -228,7 +228,7 @@ def _add_arm(base: ET.Element, root: ET.Element, profile: RobotProfile, physics:
 
 
 def _add_joint(body: ET.Element, actuator: ET.Element, joint: ET.Element) -> None:
-    """A joint of the arm: the drive holds a position and a rate, and compensates gravity, within its torque."""
+    """Add a joint of the arm; its drive tracks position and rate, and compensates gravity, with limited torque."""
     name, limit = joint.attrib["name"], _part(joint, "limit")
     k = int(name[-1]) - 1
     most = TORQUE_MAX[k]
@@ -244,14 +244,14 @@ def _add_joint(body: ET.Element, actuator: ET.Element, joint: ET.Element) -> Non
 
 
 def add_fingers(hand: ET.Element, root: ET.Element, physics: Physics, gripper: Gripper) -> None:
-    """The fingers on a hand that no arm carries."""
+    """Add the fingers to a hand without an arm."""
     for joint in _joints("[@type='prismatic']"):
         _add_finger(_add_link(hand, joint), joint, physics, gripper)
     _couple_fingers(root, section(root, "actuator"), physics)
 
 
 def _add_finger(body: ET.Element, joint: ET.Element, physics: Physics, gripper: Gripper) -> None:
-    """A finger that slides half the width of the open gripper; its pad is the lower of its two boxes."""
+    """Add a finger that slides half the width of the open gripper; its pad is the lower of its two boxes."""
     axis, link = _part(joint, "axis")["xyz"], body.attrib["name"]
     ET.SubElement(
         body, "joint", name=link, type="slide", axis=axis, armature=text(FINGER_ARMATURE), damping="5",
@@ -266,7 +266,7 @@ def _add_finger(body: ET.Element, joint: ET.Element, physics: Physics, gripper: 
 
 
 def _couple_fingers(root: ET.Element, actuator: ET.Element, physics: Physics) -> None:
-    """The fingers move together, as their one drive moves them; its command is the width between the pads [m]."""
+    """Couple both fingers to their one drive, whose command is the width between the pads [m]."""
     fixed = ET.SubElement(section(root, "tendon"), "fixed", name="width")
     for link in ("panda_leftfinger", "panda_rightfinger"):
         ET.SubElement(fixed, "joint", joint=link, coef="1")
@@ -282,7 +282,7 @@ def _couple_fingers(root: ET.Element, actuator: ET.Element, physics: Physics) ->
 
 
 def _exclude_neighbours(root: ET.Element) -> None:
-    """Links joined by a joint, what is fixed to the base, and hand and fingers do not collide with each other."""
+    """Exclude collisions of neighbouring links, of the base and the first two links, and within the hand and link 7."""
     contact = section(root, "contact")
     for one, rank in _CHAIN.items():
         if rank <= 1:
@@ -296,7 +296,7 @@ def _exclude_neighbours(root: ET.Element) -> None:
 TIMESTEP = 0.002  # [s]
 SETTLED = 6  # decimals [m] of the shape of a solid: rounding makes it independent of its pose
 AGENT_DENSITY = {"temi": 60.0, "person": 220.0}  # [kg/m^3] of their cylinders: 12 kg (Temi's data sheet) and 75 kg
-AGENT_FORCE = {"temi": 60.0, "person": 200.0}  # [N] with which they can be held up; choices of this project
+AGENT_FORCE = {"temi": 60.0, "person": 200.0}  # [N] limit of their drives; choices of this project
 AGENT_GAIN = 2000.0  # [N s/m] of their velocity loops
 _MOST_ITERATIONS = 50
 
@@ -304,7 +304,7 @@ Shape = tuple[str, tuple[float, ...], float]  # kind, its numbers [m], height [m
 
 
 class Standing(NamedTuple):
-    """A solid: its shape, and where its middle is."""
+    """Shape of a solid, and position and yaw of its middle."""
 
     shape: Shape
     place: tuple[float, float, float]  # [m]
@@ -312,7 +312,7 @@ class Standing(NamedTuple):
 
 
 class Kind(NamedTuple):
-    """Contents of a model that cannot change without compiling it anew."""
+    """Contents of a model; when they change, it is compiled anew."""
 
     shapes: tuple[Shape, ...]
     objects: tuple[tuple[str, float], ...]  # name, side [m]
@@ -349,7 +349,7 @@ def _polygon(corners: Array, low: float, high: float) -> Standing:
 
 
 def kind_of(solids: Sequence[Standing], objects: Sequence[ObjectState], agents: Sequence[AgentState]) -> Kind:
-    """The kind of model that these need."""
+    """The kind of model that these bodies need."""
     return Kind(
         tuple(one.shape for one in solids),
         tuple((item.name, item.side) for item in objects),
@@ -377,7 +377,7 @@ def compile_model(scene: Scene, physics: Physics, kind: Kind) -> mujoco.MjModel:
 
 
 def _add_bump(world: ET.Element, bump: Bump) -> None:
-    """A ridge: the top of a lying cylinder that is sunk into the floor."""
+    """Add a ridge: the top of a lying cylinder that is sunk into the floor."""
     radius = (0.25 * bump.width**2 + bump.height**2) / (2.0 * bump.height)
     ET.SubElement(
         world, "geom", name=f"bump:{bump.name}", type="cylinder", size=text(radius, 0.5 * bump.length),
@@ -387,7 +387,7 @@ def _add_bump(world: ET.Element, bump: Bump) -> None:
 
 
 def add_options(root: ET.Element) -> None:
-    """Options of the solver: small steps, true friction cones, and few iterations against creeping."""
+    """Set the solver's options: small steps, elliptic friction cones, and a few no-slip iterations against creeping."""
     ET.SubElement(root, "compiler", angle="radian", autolimits="true", eulerseq="XYZ")
     option = ET.SubElement(
         root, "option", timestep=text(TIMESTEP), integrator="implicitfast", cone="elliptic", impratio="10",
@@ -397,7 +397,7 @@ def add_options(root: ET.Element) -> None:
 
 
 def add_object(world: ET.Element, name: str, side: float, physics: Physics) -> None:
-    """A cube that moves freely."""
+    """Add a cube of side ``side`` [m] that moves freely."""
     mass = physics.object_mass or physics.object_density * side**3
     body = ET.SubElement(world, "body", name=f"object:{name}")
     ET.SubElement(body, "freejoint", name=f"object:{name}")
@@ -409,7 +409,7 @@ def add_object(world: ET.Element, name: str, side: float, physics: Physics) -> N
 
 
 def _add_agent(world: ET.Element, root: ET.Element, name: str, size: tuple[str, float, float]) -> None:
-    """An agent that drives in the plane; its drives give way to more than their force."""
+    """Add an agent that drives in the plane; its drives are limited to `AGENT_FORCE`."""
     kind, radius, height = size
     body = ET.SubElement(world, "body", name=f"agent:{name}", pos=text(0.0, 0.0, 0.5 * height))
     actuator = section(root, "actuator")

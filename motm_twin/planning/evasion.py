@@ -81,8 +81,8 @@ class MakesWay(Stateful[EvasionState]):
             return plan
         here = np.array([*problem.pose, *problem.twist], dtype=np.float64)
         planned = sampled(plan, here, p.horizon)
-        told = near(np.concatenate((movers, problem.yielding)), here, p.horizon, limits.forward_speed, body)
-        plan = _with_encounters(plan, planned, told, body)
+        nearby = near(np.concatenate((movers, problem.yielding)), here, p.horizon, limits.forward_speed, body)
+        plan = _with_encounters(plan, planned, nearby, body)
         movers = near(movers, here, p.horizon, limits.forward_speed, body)
         if not len(movers):
             return plan
@@ -106,7 +106,7 @@ class MakesWay(Stateful[EvasionState]):
         if cost >= met - p.gain:
             return plan
         state.out_of_way = True
-        return _with_encounters(evading(problem, plan, best, movers), best, told, body, plan.encounters)
+        return _with_encounters(evading(problem, plan, best, movers), best, nearby, body, plan.encounters)
 
 
 def _with_encounters(

@@ -1,1 +1,1 @@
-"""Methods that others published, on the same robot: holistic control, MotM of 2022, stop-then-manipulate, open loop."""
+"""Rival methods on the same robot: holistic control, MotM of 2022, ORCA, stop-then-manipulate, open loop."""

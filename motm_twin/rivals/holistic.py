@@ -1,13 +1,13 @@
 """Holistic control: one quadratic program moves base and arm to bring the hand to the target; no base planner.
 
 Haviland, Suenderhauf and Corke, "A Holistic Approach to Reactive Mobile Manipulation" (RA-L 2022), with the numbers of
-their published example. With the hand's error ``e = |dx| + |dy| + |dz|``, the base direction ``theta`` of the hand, and
-the arm's manipulability m:
+their published example. With the hand's error ``e = |dx| + |dy| + |dz|``, the direction ``theta`` of the hand in the
+base frame, and the arm's manipulability m:
 
     min 1/2 x' diag(0.01 / e, 0.01, 1 / e) x - k_eps theta w - grad m' qdot     s.t.  J u + slack = nu
 
-over base twist, arm rates and slack; ``nu`` is 1.5 times the hand's error, its angular part 1.3 times more. The base
-has no goal of its own, knows no obstacles and no next target, and comes to rest because the hand does.
+over base twist, arm rates and slack; ``nu`` is 1.5 times the hand's error, its angular part 1.3 times that. The base
+has no goal of its own, ignores obstacles and the next target, and stops because the hand does.
 """
 
 import math
@@ -48,8 +48,8 @@ from motm_twin.planning.types import (
 )
 from motm_twin.rivals.motm2022 import TangentController, TangentParameters, TangentPlacement, TangentState
 
-_RESTING = (Phase.STOW, Phase.CARRY)  # the arm has no target: the base stands too
-_STEPS = 6.0  # arm steps of acceleration by which the base may lead the monitor's last output
+_RESTING = (Phase.STOW, Phase.CARRY)  # phases in which the arm has no target: the base stands, too
+_STEPS = 6.0  # arm steps of acceleration by which the twist may differ from the monitor's last output
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -71,27 +71,27 @@ class HolisticParameters:
     damper_stop: float = 0.1  # [rad] rho_s
 
     def scale(self, error: float) -> float:
-        """Factor of all speeds at an error [m] of the hand: they were scaled after the program; here before it."""
+        """Factor of all speeds at an error [m] of the hand; applied before the program, in the original after it."""
         return self.cruise / error if error > self.far else self.near_scale
 
 
 class AtOnce:
-    """The hand starts as soon as there is a target, and takes the base with it."""
+    """Timing by which the hand starts as soon as there is a target, and takes the base with it."""
 
     def transit_duration(self, distance: float, speed: float, time_to_range: float) -> float:
-        """Time [s] to the target; never None."""
+        """Time [s] to the target; never None: the hand leaves at once."""
         return time_to_range
 
 
 class WholeBody:
-    """Motions of the paper's arm when the program moves the base as well; the grasp phases stay."""
+    """Functions of the paper's arm for a program that moves the base as well; the grasp phases stay."""
 
     def __init__(self, profile: RobotProfile, parameters: ArmParameters, holistic: HolisticParameters) -> None:
         """``parameters``: of the grasp phases and of the arm's obstacle avoidance."""
         self._base, self._p, self._h = profile.base, parameters, holistic
 
     def inputs(self, state: ManipulatorState, inputs: ArmInputs) -> ArmInputs:
-        """The base continues from its last twist; without a goal it follows the requested one."""
+        """Inputs that ask for the last twist of the base; without a goal, for the requested one, within the limits."""
         room = inputs.dt * np.array([self._base.linear_acceleration, self._base.yaw_acceleration])
         last = np.clip(state.twist, inputs.base_twist - _STEPS * room, inputs.base_twist + _STEPS * room)
         wanted = np.clip(inputs.base_twist, last - room, last + room) if inputs.goal.kind == "none" else last
@@ -100,7 +100,7 @@ class WholeBody:
     def motion(
         self, state: ManipulatorState, view: View, inputs: ArmInputs, parameters: ArmParameters, numbers: Numbers
     ) -> Motion:
-        """In transit: straight towards the point above the target, however far it is."""
+        """Velocity of the hand; in transit straight towards the point above the target, at any distance."""
         if state.phase != Phase.TRANSIT:
             return hand_motion(state, view, inputs, parameters, numbers)
         h, point = self._h, self._hover(view)
@@ -118,7 +118,7 @@ class WholeBody:
         return point
 
     def _rotation(self, state: ManipulatorState, view: View) -> Array:
-        """Pointing down, as over the target; tilted outwards where the reach requires it."""
+        """Rotation of the tool, shape (3, 3): pointing down, tilted outwards where the reach requires it."""
         p = self._p
         outward = math.atan2(view.target[1] - view.mount[1], view.target[0] - view.mount[0])
         reach, largest = (p.place_reach, p.place_tilt) if view.goal.kind == "place" else (p.pick_reach, p.pick_tilt)
@@ -128,7 +128,7 @@ class WholeBody:
         return tool_rotation(outward if state.yaw is None else state.yaw, tilt, outward)
 
     def program(self, state: ManipulatorState, view: View, motion: Motion, program: Program) -> Program:
-        """The program of the arm with the holistic cost; while a grasp is under way the hand is held as there."""
+        """The arm's program with the holistic cost of the base; in transit also with that of arm and slack."""
         if view.goal.kind == "none":
             return program
         P, c, h = program.P.copy(), program.c.copy(), self._h
@@ -145,14 +145,14 @@ class WholeBody:
         return msgspec.structs.replace(program, P=P, c=c)
 
     def _turning(self, gain: float, weight: float, theta: float) -> float:
-        """Linear cost of the yaw rate: ``gain theta``, less where the base could not stop turning within theta."""
+        """Linear cost of the yaw rate: ``gain theta``, reduced where the base could not stop turning within theta."""
         b, lag = self._base.yaw_acceleration, self._base.velocity_lag
         stoppable = b * (math.sqrt(lag * lag + 2.0 * abs(theta) / b) - lag)
         return math.copysign(min(gain * abs(theta), weight * stoppable), theta)
 
 
 def _direction(view: View) -> float:
-    """theta [rad] of the hand in the base frame."""
+    """Direction theta [rad] of the hand in the base frame."""
     dx, dy, heading = view.p[0] - view.pose[0], view.p[1] - view.pose[1], view.pose[2]
     c, s = math.cos(heading), math.sin(heading)
     return math.atan2(-s * dx + c * dy, c * dx + s * dy)
@@ -165,7 +165,7 @@ class HolisticPlacement:
         self._drives = TangentPlacement(profile, TangentParameters())
 
     def snapshot(self) -> TangentState:
-        """The state of the drives."""
+        """The state of the placement of drives."""
         return self._drives.snapshot()
 
     def restore(self, state: TangentState) -> None:
@@ -173,7 +173,7 @@ class HolisticPlacement:
         self._drives.restore(state)
 
     def place(self, problem: BaseProblem) -> Placement:
-        """The target itself; for a point to drive to, that point."""
+        """The target itself as the goal; a drive as by MotM of 2022."""
         target = problem.target
         if target is None or target.kind == "drive":
             return self._drives.place(problem)
@@ -191,7 +191,7 @@ class HolisticBase:
         self._model = ReachModel(profile, planning.reach)
 
     def plan(self, problem: BaseProblem, placement: Placement, budget: SearchBudget) -> BasePlan:
-        """No acceleration of its own towards a pick or a place: the arm's program moves the base."""
+        """Plan without acceleration towards a pick or a place: the arm's program moves the base."""
         target = problem.target
         if target is None or target.kind == "drive":
             return self._drives.plan(problem, placement, budget)
@@ -204,7 +204,7 @@ class HolisticBase:
         )  # fmt: skip
 
     def _time_to_range(self, problem: BaseProblem, target: Target) -> float:
-        """0 in reach, else the time [s] of the straight way."""
+        """Time [s] straight to the reach of the target; 0 in reach."""
         if self._model.contains(problem.pose, problem.twist, target):
             return 0.0
         mount = from_frame(problem.pose, np.array([self._arm.mount_x, self._arm.mount_y]))
@@ -213,17 +213,17 @@ class HolisticBase:
 
 
 def whole_body_placement(materials: Materials, candidates: Rule) -> PlacementStrategy:
-    """No base placement."""
+    """No base placement: the hand leads."""
     return HolisticPlacement(materials.parts.known.robot)
 
 
 def whole_body_base(materials: Materials, policies: Policies) -> BaseController:
-    """Nothing to plan but drives to points."""
+    """Base controller that plans drives to points only."""
     return HolisticBase(materials.parts.known.robot, materials.parts.parameters)
 
 
 def holistic_arm(parts: ArmParts, holistic: HolisticParameters | None = None) -> Manipulator:
-    """Base and arm in one program."""
+    """Arm whose program moves the base as well."""
     h = holistic or HolisticParameters()
     qp = msgspec.structs.replace(
         parts.parameters.qp, damper_gain=h.damper_gain, damper_start=h.damper_start, damper_stop=h.damper_stop

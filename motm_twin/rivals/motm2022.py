@@ -1,7 +1,7 @@
-"""MotM of 2022: the base drives along a tangent of a circle round the target, and round that circle until it is done.
+"""MotM of 2022: the base drives along a tangent to a circle round the target, then round it until the job is done.
 
 Burgess-Limerick, Lehnert, Leitner and Corke, "An Architecture for Reactive Mobile Manipulation On-The-Move"
-(2212.06991). The base knows no obstacles. With the base at a distance d from the target, the tangent point xi_C is
+(2212.06991). The base ignores obstacles. With the base at a distance d from the target, the tangent point xi_C is
 ``rho = sqrt(d^2 - r_C^2)`` away, and the base of constant forward speed v turns at
 
     w = (k_alpha alpha + k_beta beta) v / rho,
@@ -43,8 +43,8 @@ from motm_twin.planning.types import (
 _STEP = 0.1  # [s] of the prediction
 _NODE = 3  # steps between two nodes of the plan that is shown and that the arm reads
 _HORIZON = 80  # steps
-_AFTER = 18  # steps predicted beyond arrival: a whole job
-SIDES = (1.0, -1.0)  # target on the left: counter-clockwise round it; on the right
+_AFTER = 18  # steps predicted after the target comes into reach: a whole job
+SIDES = (1.0, -1.0)  # target on the left (counter-clockwise round it), or on the right
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -70,7 +70,7 @@ class Tangent(NamedTuple):
 def tangent(pose: Array, centre: Array, radius: float, side: float) -> Tangent:
     """The tangent from a base pose (3,) that passes with the centre (2,) to the left (side 1) or right (-1).
 
-    From within the circle: the heading that leads out of it and round it, with a rho of 0.
+    Inside the circle: the heading that leads out of it and round it, with rho 0.
     """
     dx, dy = float(centre[0] - pose[0]), float(centre[1] - pose[1])
     distance, bearing = math.hypot(dx, dy), math.atan2(dy, dx)
@@ -84,14 +84,14 @@ def tangent(pose: Array, centre: Array, radius: float, side: float) -> Tangent:
 
 
 def departure(centre: Array, radius: float, side: float, onward: Array) -> float | None:
-    """Angle [rad] on the circle at which the base heads for the next point (2,); None: it never does."""
+    """Angle [rad] on the circle at which its tangent leads to ``onward`` (2,); None: that point is inside."""
     dx, dy = float(onward[0] - centre[0]), float(onward[1] - centre[1])
     distance = math.hypot(dx, dy)
     return None if distance <= radius else math.atan2(dy, dx) - side * math.acos(radius / distance)
 
 
 def _radius(target: Target, p: TangentParameters) -> float:
-    """A point to drive to has no circle."""
+    """Radius [m] of the circle round a target; 0 for a drive."""
     return 0.0 if target.kind == "drive" else p.radius
 
 
@@ -155,7 +155,7 @@ class TangentPlacement(Stateful[TangentState]):
         return chosen
 
     def _onward(self, line: Tangent, target: Target, radius: float, side: float, following: Target | None) -> float:
-        """Time [s] round the circle and straight on to the next target."""
+        """Time [s] round the circle and straight on to the next target; 0 without one."""
         if following is None:
             return 0.0
         way = np.vstack([path_round(line, target.position, radius, side, following.position), following.position[:2]])
@@ -163,7 +163,7 @@ class TangentPlacement(Stateful[TangentState]):
 
 
 def path_round(line: Tangent, centre: Array, radius: float, side: float, onward: Array | None) -> Array:
-    """From xi_C round the circle to where the base heads for the point onward, shape (m, 2) [m]."""
+    """Path (m, 2) [m] from xi_C round the circle to the `departure` for ``onward``; xi_C alone without one."""
     leaves = None if onward is None or radius <= 0.0 else departure(centre, radius, side, onward)
     if leaves is None:
         return np.array([line.point])
@@ -221,7 +221,7 @@ class TangentController:
         return limits.within((np.array([limits.forward_speed, yaw_rate]) - twist) / period)
 
     def _curvature(self, pose: Array, target: Target, following: Target | None, side: float) -> float:
-        """w / v [1/m]."""
+        """Curvature w / v [1/m] of the law."""
         p, radius = self._p, _radius(target, self._p)
         line = tangent(pose, target.position, radius, side)
         alpha = wrap_angle(line.heading - float(pose[2]))
@@ -234,7 +234,7 @@ class TangentController:
         return (p.k_alpha * alpha + turning) / line.rho
 
     def _predicted(self, problem: BaseProblem, target: Target, side: float) -> tuple[Array, float]:
-        """Poses and twists (j, 5) to which the law leads, and when the target comes into reach [s]."""
+        """Predicted poses and twists (j, 5), and time [s] until the target comes into reach."""
         nodes, to_range, left = [], math.inf, _HORIZON
         pose, twist = np.array(problem.pose), np.array(problem.twist)
         for k, (pose, twist) in enumerate(self._steps(problem, target, side)):
@@ -268,12 +268,12 @@ def _leaving(line: Tangent, target: Target, following: Target | None) -> float |
 
 
 def tangent_placement(materials: Materials, candidates: Rule) -> PlacementStrategy:
-    """Tangent points; the tuned smallest ring and next weight belong to the paper's rule only."""
+    """Placement at tangent points; the tuned smallest ring and next weight apply to the paper's rule only."""
     return TangentPlacement(materials.parts.known.robot, TangentParameters())
 
 
 def tangent_law(materials: Materials, policies: Policies) -> BaseController:
-    """The law of the tangent."""
+    """Base controller by the law of the tangent."""
     return TangentController(materials.parts.known.robot, materials.parts.parameters)
 
 

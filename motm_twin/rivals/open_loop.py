@@ -39,17 +39,17 @@ SHOWN, STRIDE = 60, 3  # periods of the plan ahead that a Tick shows, every so m
 class ScriptState:
     """The plan and its progress."""
 
-    at: int = 0  # period, or arm step, that is next
+    at: int = 0  # next period, or arm step
     plan: Rehearsed | None = None
     edits: Timed = ()  # of the task list so far
-    refused: Reason | None = None  # why a plan was kept although the tasks have changed
+    refused: Reason | None = None  # why the plan was kept although the task list changed
 
 
 class Script:
-    """The plan of a run: rehearsed on first use, and again when a person changes the task list."""
+    """The plan of a run: rehearsed on first use, and again when a user changes the task list."""
 
     def __init__(self, rehearse: Rehearse, steps: int) -> None:
-        """``steps`` of a period."""
+        """``steps`` in a period, of those that `ScriptState.at` counts."""
         self._rehearse, self._steps = rehearse, steps
 
     def plan(self, state: ScriptState) -> Rehearsed:
@@ -59,7 +59,7 @@ class Script:
         return state.plan
 
     def retasked(self, state: ScriptState, edit: TaskEdit) -> None:
-        """Rehearse the whole run anew, with this edit at its period; the plan stays when the rehearsal refuses it."""
+        """Rehearse the whole run anew, with this edit now; the plan stays when the rehearsal refuses it."""
         edits = (*state.edits, (state.at // self._steps, edit))
         try:
             state.plan, state.edits = self._rehearse(edits), edits
@@ -68,7 +68,7 @@ class Script:
 
 
 class TrackingController(Stateful[ScriptState]):
-    """The base follows the rehearsed trajectory; it is its own placement strategy."""
+    """Base controller that follows the rehearsed trajectory; it is its own placement strategy."""
 
     def __init__(self, profile: RobotProfile, rehearse: Rehearse) -> None:
         self._limits = profile.base
@@ -122,20 +122,20 @@ class TrackingController(Stateful[ScriptState]):
         )
 
     def retasked(self, edit: TaskEdit) -> None:
-        """The task list has changed."""
+        """Rehearse anew: the task list has changed."""
         self.script.retasked(self._state, edit)
 
 
 @dataclass
 class OpenLoopState(ManipulatorState):
-    """State of the arm and of the plan behind it."""
+    """State of the arm, and of the plan that it follows."""
 
     script: ScriptState = field(default_factory=ScriptState)
-    due: list[str] = field(default_factory=list)  # outcomes ahead of the task list
+    due: list[str] = field(default_factory=list)  # outcomes of the plan that the task list has not come to
 
 
 class OpenLoopArm(Manipulator):
-    """Joints and gripper as rehearsed; the base as its controller wants it."""
+    """Arm that moves joints and gripper as rehearsed; it passes on the twist of the base controller."""
 
     _state: OpenLoopState
 
@@ -146,11 +146,11 @@ class OpenLoopArm(Manipulator):
 
     @property
     def busy(self) -> bool:
-        """Are the fingers closing now, by the plan?"""
+        """True while the fingers close, by the plan."""
         return self._state.phase == Phase.CLOSING
 
     def step(self, inputs: ArmInputs) -> ArmStep:
-        """The planned joint rates, and what brings the joints back to the plan; outcomes by the clock."""
+        """The planned joint rates, with feedback to the planned positions; outcomes at their planned times."""
         state = self._state
         plan, seen = self.script.plan(state.script), inputs.observation
         view = self.look(inputs)
@@ -172,11 +172,11 @@ class OpenLoopArm(Manipulator):
         return self.report(view, inputs, decided)
 
     def retasked(self, edit: TaskEdit) -> None:
-        """A person has changed the task list."""
+        """Rehearse anew: a user has changed the task list."""
         self.script.retasked(self._state.script, edit)
 
     def _outcome(self, plan: Rehearsed, goal: str, n: int, *, over: bool) -> str:
-        """Outcome that the plan has reached, once the task list has, too."""
+        """Outcome that the plan has reached, once the task list has reached its task, too; "" for none."""
         state = self._state
         if not over:
             state.due += [outcome for at, outcome in plan.outcomes if at == n]

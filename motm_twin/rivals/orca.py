@@ -1,12 +1,12 @@
-"""ORCA as base controller: the velocity nearest to the wanted one outside all velocity obstacles of what moves.
+"""ORCA as base controller: the velocity nearest to the desired one outside the velocity obstacles of all tracks.
 
-Dynamic obstacles of the map go on at their velocities, each a disc; walls are the outlines of the map without them. The
-holonomic velocity of ORCA is that of the effective centre, a point ahead of the wheels (Snape et al., Smooth and
+Each dynamic obstacle is a disc with the velocity of its track; walls are the outlines of the map without them. ORCA's
+holonomic velocity (u, u') is that of the effective centre, a point ahead of the wheels (Snape et al., Smooth and
 collision-free navigation for multiple robots under differential-drive constraints, IROS 2010):
 
     v = u cos(heading) + u' sin(heading),  w = (u' cos(heading) - u sin(heading)) / D,
 
-with a disc about that point that holds the whole footprint.
+with a disc about that point that contains the whole footprint.
 """
 
 import itertools
@@ -43,17 +43,17 @@ from motm_twin.planning.types import (
 
 @dataclass(frozen=True, kw_only=True)
 class OrcaParameters:
-    """Lengths of the differential drive that tracks a holonomic velocity."""
+    """Parameters of the differential drive that tracks a holonomic velocity."""
 
-    ahead: float = 0.15  # [m] D, of the effective centre from the wheels: less turns faster, more needs more room
-    look: float = 0.6  # [m] along the global path to the point that it heads for
-    arrived: float = 0.05  # [m] from a place with a heading, from which on it turns on the spot
+    ahead: float = 0.15  # [m] D, from the wheels to the effective centre: less turns faster, more needs more room
+    look: float = 0.6  # [m] along the global path to the point that the base heads for
+    arrived: float = 0.05  # [m] from a goal with a heading, within which the base turns on the spot
     gain: float = 2.0  # [1/s] of that turn
-    horizon: float = 1.0  # [s] of the motion that is shown
+    horizon: float = 1.0  # [s] of the predicted motion that is shown
 
 
 def effective_radius(foot: Footprint, ahead: float) -> float:
-    """Radius [m] of the disc about the effective centre that holds the footprint."""
+    """Radius [m] of the disc about the effective centre that contains the footprint."""
     return math.hypot(0.5 * foot.length + abs(foot.offset_x - ahead), 0.5 * foot.width)
 
 
@@ -64,22 +64,22 @@ def twist_of(velocity: Array, heading: float, ahead: float) -> Array:
 
 
 class WithoutMovers:
-    """The map without what moves, which is known by its tracks."""
+    """View of the map without dynamic obstacles, which are known by their tracks."""
 
     def __init__(self, parts: PlannerParts) -> None:
         self._still = StillMap(parts.known, parts.tracks)
 
     def of(self, problem: BaseProblem) -> BaseProblem:
-        """The problem in that map."""
+        """The problem with that map."""
         return msgspec.structs.replace(problem, world=self._still.of(problem.world))
 
     def memory(self) -> dict[str, HasState]:
-        """The map."""
+        """The parts with a state: the map."""
         return {"still": self._still}
 
 
 class OrcaController:
-    """Velocity obstacles of what moves, and a differential drive that tracks the chosen velocity. No state."""
+    """Base controller: the differential drive tracks a velocity chosen by ORCA. No state."""
 
     def __init__(self, known: KnownWorld, planning: PlanningParameters, graphs: GraphCache) -> None:
         """Raises MethodError without pyrvo."""
@@ -104,7 +104,7 @@ class OrcaController:
         return self._answer(problem, wanted, PlanStatus.GOAL, None, path, time, self._to_range(problem, target, time))
 
     def _wanted_twist(self, problem: BaseProblem, placement: Placement, path: Array, left: float) -> Array:
-        """Speed and yaw rate (2,) to be had, before the limits of acceleration."""
+        """Desired speed and yaw rate (2,), before the limits of acceleration."""
         heading, p = float(problem.pose[2]), self._p
         if placement.goal_has_heading and left < p.arrived:
             return np.array([0.0, p.gain * wrap_angle(float(placement.goal[2]) - heading)])
@@ -123,13 +123,13 @@ class OrcaController:
         velocity = (v * c - ahead * w * s, v * s + ahead * w * c)
         around.add((x + ahead * c, y + ahead * s), velocity, self._radius, self._limits.forward_speed)
         around.prefer(0, preferred.tolist())
-        for mover in problem.world.tracks.tolist():
-            around.add(mover[:2], mover[2:4], mover[4], math.hypot(*mover[2:4]))
+        for track in problem.world.tracks.tolist():
+            around.add(track[:2], track[2:4], track[4], math.hypot(*track[2:4]))
         around.stand(problem.world.polygons)
         return around.chosen(1)[0]
 
     def _to_range(self, problem: BaseProblem, target: Target, time: float) -> float:
-        """Time [s] until the target is in reach; that of the way there while it is not."""
+        """Time [s] until the target is in reach: 0 if it is, else ``time`` of the whole way; inf for a drive."""
         if target.kind == "drive":
             return math.inf
         return 0.0 if self._reach.contains(problem.pose, problem.twist, target) else max(time, problem.period)
@@ -163,7 +163,7 @@ class OrcaController:
 
 
 def _along(path: Array, way: float) -> Array:
-    """Point of a path (m, 2) after a way [m], its end when it is shorter."""
+    """Point at a distance ``way`` [m] along a path (m, 2); its end when it is shorter."""
     for start, end in itertools.pairwise(path):
         step = math.dist(start.tolist(), end.tolist())
         if step >= way:
@@ -173,7 +173,7 @@ def _along(path: Array, way: float) -> Array:
 
 
 def orca_control(materials: Materials, policies: Policies) -> BaseController:
-    """Velocity obstacles."""
+    """Base controller by ORCA."""
     parts = materials.parts
     return OrcaController(parts.known, parts.parameters, materials.graphs)
 

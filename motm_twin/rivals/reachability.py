@@ -1,8 +1,8 @@
-"""All postures of the Panda that bring the hand to a pose, in closed form, with joint 7 as the free parameter.
+"""Maps of the best manipulability, from the inverse kinematics of the Panda in closed form; joint 7 is free.
 
 Shoulder and wrist are spherical, but joint 7 is offset 88 mm from the wrist's centre. So joint 7 gives the wrist's
-centre, its distance from the shoulder gives joint 4, the direction of the shoulder joints 5 and 6 (two ways), and what
-is left of the rotation is that of the shoulder (two ways).
+centre, its distance from the shoulder gives joint 4, the direction of the shoulder gives joints 5 and 6 (two
+solutions), and the remaining rotation gives joints 1 to 3 (two solutions).
 """
 
 import functools
@@ -31,13 +31,13 @@ _FLAT = 1e-9  # sine of joint 2 below which joints 1 and 3 turn about the same l
 
 @njit(cache=True)
 def _angle(value: float) -> float:
-    """Wrapped to -pi .. pi."""
+    """Wrap an angle [rad] to -pi .. pi."""
     return value - 2.0 * math.pi * math.floor((value + math.pi) / (2.0 * math.pi))
 
 
 @njit(cache=True)
 def _wrist_centre(R: Array, p: Array, q7: float) -> tuple[Array, Array]:
-    """Rotation of link 6 with its joint at zero in link 7's place, and the wrist's centre [m]."""
+    """Rotation of link 6 (3, 3) and the wrist's centre (3,) [m], for a pose of the hand and joint 7 [rad]."""
     turn = q7 + _TURNED
     c, s = math.cos(turn), math.sin(turn)
     frame = np.empty((3, 3))
@@ -64,8 +64,8 @@ def _shoulder(R3: Array, side: int) -> tuple[float, float, float]:
 def solve_arm(R: Array, p: Array, q7: float, found: Array) -> int:
     """Write the postures that reach a pose with joint 7 at ``q7`` [rad]; returns how many, 0 to 4.
 
-    R (3, 3), p (3,) [m]: tool centre point relative to the mount. found: room for (4, 7) [rad]. The elbow is bent the
-    way in which it has 2.6 rad of room. Joint limits are the caller's.
+    R (3, 3), p (3,) [m]: tool centre point relative to the mount. found: filled in, shape (4, 7) [rad]. The elbow bends
+    to the side on which it has 2.6 rad of room. The caller checks joint limits.
     """
     R6, wrist = _wrist_centre(R, p, q7)
     to_x, to_y, to_z = -wrist[0], -wrist[1], SHOULDER - wrist[2]
@@ -102,7 +102,7 @@ def solve_arm(R: Array, p: Array, q7: float, found: Array) -> int:
 
 @njit(cache=True)
 def _upper_arm(R6: Array, c4: float, s4: float, c5: float, s5: float, c6: float, s6: float) -> Array:
-    """Rotation of link 3: joints 6, 5 and 4 taken back one after the other."""
+    """Rotation of link 3 (3, 3): that of link 6 with joints 6, 5 and 4 undone."""
     R3 = np.empty((3, 3))
     for r in range(3):
         x, y, z = R6[r, 0], R6[r, 1], R6[r, 2]
@@ -129,10 +129,10 @@ _EDGE = 1e-6  # [m] of rounding
 class ArmBalls(NamedTuple):
     """Balls that cover elbow, forearm, wrist and hand."""
 
-    frame: IntArray  # shape (n,)
-    centre: Array  # [m], shape (n, 3)
+    frame: IntArray  # index into the frames of `fk_arm`, shape (n,)
+    centre: Array  # in that frame [m], shape (n, 3)
     radius: Array  # [m], shape (n,)
-    body: IntArray  # shape (n,)
+    body: IntArray  # index into `bodies.BODIES`, shape (n,)
 
 
 class Task(NamedTuple):
@@ -140,11 +140,11 @@ class Task(NamedTuple):
 
     kind: str  # "pick" | "place"
     height: float  # [m] of the tool centre point over the mount
-    surface: float  # [m] top of what carries the object or bin, over the mount
+    surface: float  # [m] top of the object's support, or rim of the bin, over the mount
 
 
 class ReachabilityMap(NamedTuple):
-    """Best manipulability by radius, yaw and azimuth, and the posture that has it (nan: none)."""
+    """Best manipulability by radius, yaw and azimuth, and its posture (nan: none)."""
 
     value: Array  # shape (radii, yaws, azimuths); 0: out of reach
     posture: Array  # [rad], shape (radii, yaws, azimuths, 7)
@@ -153,7 +153,7 @@ class ReachabilityMap(NamedTuple):
     def at(self, radius: Array, azimuth: Array, yaw: Array) -> Array:
         """Manipulability at points (m,): radius [m] and azimuth [rad] in the base frame, yaw [rad] of a face.
 
-        ``yaw`` is that of the hand less the azimuth; linear in radius and yaw, 0 where either neighbour is.
+        ``yaw`` is relative to the azimuth. Linear in radius and yaw; 0 where one of the four neighbours is.
         """
         step = RADII[1] - RADII[0]
         u = (radius - RADII[0]) / step
@@ -171,7 +171,7 @@ class ReachabilityMap(NamedTuple):
 
 
 def hand_rotation(radius: float, yaw: float, task: Task) -> Array | None:
-    """The hand at azimuth 0, tilted outwards as little as the reach allows; None when that does not do."""
+    """Rotation of the hand (3, 3) at azimuth 0, with the least outward tilt that reaches; None: out of reach."""
     arm = ArmParameters()
     largest = arm.pick_tilt if task.kind == "pick" else arm.place_tilt
     tilt = tilt_for(radius, task.height, arm.stretch, largest)
@@ -182,7 +182,7 @@ def hand_rotation(radius: float, yaw: float, task: Task) -> Array | None:
 
 @functools.lru_cache(maxsize=32)
 def reachability_map(task: Task) -> ReachabilityMap:
-    """The map for one task, about a second of computing; the same task gives the same object."""
+    """The map for one task: takes about a second, and is cached."""
     yaws = YAWS if task.kind == "pick" else 1  # a release has no faces to grasp
     value = np.zeros((len(RADII), yaws, AZIMUTHS))
     posture = np.full((*value.shape, 7), np.nan)
@@ -222,7 +222,7 @@ def _fill(
     R: Array, p: Array, seventh: Array, low: Array, high: Array, surface: float, balls: ArmBalls, value: Array,
     posture: Array,
 ) -> None:  # fmt: skip
-    """Enter every posture for one pose of the hand in front of the arm into the row of its azimuths."""
+    """Fill in best value (k,) and posture (k, 7) of a pose of the hand, turned about the mount to k azimuths."""
     found = np.empty((POSTURES, 7))
     count = value.shape[0]
     for q7 in seventh:
@@ -246,7 +246,7 @@ def _fill(
 
 @njit(cache=True)
 def _is_clear(q: Array, surface: float, balls: ArmBalls) -> bool:
-    """True when the arm clears the object's support, except over its own base, and its own column."""
+    """True when the arm clears the task's surface (except over its own base) and its own column."""
     T = fk_arm(q)
     for i in range(balls.frame.shape[0]):
         f = balls.frame[i]
@@ -269,7 +269,7 @@ _ROUNDED = 2  # decimals [m] of heights: tables of nearly the same height share 
 class TargetReach:
     """Manipulability at base poses for the objects and bins that are known beforehand.
 
-    Heights and yaws are those known beforehand too: the base is told only planar target positions.
+    Heights and yaws are known beforehand, too: the base gets only planar positions of targets.
     """
 
     def __init__(self, known: KnownWorld, parameters: PlanningParameters) -> None:
@@ -282,7 +282,7 @@ class TargetReach:
         self._release_height, self._release_margin = arm.release_height, arm.release_margin
         self._preferred_radius = arm.preferred_radius
         for name in self._objects:
-            self.of("pick", name)  # now rather than in a period
+            self.of("pick", name)  # computed now, not during a period
         for name in self._bins:
             self.of("place", name)
 
@@ -333,7 +333,7 @@ class TargetReach:
         return poses[:, :2] + np.column_stack((c * x - s * y, s * x + c * y))
 
     def _polar(self, poses: Array, target: Target) -> tuple[Array, Array, Array]:
-        """Radius and azimuth of the target about the mount in the base frame, and its direction in the world."""
+        """Radius [m] and azimuth [rad] of the target about the mount, base frame, and its direction in the world."""
         mount = self._mounts(poses)
         away = self._point(mount, target) - mount
         outward = angle_of(away[:, 1], away[:, 0])

@@ -1,6 +1,6 @@
 """The stop-then-manipulate methods of Reister et al. on this robot, and a stronger form of the best of them.
 
-Base and arm stop to manipulate: the way to a pose, and the stand there; then come the methods, line by line.
+First the base controller that drives to a pose and stands there, and the arm that waits for it; then the methods.
 """
 
 import dataclasses
@@ -47,18 +47,18 @@ class ParkingState:
 
     target: tuple[str, str] | None = None
     phase: str = DRIVING
-    exact: bool = False  # the base has become slow at the pose without reaching the target: it must come closer
+    exact: bool = False  # the base became slow at the pose but may not stop there: it must come closer
 
 
 def stopping_base(parameters: PlanningParameters) -> PlanningParameters:
-    """The same base controller, with a search that ends at the chosen pose instead of passing it."""
+    """Parameters for the same search, but ending at the chosen pose instead of passing it."""
     return dataclasses.replace(
         parameters, staa=dataclasses.replace(parameters.staa, termination="reach_goal", drive_on=False)
     )
 
 
 class ParkingController(Stateful[ParkingState]):
-    """STAA* towards the chosen pose, then the shortest possible stop, as soon as it ends close enough."""
+    """Base controller: STAA* towards the chosen pose, then the shortest stop, once that ends close enough."""
 
     def __init__(
         self, parts: PlannerParts, graphs: GraphCache, *, overlap: bool, parameters: StationaryParameters | None = None,
@@ -76,7 +76,7 @@ class ParkingController(Stateful[ParkingState]):
             StaaController(parts.known.robot, each, clock=parts.clock, graphs=graphs, still=still)
             for each in (stopping, dataclasses.replace(stopping, staa=near))
         )
-        self._asked = self._usual  # only to explain the last period
+        self._asked = self._usual  # of the last period, only to explain it
         self._limits, self._body, self._reach = self._usual.limits, self._usual.body, self._usual.reach
         self._overlap = overlap
         self._arm_reach = TargetReach(parts.known, parts.parameters)
@@ -105,11 +105,11 @@ class ParkingController(Stateful[ParkingState]):
 
     @property
     def _base(self) -> StaaController:
-        """The controller with the tolerances of the state."""
+        """The controller with the usual tolerances, or the exact ones, by the state."""
         return self._exact if self._state.exact else self._usual
 
     def _advance(self, problem: BaseProblem, placement: Placement, target: Target) -> None:
-        """Drive, stop, or stand."""
+        """Change the phase: driving, stopping or parked."""
         state = self._state
         if state.phase == STOPPING and _stands(problem.twist, self.stationary):
             state.phase = PARKED
@@ -127,25 +127,25 @@ class ParkingController(Stateful[ParkingState]):
         return abs(twist[0]) < self.stationary.slow_v and abs(twist[1]) < self.stationary.slow_w
 
     def _may_stop(self, problem: BaseProblem, placement: Placement, target: Target) -> bool:
-        """Does the shortest stop from here end near enough to the chosen pose, and with as good a reach?
+        """True when the shortest stop is free and ends near the chosen pose, with nearly its manipulability.
 
-        A base that has become slow close enough accepts any reach: creeping takes longer than a longer arm motion.
+        A slow base near the pose accepts any reach: creeping takes longer than a longer arm motion.
         """
         p, goal = self.stationary, np.asarray(placement.goal)
         ahead = p.park_distance + problem.twist[0] ** 2 / (2.0 * self._limits.linear_acceleration) + 0.05
         if math.hypot(*(problem.pose[:2] - goal[:2])) > ahead:
             return False
-        end = self._stop_ends(problem)[-1, :3]
+        end = self._shortest_stop(problem)[-1, :3]
         if math.hypot(*(end[:2] - goal[:2])) > p.park_distance:
             return False
         if not self._reach.reached_from(end[None], target, slack=p.park_slack)[0]:
             return False
         share = self._arm_reach.share(np.array([end, goal]), target)
         wanted = 1e-6 if self._slow(problem.twist) else p.park_share * share[1]
-        good = share[0] >= wanted or share[1] == 0.0  # the paper's own candidates may be where the map ends
+        good = share[0] >= wanted or share[1] == 0.0  # candidates of the paper's rule may lie outside the map
         return bool(good) and self._stop_is_free(problem)
 
-    def _stop_ends(self, problem: BaseProblem) -> Array:
+    def _shortest_stop(self, problem: BaseProblem) -> Array:
         """Poses and twists of the shortest stop, one per period, shape (n, 5)."""
         most = self._limits.accelerations * problem.period
         pose, twist = np.array(problem.pose, dtype=np.float64), np.array(problem.twist, dtype=np.float64)
@@ -166,8 +166,8 @@ class ParkingController(Stateful[ParkingState]):
         return free >= wanted
 
     def _come_to_rest(self, problem: BaseProblem, placement: Placement) -> BasePlan:
-        """Come to rest, and stay."""
-        rows = self._stop_ends(problem)
+        """Plan to come to rest, and stay."""
+        rows = self._shortest_stop(problem)
         times = np.arange(len(rows)) * problem.period
         left = float(times[-1]) if self._state.phase == STOPPING else 0.0
         return BasePlan(
@@ -182,7 +182,7 @@ class ParkingController(Stateful[ParkingState]):
         )
 
     def _arriving(self, plan: BasePlan) -> BasePlan:
-        """The plan of an approaching base, with the time until it stands instead of the time to reach."""
+        """The plan of an approaching base, with the time until it stands as the time to range."""
         if not self._overlap or not math.isfinite(plan.t_h):
             return msgspec.structs.replace(plan, time_to_range=math.inf)
         brake = self._limits.forward_speed / (2.0 * self._limits.linear_acceleration)
@@ -234,7 +234,7 @@ def stationary(
     first: Callable[[PlannerParts], PoseRule] | None = None,
     parameters: StationaryParameters | None = None,
 ) -> Callable[[Materials, Rule], PlacementStrategy]:
-    """Placement by these terms of the cost; ``first``: poses that are wanted before all others."""
+    """Placement by these terms of the cost; ``first``: poses that are tried before all others."""
 
     def placement(materials: Materials, candidates: Rule) -> PlacementStrategy:
         parts = materials.parts
@@ -247,7 +247,7 @@ def parking(
     materials: Materials, policies: Policies, *, overlap: bool = False,
     parameters: StationaryParameters | None = None,
 ) -> BaseController:  # fmt: skip
-    """A base that stands at the pose; ``overlap``: the arm comes early."""
+    """Base controller that stops at the pose; ``overlap``: the arm moves already while the base arrives."""
     return ParkingController(
         materials.parts, materials.graphs, overlap=overlap, parameters=parameters, still=materials.ahead
     )

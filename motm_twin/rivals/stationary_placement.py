@@ -2,8 +2,7 @@
 
     C_i = w_m (1 - m_i / m_max) + C_iC + w_N C_iN
 
-`irm` has the first term only, `greedy` the first two, `sequential` all three; `fixed_set` has seven poses to choose
-from.
+`irm` has the first term only, `greedy` the first two, `sequential` all three; `fixed_set` chooses from seven poses.
 """
 
 import dataclasses
@@ -85,44 +84,44 @@ class StationaryState(PlacementState):
     """The choice that stays until its target is done."""
 
     decided: Placement | None = None
-    at: Array | None = None  # [m] where the target was when it was made
-    over: bool = False  # the arm had to be over a seen obstacle when it was made
-    still_since: float | None = None  # [s] since when the base stands, but not at the chosen pose
-    refused: Array = dataclasses.field(default_factory=lambda: np.zeros((0, 2)))  # [m] poses that it failed to reach
+    at: Array | None = None  # [m] position of the target at the choice
+    over: bool = False  # the arm had to be over a seen obstacle already at the choice
+    still_since: float | None = None  # [s] time since which the base stands away from the chosen pose
+    refused: Array = dataclasses.field(default_factory=lambda: np.zeros((0, 2)))  # [m] poses that were not reached
 
 
 class Rated(NamedTuple):
-    """Candidates with what is known of each."""
+    """Candidates with their manipulability and costs."""
 
     candidates: Candidates
     direction: IntArray  # index of the direction about the target, shape (m,)
-    share: Array  # manipulability, of the best there is, shape (m,)
+    share: Array  # manipulability as a share of the best there is, shape (m,)
     current: Array  # C_iC [s], inf when rejected
     onward: Array  # C_iN [s]
     cost: Array  # C_i [s]
 
 
 class StationaryPlacement(Stateful[StationaryState]):
-    """Base poses from the inverse reachability map; the paper's own candidates where it has none that is free."""
+    """Base poses from the inverse reachability map; candidates of the paper's rule where none of them is free."""
 
     def __init__(
         self, parts: PlannerParts, graphs: GraphCache, terms: Terms, parameters: StationaryParameters | None = None,
         first: PoseRule | None = None,
     ) -> None:  # fmt: skip
-        """``first``: poses that are wanted before all others."""
+        """``first``: poses that are tried before all others."""
         self.stationary = parameters or StationaryParameters()
         self.paper = NextTargetPlacement(parts.known.robot, parts.parameters, graphs)
         self.model = self.paper.model
         self.arm_reach = TargetReach(parts.known, parts.parameters)
         self._terms, self._first = terms, first
         self._state = StationaryState()
-        self._last: Searched | None = None  # only to explain the choice; None: the paper's own choice
+        self._last: Searched | None = None  # only to explain the choice; None: chosen by the paper's rule
 
     def place(self, problem: BaseProblem) -> Placement:
         """The choice made before as long as it serves, else a new one."""
         target = problem.target
         if target is None or target.kind == "drive":
-            return self._others(problem)
+            return self._by_paper_rule(problem)
         if not self._state.of(target):
             self._state = StationaryState(target=(target.kind, target.name))
         state = self._state
@@ -137,7 +136,7 @@ class StationaryPlacement(Stateful[StationaryState]):
             state.refused = np.zeros((0, 2))
             state.decided = self._decide(problem, target, state.refused)
         if state.decided is None:
-            return self._others(problem)
+            return self._by_paper_rule(problem)
         state.goal = np.array(state.decided.goal)
         state.over = bool(self._over_seen(state.goal[None], target, problem.world)[0])
         return state.decided
@@ -147,12 +146,12 @@ class StationaryPlacement(Stateful[StationaryState]):
         return self.paper.paths(index) if self._last is None else self._last.paths(index)
 
     def _over_seen(self, poses: Array, target: Target, world: WorldMap) -> NDArray[np.bool_]:
-        """True when the arm would be over an obstacle outside the map, which counts as tall and would block it."""
+        """True at poses (m, 3) with the arm over an obstacle outside the map, which counts as tall; shape (m,)."""
         points = world.seen_points[world.seen_static]
         return self.arm_reach.clear_of(poses, target, points) < self.stationary.arm_clearance
 
     def _stands_away(self, state: StationaryState, decided: Placement, problem: BaseProblem, target: Target) -> bool:
-        """True when the base has stood for long away from its place: the map may show a path where there is none."""
+        """True when the base has stood for long away from its pose: the map may show a path where there is none."""
         p = self.stationary
         there = np.hypot(*(problem.pose[:2] - decided.goal[:2])) <= p.park_distance + p.park_slack
         parked = there and self.model.reach.reached_from(problem.pose[None], target)[0]
@@ -162,18 +161,18 @@ class StationaryPlacement(Stateful[StationaryState]):
             state.still_since = problem.time
         return state.still_since is not None and problem.time - state.still_since > p.patience
 
-    def _others(self, problem: BaseProblem) -> Placement:
+    def _by_paper_rule(self, problem: BaseProblem) -> Placement:
         """The paper's placement, with its hysteresis for the last choice."""
         placement, chosen = self.paper.decide(problem, self._chosen())
         self._state, self._last = StationaryState(target=chosen.target, goal=chosen.goal), None
         return placement
 
     def _chosen(self) -> PlacementState:
-        """The last choice, as the paper's rule remembers one."""
+        """The last choice, as a state of the paper's rule."""
         return PlacementState(target=self._state.target, goal=self._state.goal)
 
     def _still_serves(self, decided: Placement, problem: BaseProblem, target: Target) -> bool:
-        """True while the chosen pose is free, and the target unmoved or at least in reach."""
+        """True while the target is unmoved and in reach of the chosen pose, and base and arm are free there."""
         at = self._state.at
         if at is None or np.hypot(*(target.position[:2] - at)) > self.stationary.moved:
             return False
@@ -196,7 +195,7 @@ class StationaryPlacement(Stateful[StationaryState]):
         return None
 
     def _pose_sets(self, target: Target) -> Iterator[PoseSet]:
-        """Sets of poses in the order in which they are wanted."""
+        """Sets of poses in the order in which they are tried."""
         called = "pose"
         if self._first is not None:
             yield from self._first(target)
@@ -204,7 +203,7 @@ class StationaryPlacement(Stateful[StationaryState]):
         yield *self.dense(target), called
 
     def dense(self, target: Target) -> tuple[Array, IntArray]:
-        """Every pose of a polar grid about a target from which the arm reaches it, and its direction."""
+        """Poses (m, 3) of a polar grid about a target from which the arm reaches it, and their directions (m,)."""
         p = self.stationary
         poses = [np.zeros((0, 3))]  # a wide base may not get near enough at all
         direction: list[Any] = [np.zeros(0, np.int32)]
@@ -237,12 +236,12 @@ class StationaryPlacement(Stateful[StationaryState]):
         return Rated(candidates, direction, share, current, onward, cost)
 
     def _cost(self, target: Target, share: Array, azimuth: Array, current: Array, onward: Array) -> Array:
-        """C_i [s]; inf when rejected."""
+        """Costs C_i [s], shape (m,); inf when rejected."""
         if self._terms.nearest_at_bins and target.kind == "place":
             return current
         p, viable = self.stationary, np.isfinite(current)
         cost = p.manipulability_weight * (1.0 - share)
-        if not self._terms.current:  # equal manipulability (it does not depend on the heading): the robot faces it
+        if not self._terms.current:  # of equal manipulability (the heading hardly matters): the robot faces it
             cost = p.manipulability_weight * (p.equal_share * np.floor((1.0 - share) / p.equal_share))
             cost += p.manipulability_weight * p.equal_share * (0.9 * azimuth / np.pi + 0.05 * (1.0 - share))
         if self._terms.current:
@@ -252,9 +251,9 @@ class StationaryPlacement(Stateful[StationaryState]):
         return np.where(viable, cost, np.inf)
 
     def _to_next(self, target: Target | None, survey: Survey) -> Table | None:
-        """Costs to the poses of the next target, each with what its manipulability costs; None when they do not count.
+        """Costs to the poses of the next target, with those of manipulability; None when they do not count.
 
-        At the best position of each direction, with some headings.
+        The poses are at the best position of each direction, with some headings.
         """
         if target is None or not self._terms.onward:
             return None
@@ -272,7 +271,7 @@ class StationaryPlacement(Stateful[StationaryState]):
         return None
 
     def _shown(self, rated: Rated, mode: str, target: Target, survey: Survey) -> Placement:
-        """The choice, and the best of every direction, rejected ones with their reasons."""
+        """Placement of the best pose of every direction, with the choice and the reasons of rejections."""
         keep = _best_of_directions(rated)
         pose = rated.candidates.pose[keep]
         current, onward, cost = rated.current[keep], rated.onward[keep], rated.cost[keep]
@@ -314,7 +313,7 @@ def _best_of_directions(rated: Rated) -> list[int]:
 
 
 def _best_positions(pose: Array, direction: IntArray, share: Array, headings: int) -> IntArray:
-    """Indices of all headings (every n-th) at the best position of each direction, equal positions together."""
+    """Indices of the best position of each direction, each with at most ``headings`` headings."""
     chosen = []
     for one in np.unique(direction):
         of_it = np.flatnonzero(direction == one)
@@ -333,11 +332,11 @@ _NEAR, _BELOW = 0.10, 0.08  # [m] beside and above what carries an object
 
 
 class FixedPoses:
-    """The poses, found from the furniture that is known beforehand, by one rule for every table.
+    """Fixed poses at tables and bins, from the furniture that is known beforehand, by one rule for all.
 
-    Things stand along a line `fixed_inset` inside the edge of the table. The poses are equally spaced along that line,
-    each at right angles to the edge and facing it. Their distance from the edge, and where along the line they begin,
-    are such that the point of the line that is served worst is reached with the most manipulability.
+    Objects stand along a line `fixed_inset` inside the edge of a table. The poses are equally spaced along that line,
+    each at right angles to the edge and facing it. Their distance from the edge and their start on the line maximise
+    the manipulability at the point of the line that is reached worst.
     """
 
     def __init__(self, parts: PlannerParts) -> None:
@@ -346,7 +345,7 @@ class FixedPoses:
         self._clearance = parts.parameters.placement.clearance + 0.01
         self._obstacles = unary_union([outline(solid.shape) for solid in known_solids(known)])
         self._bins = {item.name: item for item in known.bins}
-        self._found: dict[tuple[str, ...], Array] = {}  # a pure function of the names
+        self._found: dict[tuple[str, ...], Array] = {}  # cache; a pure function of the names
 
     def __call__(self, target: Target) -> Iterator[PoseSet]:
         """The poses for a target as the one set; none for an object that stands on no furniture of the map."""
@@ -391,7 +390,7 @@ class FixedPoses:
         return sets[int(np.argmax(worst))]
 
     def _spaced(self, table: Polygon, distance: float, phase: float) -> Array:
-        """Poses at a distance [m] of the base's centre from the edge, the first ``phase`` of a space along."""
+        """Poses with the base's centre at a distance [m] from the edge; ``phase``: start, as a share of the spacing."""
         count, edge = self._p.fixed_poses, table.exterior
         poses = []
         for at in self._along(table, (np.arange(count) + phase) / count):
@@ -402,7 +401,7 @@ class FixedPoses:
         return np.array(poses)
 
     def _along(self, table: Polygon, shares: Array) -> Array:
-        """Points of the line a little inside the edge; none when the table is too narrow for one."""
+        """Points (k, 2) at shares of the line inside the edge; none when the table is too narrow for one."""
         inside = table.buffer(-self._p.fixed_inset)
         if not isinstance(inside, Polygon) or inside.is_empty:
             return np.zeros((0, 2))

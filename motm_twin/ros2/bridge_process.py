@@ -50,9 +50,9 @@ from motm_twin.ros2.forms import (
 from motm_twin.ros2.robot_model import FILES, RobotModel
 
 SENDER, NAME = "ros2", "ROS 2"
-BETWEEN = 0.05  # [s] between two drive commands: one a period; of what comes faster the newest counts
+BETWEEN = 0.05  # [s] between two commands: one a period; of messages that come faster, the newest counts
 COMMANDED = 0.5  # [s] to wait for the twin's answer
-MAX_BYTES = 4096  # of a message that is accepted here; they have some hundred
+MAX_BYTES = 4096  # of an accepted message; real ones have a few hundred
 
 
 class Requests:
@@ -67,7 +67,7 @@ class Requests:
         self._thread.start()
 
     def put(self, topic: Topic, payload: bytes) -> None:
-        """A message has come; quick, and from any thread."""
+        """Take a message that has arrived; returns at once, and may be called from any thread."""
         with self._changed:
             self._newest[topic] = payload[: MAX_BYTES + 1]
             self._changed.notify()
@@ -110,7 +110,7 @@ class Requests:
             self._refuse(topic, answer.reason, unreadable=False)
 
     def _command(self, topic: Topic, message: Message) -> Command:
-        """The command for a message; raises ValueError when it is not possible now."""
+        """The command for a message; raises ValueError when it is impossible now."""
         if topic is CMD_VEL:
             return self._drive(message)
         if topic is GOAL_POSE:
@@ -129,7 +129,7 @@ class Requests:
         return Drive(v=v, w=w)
 
     def _put_there(self, x: float, y: float, yaw: float) -> Command:
-        """Initial pose: a simulated robot is always localised, so it is pushed there."""
+        """The push to an initial pose: a simulated robot is always localised. Raises ValueError if impossible."""
         tick, status = self._client.tick(), self._client.status()
         if tick is None or status is None:
             raise ValueError("no scene is running")
@@ -143,7 +143,7 @@ class Requests:
 
 
 def _pose_on_map(header: Message, pose: Message) -> tuple[float, float, float]:
-    """x, y and heading; raises ValueError for another frame or numbers that are none."""
+    """x, y and heading; raises ValueError for another frame or numbers that are not finite."""
     frame = header["frame_id"].lstrip("/")
     if frame not in ("", MAP):
         raise ValueError(f"a pose in the frame {frame[:40]!r}: give it in {MAP!r} (RViz: the fixed frame)")
@@ -153,8 +153,8 @@ def _pose_on_map(header: Message, pose: Message) -> tuple[float, float, float]:
     return x, y, yaw
 
 
-WAITING = 100  # messages of the twin that may wait; a bridge that can not keep up skips the oldest
-LOOK = 0.1  # [s] between looks at the scene when nothing comes
+WAITING = 100  # messages of the twin that may wait; a bridge that cannot keep up drops the oldest
+LOOK = 0.1  # [s] between checks for a new scene while no message comes
 MARKERS_EVERY = 2  # periods
 ANSWER = 1.0  # [s] to wait for an answer of the twin
 
@@ -167,7 +167,7 @@ class Bridge:
     def __init__(
         self, twin: zenoh.Session, ros: zenoh.Session, client: TwinClient, form: Form, meshes: str, report: Report
     ) -> None:
-        """``twin`` and ``ros`` may be one session; ``report`` is told what was refused, one sentence each."""
+        """``twin`` and ``ros`` may be one session; ``report`` is called with a sentence for each refusal."""
         self.sent: Counter[str] = Counter()  # messages by topic
         self.unreadable: Counter[str] = Counter()  # malformed messages, by key or topic
         self._client, self._meshes, self._report = client, meshes, report
@@ -213,7 +213,7 @@ class Bridge:
         return direct(take)
 
     def _tell(self, handle: Callable[..., None], key: str, *payloads: bytes) -> None:
-        """Handle a published message: earlier answers to queries are outdated now."""
+        """Queue a published message; answers to earlier queries of its key are outdated now."""
         self._told.add(key)
         self._put(handle, key, *payloads)
 
@@ -239,7 +239,7 @@ class Bridge:
         self.sent[topic.name] += 1
 
     def _follow_scene(self) -> None:
-        """Describe the robot anew when another scene, and perhaps another robot, was loaded."""
+        """Follow the loading of another scene; publish the robot's description if it is another robot."""
         scene = self._client.scene()
         if scene is None or scene is self._scene:
             return
@@ -294,7 +294,7 @@ class Bridge:
         self._report(f"{topic.name}: {text}")
 
 
-CLOSING = 15.0  # [s] that closing may take: its peers may be gone
+CLOSING = 15.0  # [s] limit of closing: its peers may be gone
 QUIET = 5.0  # [s] before the same sentence is repeated
 
 
@@ -327,7 +327,7 @@ def main() -> None:
     where = options.ros_endpoint or options.endpoint
     report("ros2", text=f"topics in the form of {_FORM_NAMES[options.form]} at {where}")
     await_stop(stop)
-    faulthandler.dump_traceback_later(CLOSING, exit=True)  # what hangs says where, and ends
+    faulthandler.dump_traceback_later(CLOSING, exit=True)  # if closing hangs: print the stacks, and exit
     bridge.close()
     client.close()
     for session in {id(twin): twin, id(ros): ros}.values():
@@ -337,7 +337,7 @@ def main() -> None:
 
 
 def make_form(options: argparse.Namespace, zid: str) -> Form:
-    """The form that was asked for; raises ValueError for a prefix or domain that is none."""
+    """The requested form; raises ValueError for an invalid prefix or domain."""
     if options.form == BRIDGE:
         return BridgeForm(zid, prefix=options.prefix, distro=options.distro)
     node = f"motm_twin_{options.twin}".replace("-", "_")

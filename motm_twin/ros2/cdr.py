@@ -1,7 +1,7 @@
 """ROS 2 messages as data, and CDR, their encoding: version 1, little endian, behind a header of four bytes.
 
 Fields are in the order of the standard's .msg files, which is the order on the wire. Humble and Jazzy have the same
-fields; constants do not travel and are left out. A message is a dict by field name, nested messages are dicts too.
+fields; constants are not sent and are left out. A message is a dict by field name, nested messages are dicts too.
 Sequences of numbers may be anything that NumPy takes.
 """
 
@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-DEFINITIONS: dict[str, tuple[str, ...]] = {  # a type, and the names of the fields of this type that follow
+DEFINITIONS: dict[str, tuple[str, ...]] = {  # a type, then the names of the fields that have it
     "builtin_interfaces/msg/Time": ("int32 sec", "uint32 nanosec"),
     "builtin_interfaces/msg/Duration": ("int32 sec", "uint32 nanosec"),
     "std_msgs/msg/Header": ("builtin_interfaces/msg/Time stamp", "string frame_id"),
@@ -81,7 +81,7 @@ DEFINITIONS: dict[str, tuple[str, ...]] = {  # a type, and the names of the fiel
     "visualization_msgs/msg/MarkerArray": ("visualization_msgs/msg/Marker[] markers",),
 }
 
-NONE, SEQUENCE = 0, -1  # counts of a field that is no array, and of one of any length
+NONE, SEQUENCE = 0, -1  # counts of a field that is no array, and of a sequence of any length
 
 
 class Field(NamedTuple):
@@ -112,7 +112,7 @@ def dds_name(message: str) -> str:
 
 @cache
 def blank(base: str) -> Any:
-    """A value of a type with nothing in it: zeros, empty texts and sequences; not to be changed."""
+    """The default value of a type: zeros, empty texts and sequences; shared, so do not change it."""
     if base not in DEFINITIONS:
         return "" if base == "string" else 0
     empty = {field.name: blank(field.base) for field in fields(base)}
@@ -202,7 +202,7 @@ def _write_field(out: bytearray, field: Field, value: Any) -> None:
 
 @cache
 def _flat(base: str) -> Any:
-    """Packing function, alignment and field names with which a message is written at once, such as a point or a pose.
+    """Packing function, alignment and field names to write a message in one call, such as a point or a pose.
 
     None unless its fields are all numbers of one size, or all messages of such numbers.
     """
@@ -220,7 +220,7 @@ def _flat(base: str) -> Any:
 
 
 def _as(values: Any, dtype: np.dtype) -> np.ndarray:
-    """Numbers in the type of the wire; raises CdrError when whole numbers do not fit."""
+    """Numbers in the type of the wire; raises CdrError for values that an integer type cannot hold."""
     array = np.asarray(values)
     if array.dtype == dtype:
         return array
@@ -231,7 +231,7 @@ def _as(values: Any, dtype: np.dtype) -> np.ndarray:
 
 
 class _Reader:
-    """Bytes after the header, and how far they have been read."""
+    """Bytes after the header, and the position of the next one to read."""
 
     def __init__(self, data: bytes, order: str) -> None:
         self.data, self.order, self.at = data, order, 0

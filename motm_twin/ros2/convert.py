@@ -1,6 +1,6 @@
-"""From the twin's messages to ROS 2 messages. Stamps are the twin's time [s], frames are those of `robot_model`.
+"""Converts the twin's messages to ROS 2 messages. Stamps are the twin's time [s], frames are those of `robot_model`.
 
-Markers show the twin's knowledge of its world in the colours of the page.
+Markers show true places, and the candidate base poses, in the colours of the page.
 """
 
 import math
@@ -24,40 +24,40 @@ MAP, ODOM = "map", "odom"
 _PLANAR = 1e-9  # variance of motions that a wheeled base lacks: height, roll, pitch
 _POSE_SD = (0.02, 0.02, 0.01)  # [m, m, rad] of odometry over a scene: a scale error of 0.3 % over some metres
 _TWIST_SD = (0.002, 0.002)  # [m/s, rad/s] of the measured twist
-_OCCUPIED, _FREE_STEPS = 255, 254  # of a cell of the twin's grid
+_OCCUPIED, _FREE_STEPS = 255, 254  # value of an occupied cell of the twin's grid, and largest value of the others
 
 
 def stamp(seconds: float) -> Message:
-    """A time [s]."""
+    """builtin_interfaces/Time of a time [s]."""
     nanoseconds = max(0, round(seconds * 1e9))
     return {"sec": nanoseconds // 10**9, "nanosec": nanoseconds % 10**9}
 
 
 def header(time: float, frame: str) -> Message:
-    """A header."""
+    """std_msgs/Header."""
     return {"stamp": stamp(time), "frame_id": frame}
 
 
 def vector(x: float, y: float, z: float = 0.0) -> Message:
-    """A point or vector."""
+    """geometry_msgs/Point or Vector3."""
     return {"x": x, "y": y, "z": z}
 
 
 def quaternion(values: Quaternion) -> Message:
-    """A quaternion."""
+    """geometry_msgs/Quaternion."""
     x, y, z, w = values
     return {"x": x, "y": y, "z": z, "w": w}
 
 
 def planar_pose(x: float, y: float, yaw: float, z: float = 0.0) -> Message:
-    """A pose that stands upright."""
+    """geometry_msgs/Pose that is upright."""
     return {"position": vector(x, y, z), "orientation": quaternion(turned(yaw))}
 
 
 def yaw_of(orientation: Message) -> float:
-    """The turn [rad] about z of an orientation; raises ValueError when it is none."""
+    """Yaw [rad] of an orientation; raises ValueError for a quaternion far from length 1."""
     x, y, z, w = (orientation[name] for name in "xyzw")
-    if not 0.5 < math.hypot(x, y, z, w) < 2.0:  # nan neither
+    if not 0.5 < math.hypot(x, y, z, w) < 2.0:  # refuses nan, too
         raise ValueError(f"({x:g}, {y:g}, {z:g}, {w:g}) is no orientation: a quaternion has the length 1")
     return math.atan2(2.0 * (w * z + x * y), w * w + x * x - y * y - z * z)
 
@@ -88,7 +88,7 @@ def joint_states(robot: messages.RobotStateMessage, model: RobotModel) -> Messag
 
 
 def odometry(robot: messages.RobotStateMessage) -> Message:
-    """nav_msgs/Odometry: dead reckoning, as the wheels tell it."""
+    """nav_msgs/Odometry: dead reckoning from the wheels."""
     x, y, heading = robot.odometry
     twist = {"linear": vector(robot.twist[0], 0.0), "angular": vector(0.0, 0.0, robot.twist[1])}
     pose_sd, (v_sd, w_sd) = _POSE_SD, _TWIST_SD
@@ -150,7 +150,7 @@ def laser_scan(scan: messages.ScanMessage, rate: float) -> Message:
 
 
 def occupancy_grid(info: messages.GridInfo, cells: bytes) -> Message:
-    """nav_msgs/OccupancyGrid: 100 occupied, 0 to 99 the nearness of something; the twin has no unknown cells."""
+    """nav_msgs/OccupancyGrid: 100 occupied, 0 to 99 nearness to obstacles; the twin has no unknown cells."""
     values = np.frombuffer(cells, dtype=np.uint8)
     if values.size != info.width * info.height:
         raise ValueError(f"a grid of {info.width} x {info.height} cells came with {values.size} bytes")
@@ -171,7 +171,7 @@ _CELLS = np.array([100 if v == _OCCUPIED else 99 * v // _FREE_STEPS for v in ran
 
 
 def plan_path(points: Sequence[Sequence[float]], time: float) -> Message:
-    """nav_msgs/Path of a polyline on the map; each pose looks along its line."""
+    """nav_msgs/Path of a polyline on the map; each pose points along its line."""
     poses = []
     yaw = 0.0
     for i, point in enumerate(points):
@@ -196,9 +196,9 @@ _ROUND = ("temi", "person", "cylinder")
 _BODY_COLOURS: dict[str, colours.Rgb] = {"temi": (236, 236, 240), "person": (70, 110, 190)}
 _OBSTACLE: colours.Rgb = (222, 120, 60)
 _FURNITURE: colours.Rgb = (196, 164, 124)
-_UNMAPPED: colours.Rgb = (160, 110, 170)  # furniture that the robot's map does not have
+_UNMAPPED: colours.Rgb = (160, 110, 170)  # furniture that is not in the robot's map
 _BIN: colours.Rgb = (110, 120, 130)
-_DOT, _LINE, _NOSE = 0.045, 0.012, 0.10  # [m] candidate, width of a line, length of a candidate's heading
+_DOT, _LINE, _NOSE = 0.045, 0.012, 0.10  # [m] diameter of a candidate, line width, length of a candidate's heading
 _LIFT = 0.02  # [m] over the floor
 
 Rgba = dict[str, float]
@@ -212,15 +212,15 @@ class Markers:
         self._colours: dict[str, colours.Rgb] = {}
         self._numbers: dict[tuple[str, str], int] = {}
         self._shown: set[tuple[str, int]] = set()
-        self._standing: tuple[Any, list[Message]] = (None, [])  # furniture is made anew only when it was moved
+        self._standing: tuple[Any, list[Message]] = (None, [])  # furniture is converted again only when it was moved
 
     def show(self, scene: Scene) -> None:
-        """Another scene."""
+        """Switch to another scene."""
         self._scene, self._standing = scene, (None, [])
         self._colours = {item.name: colours.of_cube(item.colour) for item in scene.objects}
 
     def array(self, tick: messages.TickMessage) -> Message:
-        """Everything as it is at a tick, and a deletion for what is no longer there."""
+        """All markers at a tick, and deletions of those that are no longer there."""
         found = [*self._furniture(tick), *_placement(tick.placement)]
         grey = colours.NAMED["grey"]
         for body in tick.objects:

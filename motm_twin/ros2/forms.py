@@ -1,4 +1,4 @@
-"""The topics of the bridge in the two forms that travel on Zenoh (zenoh-bridge-ros2dds, rmw_zenoh), and their tokens.
+"""The bridge's topics in two forms of ROS 2 over Zenoh (zenoh-bridge-ros2dds, rmw_zenoh), and their liveliness tokens.
 
 Formats: rmw_zenoh `docs/design.md` and `liveliness_utils.cpp`; zenoh-plugin-ros2dds `liveliness_mgt.rs`; type hashes of
 messages, which rmw_zenoh puts into its keys since Iron: REP 2016, "RIHS01".
@@ -30,7 +30,7 @@ FORMS = (BRIDGE, RMW)
 DISTROS = ("humble", "jazzy")
 PUBLISHER, SUBSCRIBER = "MP", "MS"
 MAX_DOMAIN = 232  # ROS_DOMAIN_ID
-_RMW_DEPTH = 42  # the default of rmw_zenoh, which it leaves out
+_RMW_DEPTH = 42  # default depth of rmw_zenoh, which its tokens leave out
 _PREFIX = re.compile(r"/([A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*/?)?\Z")
 
 
@@ -107,7 +107,7 @@ def check_prefix(prefix: str) -> str:
 
 
 class BridgeForm:
-    """Form of a program that wants to be heard through zenoh-bridge-ros2dds: the topic is the key."""
+    """Form of a program that is reached through zenoh-bridge-ros2dds: the topic is the key."""
 
     def __init__(self, zid: str, *, prefix: str = "/", distro: str = "jazzy") -> None:
         """``zid``: of the Zenoh session."""
@@ -118,13 +118,13 @@ class BridgeForm:
         return f"{self._prefix}/{topic.name}".lstrip("/")
 
     def own_tokens(self) -> list[str]:
-        """Tokens of the presence of this program, which looks like another bridge."""
+        """Liveliness tokens of this program, which appears as another bridge."""
         return [f"@/{self._zid}/@ros2_lv"]
 
     def token(self, topic: Topic, kind: str, number: int) -> str:
-        """Token of one publisher or subscriber, the ``number``-th of this program.
+        """Liveliness token of a publisher or subscriber; ``number`` is unique in this program.
 
-        Bridges make a route from it, so that the topic is listed before somebody subscribes.
+        Bridges make a route from it, so that the topic is listed before anybody subscribes.
         """
         key, message = self.key(topic).replace("/", "§"), topic.message.replace("/", "§")
         qos = f":1:{int(topic.latched)}:0,{topic.depth}"  # no key; reliable; durability; keep last
@@ -132,7 +132,7 @@ class BridgeForm:
         return f"@/{self._zid}/@ros2_lv/{kind}/{key}/{message}/{qos}{user_data}"
 
     def attachment(self, token: str, sequence: int, nanoseconds: int) -> None:
-        """There is none."""
+        """This form has no attachment."""
 
 
 class RmwForm:
@@ -152,20 +152,20 @@ class RmwForm:
         return f"{self._domain}/{name}/{dds_name(topic.message)}/{self._hash(topic)}"
 
     def own_tokens(self) -> list[str]:
-        """The node."""
+        """Liveliness token of the node."""
         return [f"{self._graph}/0/NN/{self._node}"]
 
     def token(self, topic: Topic, kind: str, number: int) -> str:
-        """One endpoint in the ROS graph."""
+        """Liveliness token of one endpoint in the ROS graph."""
         name = _mangled(f"{self._prefix}/{topic.name}")
         depth = "" if topic.depth == _RMW_DEPTH else topic.depth
-        qos = f":{1 if topic.latched else ''}:,{depth}:,:,:,,"  # what is empty is the default: reliable, keep last
+        qos = f":{1 if topic.latched else ''}:,{depth}:,:,:,,"  # empty fields are the defaults: reliable, keep last
         endpoint = f"{self._graph}/{number + 1}/{kind}/{self._node}"
         return f"{endpoint}/{name}/{dds_name(topic.message)}/{self._hash(topic)}/{qos}"
 
     def attachment(self, token: str, sequence: int, nanoseconds: int) -> bytes:
         """Sequence number, Unix time and the publisher's id, without which rmw_zenoh drops a message."""
-        gid = hashlib.sha256(token.encode()).digest()[:16]  # any 16 bytes of its own: nobody computes them again
+        gid = hashlib.sha256(token.encode()).digest()[:16]  # any unique 16 bytes: receivers do not recompute them
         return struct.pack("<qqB", sequence, nanoseconds, len(gid)) + gid
 
     def _hash(self, topic: Topic) -> str:
@@ -211,13 +211,13 @@ class Outlet:
         self._publisher.put(payload, attachment=attachment)
 
     def close(self) -> None:
-        """Withdraw it."""
+        """Withdraw the topic."""
         self._token.undeclare()
         self._publisher.undeclare()
 
 
 class Outlets:
-    """All topics: what is published, and what is accepted."""
+    """All topics, published and accepted."""
 
     def __init__(self, session: zenoh.Session, form: Form, accept: Callable[[Topic, bytes], None]) -> None:
         """``accept`` is called in Zenoh's thread with the bytes of every message that comes: it must be quick."""

@@ -42,7 +42,7 @@ class RobotModel:
     """URDF and transforms of one robot profile."""
 
     def __init__(self, profile: RobotProfile, meshes: str = FILES) -> None:
-        """``meshes``: "file" (hulls in the shipped files), "primitives" (boxes), or where web_assets is served at."""
+        """``meshes``: "file" (hulls in the shipped files), "primitives" (boxes), or address of web_assets."""
         robot = robot_urdf(profile)
         _add_frame(robot, LIDAR, BASE, (profile.lidar.x, profile.lidar.y, profile.lidar.z))
         if profile.has_arm:
@@ -103,7 +103,7 @@ def _numbers(element: ET.Element, name: str) -> Vector:
 
 
 def _remove_arm(robot: ET.Element) -> None:
-    """Leave the base and its lidar."""
+    """Remove everything but the base and its lidar."""
     for link in [link for link in robot.findall("link") if link.get("name") not in (BASE, LIDAR)]:
         robot.remove(link)
     for joint in [joint for joint in robot.findall("joint") if joint.get("name") != f"{LIDAR}_joint"]:
@@ -119,9 +119,9 @@ def _add_frame(robot: ET.Element, name: str, parent: str, place: Vector) -> None
 
 
 def _set_geometry(robot: ET.Element, meshes: str) -> None:
-    """Draw the hulls and boxes of the collision geometry: viewers disagree on which way up a GLB file is.
+    """Show the hulls and boxes of the collision geometry: viewers disagree on which axis of a GLB file is up.
 
-    The hulls are files with an address that a viewer can open, or boxes in their place.
+    The hulls are files at an address that a viewer can open, or are replaced by boxes.
     """
     root = web_assets_dir().resolve().as_uri() if meshes == FILES else meshes.rstrip("/")
     for link in robot.findall("link"):

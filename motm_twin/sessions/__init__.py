@@ -1,1 +1,1 @@
-"""Sessions: what repeats a run bit for bit, and going back in a run."""
+"""Sessions, which repeat a run bit for bit, and branches, which go back in a run."""

@@ -1,4 +1,4 @@
-"""Going back in a run: snapshots of the last two minutes, and the log in between. The later part is set aside."""
+"""Going back in a run, by snapshots of the last two minutes and the log between; the later part is set aside."""
 
 from collections import deque
 from collections.abc import Iterable
@@ -29,7 +29,7 @@ class Log:
         return self._edits.get(index, [])
 
     def budget(self, index: int) -> SearchBudget:
-        """Expansions of the search in a period; the clock has no say."""
+        """Budget of the search in a period, in expansions, so that a repetition does not depend on the clock."""
         return SearchBudget(expansions=self._cuts[index]) if index in self._cuts else SearchBudget()
 
     def advance(self, twin: Twin, index: int) -> Tick:
@@ -44,7 +44,7 @@ class Log:
 
 @dataclass(frozen=True)
 class _Aside:
-    """A run that may go on: its next period, its state there, and its snapshots."""
+    """A run that can be continued: its next period, its state there, and its snapshots."""
 
     index: int
     state: dict[str, Any]

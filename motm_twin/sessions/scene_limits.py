@@ -31,7 +31,7 @@ _NAME = scene_format.Name
 
 
 def check_scene(scene: Scene) -> None:
-    """Raise SceneError for the first value that no scene file could have given."""
+    """Raise SceneError for the first value that a scene file would not allow."""
     _check_counts(scene)
     _check_ranges(scene)
     scene_check.check_scene(scene, _places(scene))
@@ -125,7 +125,7 @@ _fields = functools.cache(msgspec.structs.fields)
 
 
 def _within(part: Any, limits: type[msgspec.Struct], place: str, skip: tuple[str, ...] = ()) -> None:
-    """Fields that the scene format has, in its units, within its limits."""
+    """Check the fields that the scene format has against its limits, in its units."""
     for field in _fields(limits):
         stem, _, unit = field.name.rpartition("_")
         name, scale = (stem, scene_format.UNITS[unit]) if unit in scene_format.UNITS else (field.name, 1.0)
@@ -146,7 +146,7 @@ def _fits(value: Any, kind: Any, place: str) -> None:
 
 
 def _places(scene: Scene) -> Node:
-    """Places of the named things, for the messages of the scene's own checks."""
+    """Places of named items and tasks in the scene, for the messages of `scene_check`."""
 
     def node(value: Any, place: str) -> Node:
         return Node(value, "", 0, place)

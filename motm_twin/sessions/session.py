@@ -1,6 +1,6 @@
-"""A session: everything that repeats a run bit for bit, as one JSON file; and the origin of a run.
+"""A session: all that is needed to repeat a run bit for bit, as one JSON file; and the versions that a run depends on.
 
-The file is data and nothing else: names in it are never opened, imported or run. What does not fit is refused with a
+The file is only data: names in it are never opened, imported or run. A file that does not fit is refused with a
 `SessionError` that says where and why.
 """
 
@@ -74,13 +74,13 @@ def differences(recorded: dict[str, str]) -> tuple[str, ...]:
 
 
 SESSION_VERSION = "motm.session/1"
-MCAP_MAGIC = b"\x89MCAP"  # with which every recording begins
+MCAP_MAGIC = b"\x89MCAP"  # first bytes of every recording
 MAX_BYTES = 50 * 1024 * 1024
-MAX_VALUES = 1_000_000  # numbers, texts, lists and objects; twice an hour of dragging
+MAX_VALUES = 1_000_000  # numbers, texts, lists and objects; twice as many as in an hour of dragging
 MAX_PERIODS = 20 * 7 * 86_400  # a week
 MAX_EXPANSIONS = 10_000
 MAX_TEXT = 2_000  # characters of the title
-MAX_EDITS_PER_PERIOD = 50_000  # hours of dragging while time stands
+MAX_EDITS_PER_PERIOD = 50_000  # hours of dragging while the twin is paused
 E = TypeVar("E", bound=msgspec.Struct)
 
 
@@ -148,7 +148,7 @@ def load_session(path: str | Path) -> Session:
 
 
 def save_session(session: Session, path: str | Path) -> None:
-    """Write a session so that the file is either the old or the new one, never half of it. Raises SessionError."""
+    """Write a session atomically: the file is either the old or the new one, never half of it. Raises SessionError."""
     path = Path(path)
     temporary = ""
     try:
@@ -166,12 +166,12 @@ def save_session(session: Session, path: str | Path) -> None:
 
 
 def encode_session(session: Session) -> bytes:
-    """The session as JSON for people too: one edit, cut and body of the scene a line. The same session, same bytes."""
+    """The session as readable JSON, one edit, cut or body of the scene a line; equal sessions give equal bytes."""
     return (_lines(msgspec.to_builtins(session), depth=0) + "\n").encode()
 
 
 def decode_session(data: bytes, *, file: str = "") -> Session:
-    """The session in these bytes, checked. Raises SessionError; ``file`` is how its message calls them."""
+    """The session in these bytes, checked. Raises SessionError; ``file``: name of the file in its message."""
     if len(data) > MAX_BYTES:
         raise SessionError(f"{len(data) / 1e6:.0f} MB is no session: at most {MAX_BYTES / 1e6:.0f} MB", file=file)
     values = sum(data.count(mark) for mark in (b",", b"[", b"{"))
@@ -229,7 +229,7 @@ def _refuse_unknown(raw: Any, known: Any, place: str) -> None:
 
 
 def _check_numbers(session: Session) -> None:
-    """Periods, indices and texts are within bounds and in order."""
+    """Check that periods, indices and texts are within bounds and in order."""
     if not 0 <= session.periods <= MAX_PERIODS:
         raise SessionError(f"periods must be 0 to {MAX_PERIODS}, got {session.periods}")
     if len(session.title) > MAX_TEXT:
@@ -268,7 +268,7 @@ def _text(value: Any) -> str:
 
 
 def plain(edit: E) -> E:
-    """The edit with numbers and texts of Python, as if it were read from a session; raises ValueError when it is none.
+    """The edit with plain Python values, as if it were read from a session; raises ValueError for anything else.
 
     A recorded run and its repetition then have the same values and types.
     """

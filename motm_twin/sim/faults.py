@@ -49,7 +49,7 @@ class FaultState:
 
     on: dict[str, ActiveFault] = field(default_factory=dict)
     reports: list[Reported] = field(default_factory=list)  # delayed reports, oldest first
-    told: Reported | None = None  # the robot's report of its motion while reports are late
+    reported: Reported | None = None  # the robot's report of its motion while reports are late
 
     def active(self, fault: str) -> bool:
         """True when this fault is active."""
@@ -69,7 +69,7 @@ def expire(state: FaultState, now: int) -> None:
     for fault in [fault for fault, one in state.on.items() if one.until <= now]:
         del state.on[fault]
     if "state_delay" not in state.on:
-        state.reports, state.told = [], None
+        state.reports, state.reported = [], None
 
 
 def phrases(state: FaultState, now: int, substep: float) -> tuple[str, ...]:
@@ -167,17 +167,17 @@ class FaultEffects:
     def base(self, state: FaultState, twist: Array) -> tuple[Array, float, float]:
         """Twist (2,) that the wheels track, their additional lag [s], and the share of it that moves the base."""
         lag, slip = state.on.get("base_lag"), state.on.get("wheel_slip")
-        told = np.zeros(2) if state.active("base_stuck") else twist
-        return told, 0.0 if lag is None else lag.value, 1.0 if slip is None else 1.0 - slip.value
+        tracked = np.zeros(2) if state.active("base_stuck") else twist
+        return tracked, 0.0 if lag is None else lag.value, 1.0 if slip is None else 1.0 - slip.value
 
-    def rates(self, state: FaultState, told: Array) -> Array:
+    def rates(self, state: FaultState, commanded: Array) -> Array:
         """Joint rates (7,) [rad/s] that the arm tracks."""
         stuck = state.on.get("joint_stuck")
         if stuck is None:
-            return told
-        told = told.copy()
-        told[stuck.joint - 1] = 0.0
-        return told
+            return commanded
+        tracked = commanded.copy()
+        tracked[stuck.joint - 1] = 0.0
+        return tracked
 
     def report(self, state: FaultState, now: Observation, substep: int) -> None:
         """Store the motion report of a substep, and select the one reported while reports are late."""
@@ -188,14 +188,14 @@ class FaultEffects:
         newest = substep - round(late.value / self._substep)
         while len(state.reports) > 1 and state.reports[1][0] <= newest:
             state.reports.pop(0)
-        state.told = state.reports[0]
+        state.reported = state.reports[0]
 
     def late(self, state: FaultState, now: Observation, substep: int) -> Observation:
         """The observation with the newest motion report that has arrived."""
-        told = state.told
-        if told is None:
+        reported = state.reported
+        if reported is None:
             return now
-        at, *motion = told
+        at, *motion = reported
         age = (substep - at) * self._substep
         return msgspec.structs.replace(now, **dict(zip(_MOTION, motion, strict=True)), age=age, behind=age)
 

@@ -48,11 +48,11 @@ class Base:
         """
         limits, dt = self.limits, self.dt
         factor = self._factor if more_lag == 0.0 else lag_share(limits.velocity_lag + more_lag, dt)
-        v_told, w_told = twist.tolist()
-        v_wanted = min(limits.forward_speed, max(-limits.reverse_speed, self.scale[0] * v_told))
-        w_wanted = min(limits.yaw_rate, max(-limits.yaw_rate, self.scale[1] * w_told))
-        v = _towards(state.v, v_wanted, factor, limits.linear_acceleration * dt)
-        w = _towards(state.w, w_wanted, factor, limits.yaw_acceleration * dt)
+        v_cmd, w_cmd = twist.tolist()
+        v_goal = min(limits.forward_speed, max(-limits.reverse_speed, self.scale[0] * v_cmd))
+        w_goal = min(limits.yaw_rate, max(-limits.yaw_rate, self.scale[1] * w_cmd))
+        v = _towards(state.v, v_goal, factor, limits.linear_acceleration * dt)
+        w = _towards(state.w, w_goal, factor, limits.yaw_acceleration * dt)
         state.pose = drive(state.pose, 0.5 * grip * (state.v + v), 0.5 * grip * (state.w + w), dt)
         state.v, state.w = v, w
 
@@ -108,15 +108,15 @@ class ControlErrors:
         self.camera_bias = hand_eye(mismatch, seed)  # [m] in the hand's frame, shape (3,)
         self._rate_sd, self._seed = noise.arm_rate_sd, seed
 
-    def rates(self, told: Array, substep: int) -> Array:
+    def rates(self, command: Array, substep: int) -> Array:
         """Joint rates [rad/s] that the arm tracks in a substep, given the commanded ones, shape (7,).
 
         A joint commanded to stand holds its position.
         """
         if self._rate_sd == 0.0:
-            return told
+            return command
         off = self._rate_sd * np.random.default_rng([self._seed, _RNG_ARM, substep]).standard_normal(7)
-        return np.where(told == 0.0, told, told + off)
+        return np.where(command == 0.0, command, command + off)
 
 
 def hand_eye(mismatch: Mismatch, seed: int) -> Array:
@@ -196,7 +196,7 @@ class Mechanics(Protocol):
         """Frames of the arm in this state."""
         ...
 
-    def substep(self, state: PlantState, told: DriveCommand, around: Surroundings) -> Moved:
+    def substep(self, state: PlantState, command: DriveCommand, around: Surroundings) -> Moved:
         """Move everything on; ``state.substep`` counts up when robot and objects have moved."""
         ...
 
@@ -235,20 +235,20 @@ class Kinematics:
         tcp, rotation = frames[TCP, :3, 3], frames[TCP, :3, :3]
         self._gripper.command(state.gripper, state.gripper_command, now, tcp, rotation, state.objects)
 
-    def substep(self, state: PlantState, told: DriveCommand, around: Surroundings) -> Moved:
+    def substep(self, state: PlantState, command: DriveCommand, around: Surroundings) -> Moved:
         """Move everything on."""
         s = state
         old_v, old_w, old_tcp = s.base.v, s.base.w, s.tcp
-        self._base.step(s.base, told.twist, more_lag=told.more_lag, grip=told.grip)
-        self._arm.step(s.arm, told.rates)
-        s.path_length += told.grip * abs(0.5 * (old_v + s.base.v)) * self._dt
+        self._base.step(s.base, command.twist, more_lag=command.more_lag, grip=command.grip)
+        self._arm.step(s.arm, command.rates)
+        s.path_length += command.grip * abs(0.5 * (old_v + s.base.v)) * self._dt
         s.substep += 1
         frames = self._frames(s.base.pose, s.arm.q)
         s.tcp = frames[TCP, :3, 3].copy()
         slides, riding = around.slide() if s.slides else (NO_SLIDES, ())
         solids = around.scenery.solids
         now, velocity = s.substep * self._dt, (s.tcp - old_tcp) / self._dt
-        self._gripper.step(s.gripper, now, frames, velocity, s.objects, solids, stuck=told.stuck)
+        self._gripper.step(s.gripper, now, frames, velocity, s.objects, solids, stuck=command.stuck)
         for item in s.objects:
             if item.state == "falling":
                 self._objects.fall(item, s.objects, solids)

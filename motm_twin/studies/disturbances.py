@@ -365,7 +365,7 @@ def _before(case: Case) -> dict[str, Any]:
     assert tick.truth is not None
     itself = [one for one in tick.truth.contacts if one.other.startswith("panda")]
     good = went <= allowed and tick.done and not itself
-    return _ended(tick, good=good, told=f"{went:.3f} of {allowed:.3f} m")
+    return _ended(tick, good=good, finding=f"{went:.3f} of {allowed:.3f} m")
 
 
 def _goal(case: Case) -> dict[str, Any]:
@@ -384,7 +384,7 @@ def _goal(case: Case) -> dict[str, Any]:
             given_up = tick.time if tick.task_index else math.nan
         sign = now or sign
     good = tick.done and reversals <= REVERSALS and not _caused(tick)
-    return _ended(tick, good=good, told=f"left at {given_up:.1f} s, {reversals} reversals")
+    return _ended(tick, good=good, finding=f"left at {given_up:.1f} s, {reversals} reversals")
 
 
 def _hand(case: Case) -> dict[str, Any]:
@@ -401,7 +401,7 @@ def _hand(case: Case) -> dict[str, Any]:
         elif tick.time > put + STAYS and not gone:
             gone = True
             twin.post(RemoveBody(name="box"))
-    return _ended(tick, good=tick.success and not _caused(tick), told=f"{len(_caused(tick))} caused")
+    return _ended(tick, good=tick.success and not _caused(tick), finding=f"{len(_caused(tick))} caused")
 
 
 def _caused(tick: Tick) -> list[str]:
@@ -411,11 +411,11 @@ def _caused(tick: Tick) -> list[str]:
     ]
 
 
-def _ended(tick: Tick, *, good: bool, told: str) -> dict[str, Any]:
+def _ended(tick: Tick, *, good: bool, finding: str) -> dict[str, Any]:
     """Fields that the results of all parts have."""
     return {
-        "good": bool(good), "told": told, "time_s": round(tick.time, 2), "done": tick.done, "success": tick.success,
-        "caused": _caused(tick), "reason": tick.stop_reason,
+        "good": bool(good), "finding": finding, "time_s": round(tick.time, 2), "done": tick.done,
+        "success": tick.success, "caused": _caused(tick), "reason": tick.stop_reason,
     }  # fmt: skip
 
 
@@ -436,7 +436,7 @@ def table(results: list[dict[str, Any]]) -> Table:
     rows = grid(*names, texts=names)
     for result in results:
         rows.add_row(
-            result["part"], result["method"], result["what"], result["told"], f"{result['time_s']:.1f}",
+            result["part"], result["method"], result["what"], result["finding"], f"{result['time_s']:.1f}",
             "yes" if result["success"] else "no", ", ".join(result["caused"]), result["reason"],
             style=None if result["good"] else "red",
         )  # fmt: skip

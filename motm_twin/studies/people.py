@@ -39,7 +39,7 @@ from motm_twin.perf.report import Sheet, load_average, machine, number, spread, 
 from motm_twin.plants import make_plant, require_orca
 from motm_twin.studies.oracle import NAME as ORACLE
 from motm_twin.studies.oracle import oracle, require_known_future
-from motm_twin.studies.pool import Kept, told_outcomes
+from motm_twin.studies.pool import Kept, printed_outcomes
 from motm_twin.studies.spec import Job, TrialSpec, jobs_of
 from motm_twin.studies.statistics import proportion
 from motm_twin.trial import run_scene
@@ -197,7 +197,7 @@ def bench_people(
     """
     runs = cases(situations or tuple(SITUATIONS), methods or (FAST.name,), TRIALS if trials is None else trials, first)
     console.print(f"\n[bold]{NAME}[/bold]: {TITLE}")
-    results = told_outcomes(
+    results = printed_outcomes(
         meet, runs, workers, console, Kept(out / f"{NAME}.jsonl"),
         lambda case: f"{case.situation} seed {case.job.scene.seed} {case.method}",
         lambda one: f"{one['time_s']:.1f} s" if one["success"] else f"NO: {one['reason']}",
@@ -369,7 +369,7 @@ def bench_tracker(situations: Sequence[str], trials: int | None, workers: int, o
     require_motmetrics()
     runs = cases(situations or TRACKED, (FAST.name,), TRACKER_RUNS if trials is None else trials)
     console.print(f"\n[bold]{TRACKER}[/bold]: {TRACKER_TITLE}")
-    results = told_outcomes(
+    results = printed_outcomes(
         follow, runs, workers, console, Kept(out / f"{TRACKER}.jsonl"),
         lambda case: f"{case.situation} seed {case.job.scene.seed}",
         lambda one: f"MOTA {one['mota']:.3f}",

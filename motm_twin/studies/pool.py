@@ -67,11 +67,11 @@ def make_pool(workers: int, backend: str = "loky", address: str | None = None) -
 
 
 def outcomes(
-    call: Callable[..., Any], items: Sequence[Any], pool: Pool, told: Callable[[str], None] = lambda text: None
+    call: Callable[..., Any], items: Sequence[Any], pool: Pool, report: Callable[[str], None] = lambda text: None
 ) -> Iterator[tuple[int, Any]]:
     """``(index, call(items[index]))`` of all items as they are done, in any order; `Lost` for a call given up.
 
-    ``told`` is called with a sentence when processes were lost. Exceptions of ``call`` are raised here.
+    ``report`` is called with a sentence when processes were lost. Exceptions of ``call`` are raised here.
     """
     waiting, losses = list(range(len(items))), Counter[int]()
     while waiting:
@@ -91,7 +91,7 @@ def outcomes(
                 done.add(alone)
                 yield alone, Lost(f"the process died {losses[alone]} times, the last time while it ran alone: {reason}")
             else:
-                told(f"a process died: {len(under_way)} trials that were under way are begun again ({reason})")
+                report(f"a process died: {len(under_way)} trials that were under way are begun again ({reason})")
         waiting = [index for index in waiting if index not in done]
 
 
@@ -123,7 +123,7 @@ class Kept:
         return msgspec.json.encode((self._source, name, result)) + b"\n"
 
 
-def told_outcomes(
+def printed_outcomes(
     call: Callable[..., dict[str, Any]], items: Sequence[Any], workers: int, console: Console, kept: Kept,
     about: Callable[[Any], str], verdict: Callable[[Any], str],
 ) -> list[dict[str, Any]]:  # fmt: skip

@@ -113,7 +113,7 @@ def record(history: History, scene: Scene, seconds: float, rate: float) -> Recor
 
 def _draw_in_subprocess(source: Path, result: Path, progress: Callable[[float], None] | None, timeout: float) -> None:
     command = [sys.executable, "-m", "motm_twin.ui.export", str(source), str(result), str(timeout)]
-    told: list[str] = []
+    printed: list[str] = []
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True) as process:  # noqa: S603
         try:
             assert process.stdout is not None
@@ -121,12 +121,13 @@ def _draw_in_subprocess(source: Path, result: Path, progress: Callable[[float], 
                 if line.startswith(_PROGRESS) and progress is not None:
                     progress(float(line[len(_PROGRESS) :]))
                 elif line.strip() and not line.startswith((_PROGRESS, "(viser)")):
-                    told.append(line.rstrip())
+                    printed.append(line.rstrip())
         finally:
             if process.poll() is None and sys.exc_info()[0] is not None:
                 process.kill()
     if process.returncode:
-        raise ExportFailed(f"the page could not be drawn: {told[-1] if told else f'exit code {process.returncode}'}")
+        reason = printed[-1] if printed else f"exit code {process.returncode}"
+        raise ExportFailed(f"the page could not be drawn: {reason}")
 
 
 class _NoTwin:
@@ -285,16 +286,16 @@ def main() -> None:
     """Draw the recording in one file into another."""
     source, result, timeout = Path(sys.argv[1]), Path(sys.argv[2]), float(sys.argv[3])
     os.nice(NICENESS)
-    told = -1
+    shown = -1
 
     def end() -> None:
         print(f"it took more than {timeout:.0f} s", flush=True)
         os._exit(1)
 
     def progress(share: float) -> None:
-        nonlocal told
-        if int(100 * share) > told:
-            told = int(100 * share)
+        nonlocal shown
+        if int(100 * share) > shown:
+            shown = int(100 * share)
             print(f"{_PROGRESS}{share:.2f}", flush=True)
 
     watch = threading.Timer(timeout, end)

@@ -90,8 +90,8 @@ def documentation(path: str) -> Response | None:
 
 def response(status: http.HTTPStatus, body: bytes, headers: Mapping[str, str]) -> Response:
     """A response with its length and these headers; plain text unless they give another type."""
-    told = {"Content-Type": PLAIN, "Content-Length": str(len(body)), **headers}
-    return Response(status.value, status.phrase, Headers(told), body)
+    sent = {"Content-Type": PLAIN, "Content-Length": str(len(body)), **headers}
+    return Response(status.value, status.phrase, Headers(sent), body)
 
 
 SCRIPTS = ("keys.js", "reconnect.js", "smooth.js", "view.js", "tour.js", "overlay.js")  # in this order

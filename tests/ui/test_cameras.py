@@ -171,11 +171,11 @@ def test_a_page_that_is_there_but_looks_elsewhere_is_told_again_where_to_look(en
         pytest.param(False, False, 0.5, 0.0, "Overview", id="on its way to a view a page was moved by no hand"),
     ],
 )
-def test_only_a_hand_makes_the_camera_free(entered, told, turned, way, aside, mode) -> None:
+def test_only_a_hand_makes_the_camera_free(entered, reported, turned, way, aside, mode) -> None:
     page, cameras = entered
     first = page.camera.position.copy()
     pictures(cameras)
-    if told:
+    if reported:
         page.tells(page.camera.position)
     if turned:
         cameras.turned(page)

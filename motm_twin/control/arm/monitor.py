@@ -66,7 +66,7 @@ class ArmMonitorParameters(msgspec.Struct, frozen=True, kw_only=True):
     ] = 0.1
 
 
-class Answer(NamedTuple):
+class Verdict(NamedTuple):
     """The command that passes, and why it differs from the one asked for; None when it does not."""
 
     actuation: Actuation
@@ -107,7 +107,7 @@ class ArmMonitor:
     def check(
         self, actuation: Actuation, observation: Observation, twist: Array, dt: float, *,
         T_odom_world: Array, held_side: float, astray: Array = NOWHERE,
-    ) -> Answer:  # fmt: skip
+    ) -> Verdict:  # fmt: skip
         """The actuation for the next dt [s], slowed where the arm would come too near to a solid.
 
         ``twist`` (2,): base twist commanded last, from which the base brakes. ``held_side`` [m] of a cube in the hand
@@ -116,7 +116,7 @@ class ArmMonitor:
         rates = actuation.joint_velocity
         parts = (rates, observation.odometry, observation.twist, observation.q, observation.dq)
         if not self._has_arm or not math.isfinite(sum(float(part.sum()) for part in parts)):
-            return Answer(actuation, None)  # the base's monitor stops the robot
+            return Verdict(actuation, None)  # the base's monitor stops the robot
         there = np.append(to_frame(T_odom_world, observation.odometry[:2]), observation.odometry[2] - T_odom_world[2])
         balls = placed(self._balls, observation.gripper_width, held_side)
         kept = rates.copy()
@@ -136,14 +136,14 @@ class ArmMonitor:
         )
         if body < 0:
             why = Reason(kind=Kind.ARM_FOLDS, subject="hand", other="forearm") if folds else None
-            return Answer(msgspec.structs.replace(actuation, joint_velocity=kept) if folds else actuation, why)
+            return Verdict(msgspec.structs.replace(actuation, joint_velocity=kept) if folds else actuation, why)
         limits = np.array([self._base.linear_acceleration, self._base.yaw_acceleration]) * dt
         slower = twist - np.clip(twist, -limits, limits) if solid < len(self._furniture.z) else actuation.twist
         why = Reason(
             kind=Kind.ARM_NEAR_SOLID, subject=BODIES[body], other=self._names[solid], value=speed,
             limit=max(distance, 0.0), unit="m/s",
         )  # fmt: skip
-        return Answer(msgspec.structs.replace(actuation, twist=slower, joint_velocity=kept), why)
+        return Verdict(msgspec.structs.replace(actuation, twist=slower, joint_velocity=kept), why)
 
 
 def _unfold(rates: Array, now: Observation, dt: float) -> bool:

@@ -146,9 +146,9 @@ def _new_goal(state: ManipulatorState, view: View) -> None:
 
 
 def _lost(state: ManipulatorState, view: View) -> Outcome:
-    told = state.reported
+    reported = state.reported
     state.holding, state.reported, state.released, state.gripper = False, False, None, "open"
-    if told:
+    if reported:
         enter(state, Phase.STOW, view.time)
         return "lost", Reason(kind=Kind.SLIPPED)
     _rise(state, view)

@@ -36,7 +36,7 @@ class Program(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     slack: tuple[int, int] = (0, 0)  # index of the first of s variables whose columns of A are the identity, and s
 
 
-class Answer(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+class Solution(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """The minimiser, or why there is none."""
 
     x: Array  # shape (n,); zeros when there is none
@@ -55,7 +55,7 @@ def load(solver: str) -> None:
         importlib.import_module("scipy.sparse")
 
 
-def solve(program: Program, *, solver: str, residual: float) -> Answer:
+def solve(program: Program, *, solver: str, residual: float) -> Solution:
     """Solve and check: inputs finite, found, answer finite, no row violated by more than ``residual``.
 
     DAQP solves the program with its slack eliminated; if that answer fails the check (slack at a bound), the full one.
@@ -73,7 +73,7 @@ def _refuse_unknown(solver: str) -> None:
         raise ValueError(f"QP solver {solver!r}: use one of {', '.join(SOLVERS)}")
 
 
-def _checked(program: Program, solver: str, residual: float, first: int, count: int) -> Answer:
+def _checked(program: Program, solver: str, residual: float, first: int, count: int) -> Solution:
     """`solve` with ``count`` slack variables, from ``first`` on, eliminated."""
     flaw, u = _daqp(program, first, count) if solver == "daqp" else _by_qpsolvers(program, solver)
     if flaw == _INFINITE:
@@ -88,7 +88,7 @@ def _checked(program: Program, solver: str, residual: float, first: int, count: 
         return _none(program, f"{solver} answered with numbers that are not finite")
     if worst > residual:
         return _none(program, f"{solver} left a residual of {worst:.1e}")
-    return Answer(x=x, reason="", active=active)
+    return Solution(x=x, reason="", active=active)
 
 
 @njit(cache=True)
@@ -182,7 +182,7 @@ def violation(program: Program, x: Array) -> float:
 def _complete(
     u: Array, A: Array, b: Array, G: Array, h: Array, lower: Array, upper: Array, first: int, count: int, x: Array
 ) -> tuple[float, NDArray[np.int64]]:  # fmt: skip
-    """Fill in x, the answer with its slack; returns its largest violation, nan if not finite, and `Answer.active`."""
+    """Fill in x, the answer with its slack; returns its largest violation, nan if not finite, and `Solution.active`."""
     n, k = x.shape[0], h.shape[0]
     active, size = np.empty(k + n, np.int64), 0
     for i in range(u.shape[0]):
@@ -245,5 +245,5 @@ def _minimiser(program: Program, solver: str) -> Array | None:
     return np.asarray(solution.x) if solution.found and solution.x is not None else None
 
 
-def _none(program: Program, reason: str) -> Answer:
-    return Answer(x=np.zeros(len(program.c)), reason=reason)
+def _none(program: Program, reason: str) -> Solution:
+    return Solution(x=np.zeros(len(program.c)), reason=reason)

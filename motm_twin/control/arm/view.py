@@ -150,13 +150,13 @@ def look(inputs: ArmInputs, base_mount: Array, beta: float, parameters: ArmParam
     """The view of one step; ``base_mount`` (3,) [m] of the arm in the base frame, beta from `lag_factor`."""
     observation, goal = inputs.observation, inputs.goal
     half = max(0.0, goal.release_half_width - 0.5 * goal.side - parameters.release_margin)
-    told = StepReport(
+    report = StepReport(
         observation.q, observation.dq, observation.odometry, observation.twist, inputs.base_twist, inputs.T_odom_world,
         base_mount, goal.position, goal.yaw, taken(goal, 1.0),
     )  # fmt: skip
     kind = _GOALS.get(goal.kind, _NOTHING)
     arm, radius, azimuth, distance, dexterity, nearest, total = _look(
-        told, inputs.obstacles.points, inputs.plan_poses, kind, half, parameters.release_height,
+        report, inputs.obstacles.points, inputs.plan_poses, kind, half, parameters.release_height,
         np.array([parameters.preferred_radius, parameters.place_reach]), beta,
     )  # fmt: skip
     return View(
@@ -207,7 +207,7 @@ def taken(goal: ArmGoal, turned: float) -> Array:
 
 @njit(cache=True)
 def _look(
-    told: StepReport,
+    report: StepReport,
     points: Array,
     plan_poses: Array,
     goal: int,
@@ -221,7 +221,7 @@ def _look(
     ``half`` and ``rise`` [m]: half the release square, and how far above the bin's rim the object is released;
     ``radii`` as in `release_point`.
     """
-    t = told
+    t = report
     q, pose, measured, wanted = t.q.copy(), t.pose.copy(), t.measured.copy(), t.wanted.copy()
     T = fk_arm(q)
     jacobian, p, R, J = point_jacobian(T, 7, T[TCP, :3, 3]), np.empty(3), np.empty((3, 3)), np.empty((6, 9))

@@ -110,7 +110,7 @@ class _Eye:
     target: View | None = None  # of a fixed view
     aspect: float = 0.0  # aspect of the picture that the target was computed for
     seen: float = 0.0  # aspect of the picture at the last update
-    told: float = 0.0  # aspect of the picture beside the panel, reported by the page; 0: not yet
+    reported: float = 0.0  # aspect of the picture beside the panel, reported by the page; 0: not yet
     drawn: bool = False  # the page has drawn the scene since the last view was sent
     ease_from: View | None = None
     ease_start: float = -math.inf
@@ -165,7 +165,7 @@ class Cameras:
         """Take the width / height of a page's picture, once its panel is docked."""
         with self._lock:
             if eye := self._eyes.get(client.client_id):
-                eye.told = max(ASPECTS[0], min(ASPECTS[1], float(aspect)))  # in this order nan becomes the maximum
+                eye.reported = max(ASPECTS[0], min(ASPECTS[1], float(aspect)))  # in this order nan becomes the maximum
 
     def drawn(self, client: viser.ClientHandle) -> None:
         """Send a fixed view once more to a page that has drawn the scene: an earlier one may have been lost."""
@@ -328,7 +328,7 @@ def _between(start: float, goal: float, part: float) -> float:
 def _aspect(eye: _Eye, client: viser.ClientHandle) -> float:
     """Width / height of the picture beside the panel."""
     width, height = client.camera.image_width, client.camera.image_height
-    return eye.told or (width - PANEL * (width > NARROW)) / max(height, 1)
+    return eye.reported or (width - PANEL * (width > NARROW)) / max(height, 1)
 
 
 def _widened(client: viser.ClientHandle, before: float, now: float) -> View | None:

@@ -23,7 +23,7 @@ ABOVE = 0.40  # [m] above: in a bin, or on another cube
 
 
 @dataclass
-class ToldState:
+class AnnouncementsState:
     """Announcements so far."""
 
     parameters: dict[str, ParameterValue] = field(default_factory=dict)  # that differ from the shipped ones
@@ -32,12 +32,12 @@ class ToldState:
     lag: float = field(default=0.0, metadata=LATER)  # [s] of the base beyond its profile: estimated, not announced
 
 
-class Told(Stateful[ToldState]):
+class Announcements(Stateful[AnnouncementsState]):
     """Announcements in one run of a scene, and the knowledge of the robot with them."""
 
     def __init__(self, scene: Scene, parameters: dict[str, ParameterValue]) -> None:
         self.scene = scene
-        self._state = ToldState(parameters=dict(parameters))
+        self._state = AnnouncementsState(parameters=dict(parameters))
 
     @property
     def parameters(self) -> dict[str, ParameterValue]:
