@@ -172,8 +172,8 @@ class Twin:
             raise
         if tick.plan.cut_by_clock:
             self.cuts.append(Cut(index=index, expansions=tick.plan.expansions))
-        elif budget is not None and budget.expansions < self._budget.expansions:
-            self.cuts.append(Cut(index=index, expansions=budget.expansions))
+        elif (used := budget or self._budget).expansions != SearchBudget().expansions:
+            self.cuts.append(Cut(index=index, expansions=used.expansions))
         return tick
 
     def ticks(self) -> Iterator[Tick]:

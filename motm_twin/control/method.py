@@ -14,7 +14,7 @@ from motm_twin.control.arm.parameters import ArmParameters
 from motm_twin.model.edits import ParameterValue, TaskEdit
 from motm_twin.model.geometry import Array
 from motm_twin.model.known import KnownWorld
-from motm_twin.perception.still_map import StillMap
+from motm_twin.perception.still_map import StaticMap
 from motm_twin.perception.tracks import TrackParameters
 from motm_twin.planning.candidates import Rule, smallest_ring
 from motm_twin.planning.commitment import Commitment, SearchAnew
@@ -76,9 +76,9 @@ class ArmParts:
     rehearse: Rehearse | None = None  # as in `PlannerParts`: the same rehearsal for both
 
 
-def map_ahead(parts: PlannerParts) -> StillMap | None:
+def map_ahead(parts: PlannerParts) -> StaticMap | None:
     """The map without dynamic obstacles, for a controller that predicts them; None for one that does not."""
-    return StillMap(parts.known, parts.tracks) if parts.parameters.staa.prediction > 0.0 else None
+    return StaticMap(parts.known, parts.tracks) if parts.parameters.staa.prediction > 0.0 else None
 
 
 class Materials(NamedTuple):
@@ -86,7 +86,7 @@ class Materials(NamedTuple):
 
     parts: PlannerParts
     graphs: GraphCache
-    ahead: StillMap | None  # of `map_ahead`
+    ahead: StaticMap | None  # of `map_ahead`
     view: View | None
 
 

@@ -94,25 +94,38 @@ class MonitorParameters(msgspec.Struct, frozen=True, kw_only=True):
     """Limits at which the monitor acts."""
 
     slow_age: Annotated[
-        float, Number("s", OWN, "of a scan or state: older, half speed, the arm slows; twice as old, both stand")
+        float,
+        Number(
+            "s",
+            OWN,
+            "age of a scan or state at which the base halves its speed; of a state, the arm slows, too; twice as "
+            "old, they stand",
+        ),
     ] = SLOW_AGE
-    stop_margin: Annotated[float, Number("m", OWN, "kept between the stopped footprint and scan points")] = 0.01
+    stop_margin: Annotated[
+        float, Number("m", OWN, "distance between the footprint of the stopped base and scan points")
+    ] = 0.01
     creep_speed: Annotated[
-        float, Number("m/s", OWN, "over floor that was seen, but not lately: a touch at this speed does no harm")
+        float,
+        Number(
+            "m/s", OWN, "largest speed over floor that was seen, but not lately: a touch at this speed does no harm"
+        ),
     ] = 0.1
     minimum_points: Annotated[
-        int, Number("", OWN, "scan points inside the stopping footprint before it counts: one may be noise")
+        int,
+        Number("", OWN, "scan points inside the stopping footprint from which it counts as blocked: one may be noise"),
     ] = 2
     passive_safety: Annotated[
         bool,
-        Number("", OWN, "stand before anything that moves on as it does is there; the paper relies on those who yield"),
+        Number("", OWN, "the base stands before an obstacle that keeps its velocity can be there; the paper relies on "
+               "those who yield"),
         Slider("Passive safety", "Safety",
             "The base stops before anything that keeps moving as it does can reach it, or gets out of its way.",
             paper=False),
     ] = False  # fmt: skip
     passive_margin: Annotated[
         float,
-        Number("m", OWN, "kept from what moves until the base stands, and more later, as they may turn"),
+        Number("m", OWN, "distance from dynamic obstacles until the base stands; it grows with time, as they may turn"),
     ] = 0.08
 
 

@@ -22,34 +22,69 @@ JOINTS = 7
 class MotionSettings(msgspec.Struct, frozen=True, kw_only=True):
     """Limits of the checks of motion. Shares leave room for a base that is 40 % faster or slower than commanded."""
 
-    asked: Annotated[float, Number("", OWN, "share of the largest speed that is distinguished from noise")] = 0.1
-    stands: Annotated[float, Number("", OWN, "share of what was asked: a joint that does less stands")] = 0.15
+    asked: Annotated[
+        float, Number("", OWN, "share of the largest speed from which a motion of the base is distinguished from noise")
+    ] = 0.1
+    stands: Annotated[float, Number("", OWN, "share of its commanded rate below which a joint stands")] = 0.15
     base_stands: Annotated[
         float,
-        Number("", OWN, "of a base, which takes a second to come to rest, and may be slower than commanded"),
+        Number(
+            "",
+            OWN,
+            "share of its speed below which a base stands: it takes a second to stop, and may be slower than commanded",
+        ),
     ] = 0.55
-    stuck_after: Annotated[float, Number("s", OWN, "that wheels, a joint or fingers stand, or follow again")] = 0.25
-    late: Annotated[
-        float, Number("s", OWN, "of lag more than the profile says: at full speed its way is more than the margins")
-    ] = 0.1
-    memory: Annotated[float, Number("s", OWN, "over which it is reckoned by which share a base is slower")] = 1.5
-    lately: Annotated[float, Number("s", OWN, "over which its lag is: one that has just begun shows at once")] = 0.25
-    smooth: Annotated[
+    stuck_after: Annotated[
         float,
-        Number("s", OWN, "over which a twist is smoothed, and changes, before that counts as no noise"),
+        Number(
+            "s", OWN, "time after which standing wheels, joints or fingers are stuck, and following wheels no longer"
+        ),
+    ] = 0.25
+    late: Annotated[
+        float,
+        Number(
+            "s",
+            OWN,
+            "lag of the base beyond its profile that is reported: at full speed its way is more than the margins",
+        ),
     ] = 0.1
-    limited: Annotated[float, Number("", OWN, "share of a limit at which a base is at it")] = 0.95
+    memory: Annotated[float, Number("s", OWN, "time over which the speed scale of the base is estimated")] = 1.5
+    lately: Annotated[
+        float, Number("s", OWN, "time over which the base's lag is estimated: a new one shows at once")
+    ] = 0.25
+    smooth: Annotated[
+        float, Number("s", OWN, "time over which a twist is smoothed, and must change to count as no noise")
+    ] = 0.1
+    limited: Annotated[
+        float, Number("", OWN, "share of a speed or acceleration limit from which no lag is estimated")
+    ] = 0.95
     changes: Annotated[
-        float, Number("", OWN, "share of the largest acceleration, for `smooth`: less change of speed tells no lag")
+        float, Number("", OWN, "share of the largest acceleration below which a change of speed tells no lag")
     ] = 0.1
-    apart: Annotated[float, Number("", OWN, "of the square that tells lag from another speed than commanded")] = 0.05
-    forgotten: Annotated[float, Number("s", OWN, "without a demand: what is stuck is given another chance")] = 2.0
+    apart: Annotated[
+        float,
+        Number(
+            "",
+            OWN,
+            "least 1 - correlation^2 of speed and acceleration, which tells lag from another speed than commanded",
+        ),
+    ] = 0.05
+    forgotten: Annotated[
+        float, Number("s", OWN, "time without a command after which a stuck part is given another chance")
+    ] = 2.0
     joint_asked: Annotated[
-        float, Number("rad/s", OWN, "from which a joint that stands does not follow: above the noise of its rates")
+        float,
+        Number(
+            "rad/s", OWN, "commanded rate from which a joint that stands does not follow: above the noise of its rates"
+        ),
     ] = 0.08
-    joint_room: Annotated[float, Number("rad", OWN, "from a limit of position within which a joint may stand")] = 0.1
+    joint_room: Annotated[
+        float, Number("rad", OWN, "distance from a position limit within which a joint may stand")
+    ] = 0.1
     creep: Annotated[float, Number("", OWN, "share of its speed with which a stuck or late base goes on")] = 0.3
-    fingers_moved: Annotated[float, Number("m", OWN, "by which they have moved then")] = 0.001
+    fingers_moved: Annotated[
+        float, Number("m", OWN, "change of the gripper's width from which the fingers have moved")
+    ] = 0.001
 
 
 @dataclass

@@ -25,19 +25,34 @@ TRIES = 0.5  # [s] for which each way to back off is tried, unless the base move
 class ProgressParameters(msgspec.Struct, frozen=True, kw_only=True):
     """Limits of a robot without progress, for each remedy."""
 
-    back_off: Annotated[float, Number("s", OWN, "without progress, when it begins to back off")] = 3.0
-    look: Annotated[float, Number("s", OWN, "the same of turning to where its lidar does not see")] = 5.0
-    tight: Annotated[float, Number("s", OWN, "the same of planning with less room")] = 6.0
+    back_off: Annotated[float, Number("s", OWN, "time without progress after which the base backs off")] = 3.0
+    look: Annotated[
+        float, Number("s", OWN, "time without progress after which the base turns to where its lidar does not see")
+    ] = 5.0
+    tight: Annotated[float, Number("s", OWN, "time without progress after which plans keep less room")] = 6.0
     tightest: Annotated[
-        float, Number("s", OWN, "the same of planning down to the true footprint, and until that is done with")
+        float,
+        Number(
+            "s",
+            OWN,
+            "time without progress after which plans keep the true footprint; less room is kept as long after progress",
+        ),
     ] = 8.0
-    elsewhere: Annotated[float, Number("s", OWN, "the same of going for another place")] = 12.0
-    gain: Annotated[float, Number("s", OWN, "by which the way left must be shorter than ever before")] = 0.2
-    relocated: Annotated[float, Number("m", OWN, "by which the place to go to must move to count as another")] = 0.5
+    elsewhere: Annotated[
+        float, Number("s", OWN, "time without progress after which the base goes for another place")
+    ] = 12.0
+    gain: Annotated[
+        float, Number("s", OWN, "progress: the time left on the way is shorter by this than ever before")
+    ] = 0.2
+    relocated: Annotated[
+        float, Number("m", OWN, "distance by which the goal of the base must move to count as another")
+    ] = 0.5
     relocations: Annotated[
         int,
         Number(
-            "", OWN, "times that another place begins the count anew; a robot that circles changes it again and again"
+            "",
+            OWN,
+            "times that another goal resets the shortest way left; a robot that circles changes it again and again",
         ),
     ] = 3
 

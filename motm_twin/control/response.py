@@ -28,34 +28,49 @@ LAGS = (0.0, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4)  # [s] more than the profile says
 class ResponseSettings(msgspec.Struct, frozen=True, kw_only=True):
     """Limits for believing another delay or lag; choices of this project."""
 
-    longest: Annotated[float, Number("s", OWN, "longest delay that is tried; so long another one must fit better")] = (
-        0.3
-    )
-    memory: Annotated[float, Number("s", OWN, "over which misfits are added up, those of the base twice as long")] = 2.0
+    longest: Annotated[
+        float, Number("s", OWN, "longest command delay that is tried; another delay must fit better for so long")
+    ] = 0.3
+    memory: Annotated[
+        float,
+        Number("s", OWN, "time over which misfits of delay models are added up, those of lag models twice as long"),
+    ] = 2.0
     explained: Annotated[
-        float, Number("", OWN, "share of the square of what a model expects, that its misfit is at most")
+        float, Number("", OWN, "largest misfit of a model that is believed, as a share of the square of its prediction")
     ] = 0.2
     settles: Annotated[
-        float, Number("s", OWN, "after which a base is at its speed, and a fault has been reported under another name")
+        float,
+        Number(
+            "s",
+            OWN,
+            "time after which a base is at its speed; so long another lag must fit better: a fault is reported by then",
+        ),
     ] = 1.5
     steady: Annotated[
-        float, Number("s", OWN, "over which the scale of the base is reckoned while its speed is steady")
+        float, Number("s", OWN, "time over which the speed scale of the base is estimated while its speed is steady")
     ] = 0.5
     better: Annotated[
-        float,
-        Number("", OWN, "times as large as the best misfit is that of the one believed so far, before it is given up"),
+        float, Number("", OWN, "ratio of the believed model's misfit to the best one's from which it is given up")
     ] = 3.0
-    joints: Annotated[float, Number("rad^2/s", OWN, "by which a misfit of the joints is larger at least")] = 0.02
+    joints: Annotated[
+        float, Number("rad^2/s", OWN, "least difference of two models' misfits for a change of delay")
+    ] = 0.02
     base: Annotated[
         float,
-        Number("s", OWN, "by which a misfit of the base is larger at least, in shares of its largest speed squared"),
+        Number(
+            "s",
+            OWN,
+            "least difference of two models' misfits for a change of lag, in shares of the largest speed squared",
+        ),
     ] = 0.001
-    tells: Annotated[float, Number("", OWN, "[rad/s] or share of the largest speed, that tells two models apart")] = (
-        0.01
-    )
-    slow: Annotated[float, Number("", OWN, "share of the largest speed below which a scale is not reckoned")] = 0.2
+    tells: Annotated[
+        float, Number("", OWN, "difference in [rad/s], or share of the largest speed, that tells two models apart")
+    ] = 0.01
+    slow: Annotated[
+        float, Number("", OWN, "share of the largest speed below which the speed scale of the base is not estimated")
+    ] = 0.2
     unchanged: Annotated[
-        float, Number("", OWN, "share of the largest speed within which the command of the base does not change")
+        float, Number("", OWN, "share of the largest speed within which the command of the base counts as unchanged")
     ] = 0.02
 
 

@@ -29,28 +29,31 @@ class SequenceParameters(msgspec.Struct, frozen=True, kw_only=True):
     place_attempts: Annotated[
         int,
         Number(
-            "", OWN, "times stall_limit at a bin before what is held goes to another: whoever is in the way may leave"
+            "",
+            OWN,
+            "tries of stall_limit at a bin before what is held goes to another: whoever is in the way may leave",
         ),
     ] = 3
     stall_limit: Annotated[
-        float, Number("s", OWN, "with the target in reach and no progress before the task is given up")
+        float, Number("s", OWN, "time with the target in reach and no result before the task is given up")
     ] = 30.0
     out_of_reach: Annotated[
-        float, Number("s", OWN, "after which the time in reach counts anew; a base that swings keeps it running")
+        float,
+        Number("s", OWN, "time out of reach after which stall_limit counts anew; a base that swings keeps it running"),
     ] = 5.0
     closest_limit: Annotated[
-        float, Number("s", OWN, "as near as it gets before an outside or taken target is given up")
+        float, Number("s", OWN, "time as near as the base gets before a target outside the map, or taken, is given up")
     ] = 10.0
     other_order: Annotated[
         float,
-        Number("s", OWN, "without progress of the base after which another task comes first"),
+        Number("s", OWN, "time without progress of the base after which another task comes first"),
         Slider("Patience before another task", "Base control",
             "Time without progress after which the robot puts the task off and takes the next one first.",
             (3.0, 30.0, 1.0)),
     ] = 25.0  # fmt: skip
-    no_progress: Annotated[float, Number("s", OWN, "without progress of the base after which the task is given up")] = (
-        45.0
-    )
+    no_progress: Annotated[
+        float, Number("s", OWN, "time without progress of the base after which the task is given up")
+    ] = 45.0
 
 
 HEADING_TOLERANCE = 0.35  # [rad] (20 deg) of a drive_to pose: part of the task's definition

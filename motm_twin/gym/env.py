@@ -344,7 +344,7 @@ class MotmEnv(gymnasium.Env[Observed, Action]):
         return self._picture.draw(truth, self._view, f"{done}, contacts {score.caused} caused of {score.contacts}")
 
     def snapshot(self) -> dict[str, Any]:
-        """Copy of the whole state, random generators included, for `restore`."""
+        """Copy of the state of this episode, its random generators included, for `restore`."""
         twin = {"twin": self.twin.snapshot(), "scene": self.twin.scene}  # first: it raises before a reset
         return {**twin, "score": self._score, "settle": self._settle, "view": self._view}
 

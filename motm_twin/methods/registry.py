@@ -14,7 +14,7 @@ from motm_twin.model.edits import ParameterValue
 from motm_twin.model.geometry import frozen
 from motm_twin.model.names import MethodError, hint
 from motm_twin.model.state import HasState
-from motm_twin.perception.still_map import StandingMap, StillMap
+from motm_twin.perception.still_map import FilteredMap, StaticMap
 from motm_twin.perception.tracks import VX, VY, stationary_points
 from motm_twin.planning.commitment import KeepPlans
 from motm_twin.planning.every_ring import EveryRing
@@ -93,8 +93,8 @@ class IgnoreFarMovers:
     def __init__(self, parts: PlannerParts, quick: float = math.inf) -> None:
         """``quick`` [m/s]: faster tracks go on and are predicted; slower ones that are in the map yield."""
         self._tracks, self._quick = parts.tracks, quick
-        self.standing = StandingMap(parts.known)
-        self.still = StillMap(parts.known, self._tracks)  # without the near dynamic obstacles, too
+        self.standing = FilteredMap(parts.known)
+        self.still = StaticMap(parts.known, self._tracks)  # without the near dynamic obstacles, too
 
     def of(self, problem: BaseProblem) -> BaseProblem:
         """The problem in that map; unchanged without such obstacles if ``quick`` is inf."""

@@ -29,26 +29,36 @@ class AssociationSettings(msgspec.Struct, frozen=True, kw_only=True):
     """Limits of the matching; choices of this project."""
 
     pushed: Annotated[
-        float, Number("m", OWN, "from where an object was seen, that a thing is taken for it in the same picture")
+        float,
+        Number("m", OWN, "distance from its believed place within which an unmatched detection is a pushed object"),
     ] = 0.15
-    vague: Annotated[float, Number("m", OWN, "sd of a place from which on one detection elsewhere is too little")] = (
-        0.01
-    )
-    absent: Annotated[float, Number("s", OWN, "in view and not reported, after which an object is elsewhere")] = 0.15
+    vague: Annotated[
+        float, Number("m", OWN, "sd of its believed place above which one detection is too little to name an object")
+    ] = 0.01
+    absent: Annotated[
+        float,
+        Number("s", OWN, "time in view without a detection after which an object is missing from its believed place"),
+    ] = 0.15
     astray: Annotated[
-        float, Number("m", OWN, "from where an object was seen, at which it may be found without that place in view")
+        float, Number("m", OWN, "distance from its believed place, out of view, within which an object may be found")
     ] = 0.5
     disproved: Annotated[
-        float, Number("s", OWN, "in view and not reported, after which where an object was seen tells nothing")
+        float,
+        Number("s", OWN, "time in view without a detection after which an object's estimate is dropped for its prior"),
     ] = 2.0
     forget: Annotated[
-        float, Number("s", OWN, "without a detection, after which a candidate that was not confirmed is forgotten")
+        float, Number("s", OWN, "time without a detection after which an unconfirmed candidate is deleted")
     ] = 0.5
-    keep: Annotated[float, Number("s", OWN, "the same of one that was")] = 10.0
+    keep: Annotated[
+        float,
+        Number("s", OWN, "time without a detection after which a confirmed candidate that is out of view is deleted"),
+    ] = 10.0
     rival: Annotated[
         float,
         Number(
-            "", OWN, "difference in cost below which another object that is out of view may be the one that is seen"
+            "",
+            OWN,
+            "cost difference below which a detection may as well be another object never seen: it stays unnamed",
         ),
     ] = 6.0
 

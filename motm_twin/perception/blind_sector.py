@@ -31,13 +31,16 @@ class SectorSettings(msgspec.Struct, frozen=True, kw_only=True):
     """Limits of the check of single beams."""
 
     rest: Annotated[
-        float, Number("s", OWN, "times the number of times that the beams were blind, without a miss: trusted again")
+        float,
+        Number(
+            "s", OWN, "time without a miss, times how often it was blind, after which a blind sector is trusted again"
+        ),
     ] = 5.0
-    bin: Annotated[float, Number("m", OWN, "of outline that is remembered as one place")] = 0.1
+    bin: Annotated[float, Number("m", OWN, "length of a furniture outline that is remembered as one place")] = 0.1
     margin: Annotated[
-        float, Number("m", OWN, "and `share` of the range: a return so near the map's edge is that edge")
+        float, Number("m", OWN, "range error, more by `share`, up to which a return is of the mapped edge")
     ] = 0.15
-    share: Annotated[float, Number("", OWN, "as `margin`")] = 0.03
+    share: Annotated[float, Number("", OWN, "range error, as a share of the range, that is added to `margin`")] = 0.03
     proofs: Annotated[int, Number("", OWN, "beams that prove a sector blind, or that it sees again")] = 3
 
 

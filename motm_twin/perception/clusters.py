@@ -1,9 +1,9 @@
 """Outlines of seen obstacles: each cluster of cells becomes one convex polygon, or several where one blocks free space.
 
 A hull is too coarse when it blocks a way past the cells after planning has grown it by g, or when the base fits inside
-it, as between the walls of a room. Such a cluster is split until less than `LOST` of a way is blocked. Testing only the
-side in sight of the lidar was tried and rejected: posts that the robot had passed then blocked the way between them,
-and it stood still.
+it, as between the walls of a room. Such a cluster is split until less than `NARROWED` of a way is blocked. Testing only
+the side in sight of the lidar was tried and rejected: posts that the robot had passed then blocked the way between
+them, and it stood still.
 
 The polygons feed the visibility graph only; collision is decided by the distance field, which keeps every cell.
 """
@@ -17,12 +17,12 @@ from motm_twin.model.geometry import Array
 from motm_twin.model.profile import Footprint
 
 MERGE_CELLS = 6  # 0.3 m: grazing beams leave such gaps on one face; where a base fits through, the cluster is split
-LOST = 0.05  # [m] by which a hull may narrow a way beside it
+NARROWED = 0.05  # [m] by which a hull may narrow a way beside it
 MARGIN = 0.08  # [m] beyond half the width of the base by which planning grows outlines
-BETWEEN = 2.0  # cells between two sample points beside or inside a hull
+SAMPLING = 2.0  # cells between two sample points beside or inside a hull
 MAX_CORNERS = 8
 FLAT = 0.02  # [m] corners that stand out less than this are left out
-CALM = 0.075  # [m] an outline is kept while no corner of the new one is further than this from it (1.5 cells)
+STEADY = 0.075  # [m] an outline is kept while no corner of the new one is further than this from it (1.5 cells)
 
 
 @njit(cache=True)
@@ -155,7 +155,7 @@ def _blocks_way(hull, cells, g, lost):
         length = math.hypot(dx, dy)
         if math.hypot(g, 0.5 * length) <= g + lost:  # both ends are corners of cells
             continue
-        steps = math.ceil(length / BETWEEN)
+        steps = math.ceil(length / SAMPLING)
         for k in range(1, steps):
             x, y = hull[i, 0] + k / steps * dx + g * dy / length, hull[i, 1] + k / steps * dy - g * dx / length
             near = False
@@ -176,10 +176,10 @@ def _encloses(hull, cells, far):
     low_x, high_x, low_y, high_y = hull[:, 0].min(), hull[:, 0].max(), hull[:, 1].min(), hull[:, 1].max()
     if min(high_x - low_x, high_y - low_y) <= 2.0 * far:
         return False
-    across, up = math.ceil((high_x - low_x) / BETWEEN), math.ceil((high_y - low_y) / BETWEEN)
+    across, up = math.ceil((high_x - low_x) / SAMPLING), math.ceil((high_y - low_y) / SAMPLING)
     for n in range(across * up):  # from the middle on: it is free in most hulls that enclose free space
         at = (n + across * up // 2 + across // 2) % (across * up)
-        x, y = low_x + (at % across + 0.5) * BETWEEN, low_y + (at // across + 0.5) * BETWEEN
+        x, y = low_x + (at % across + 0.5) * SAMPLING, low_y + (at // across + 0.5) * SAMPLING
         within = True
         for i in range(hull.shape[0]):
             j = i + 1 if i + 1 < hull.shape[0] else 0
@@ -201,7 +201,9 @@ def _encloses(hull, cells, far):
 def _outline_of(cells, resolution, g, origin):
     """Convex outline [m], counter-clockwise, (n, 2), of cells sorted by row and column; n = 0 if it is too coarse."""
     hull = hull_of_cells(cells)
-    if _blocks_way(hull, cells, g / resolution, LOST / resolution) or _encloses(hull, cells, (g + LOST) / resolution):
+    if _blocks_way(hull, cells, g / resolution, NARROWED / resolution) or _encloses(
+        hull, cells, (g + NARROWED) / resolution
+    ):
         return hull[:0]
     corners = drop_flat_corners(hull, FLAT / resolution, MAX_CORNERS)
     for i in range(corners.shape[0]):
@@ -246,10 +248,10 @@ def _halves(cells: np.ndarray) -> list[np.ndarray]:
 
 
 def steadied(outlines: list[Array], before: tuple[Array, ...]) -> tuple[Array, ...]:
-    """The new outlines, each replaced by one of the previous period that agrees with it within `CALM` both ways."""
+    """The new outlines, each replaced by one of the previous period that agrees with it within `STEADY` both ways."""
     kept: list[Array] = []
     for new in outlines:
-        kept.append(next((old for old in before if outlines_agree(new, old, CALM)), new))
+        kept.append(next((old for old in before if outlines_agree(new, old, STEADY)), new))
     return tuple(kept)
 
 

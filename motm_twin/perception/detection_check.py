@@ -28,28 +28,55 @@ from motm_twin.perception.objects import ObjectTracker
 class DetectionSettings(msgspec.Struct, frozen=True, kw_only=True):
     """Limits of the checks of detections."""
 
-    beyond: Annotated[float, Number("", OWN, "share of the range beyond which nothing can be seen")] = 1.15
-    hand_speed: Annotated[float, Number("m/s", OWN, "with which it may have moved since")] = 1.5
+    beyond: Annotated[float, Number("", OWN, "share of the camera's range beyond which nothing can be detected")] = 1.15
+    hand_speed: Annotated[
+        float, Number("m/s", OWN, "speed with which the hand may have moved the camera since the picture")
+    ] = 1.5
     inside: Annotated[
-        float, Number("rad", OWN, "in the cone by this much, it is seen; beyond it by twice as much, nothing is")
+        float,
+        Number(
+            "rad",
+            OWN,
+            "angle inside the camera's cone from which an object is seen; beyond the cone by twice this, none is",
+        ),
     ] = math.radians(5.0)
-    within: Annotated[float, Number("", OWN, "share of the range within which it is")] = 0.92
-    nearest: Annotated[float, Number("m", OWN, "from the lens, nearer the fingers may hide it")] = 0.12
-    above: Annotated[float, Number("m", OWN, "that the lens has to be above an object to look down on it freely")] = (
-        0.05
+    within: Annotated[
+        float, Number("", OWN, "share of the camera's range within which an object in the cone is seen")
+    ] = 0.92
+    nearest: Annotated[float, Number("m", OWN, "distance from the lens below which the fingers may hide an object")] = (
+        0.12
     )
+    above: Annotated[
+        float, Number("m", OWN, "height of the lens above an object from which it looks down on it freely")
+    ] = 0.05
     twice: Annotated[
-        float, Number("m", OWN, "from another's place, at which a report is of that; from its own, twice as far")
+        float,
+        Number(
+            "m",
+            OWN,
+            "distance from another object's place at which a detection is of that one; from its own place, twice as "
+            "far",
+        ),
     ] = 0.05
     contested: Annotated[
-        float, Number("s", OWN, "after another was reported at its place; twice as long, they were swapped")
+        float,
+        Number(
+            "s",
+            OWN,
+            "time after another was detected at its place for which an object is doubted elsewhere; after twice "
+            "this, they were swapped",
+        ),
     ] = 5.0
     doubtful: Annotated[
-        float, Number("m", OWN, "sd of a place at which nobody wonders where the object is found, or misses it")
+        float, Number("m", OWN, "sd of an object's place from which neither a swap nor its absence is reported")
     ] = 0.05
-    recent: Annotated[float, Number("s", OWN, "within which it was seen last")] = 2.0
-    late: Annotated[float, Number("s", OWN, "age of the newest picture, and in view without a report")] = 0.3
-    told: Annotated[float, Number("s", OWN, "that a wrong report is told")] = 0.5
+    recent: Annotated[
+        float, Number("s", OWN, "time since it was last seen within which a missing object is reported")
+    ] = 2.0
+    late: Annotated[
+        float, Number("s", OWN, "age of the newest picture, or time in view without a detection, that is reported")
+    ] = 0.3
+    reported_for: Annotated[float, Number("s", OWN, "time for which a wrong detection is reported")] = 0.5
     association: AssociationSettings = AssociationSettings()
 
 
@@ -161,7 +188,7 @@ def checked(
         if found is None:
             kept.append(one)
         else:
-            left_out, state.wrong, state.until = True, found, now.time + settings.told
+            left_out, state.wrong, state.until = True, found, now.time + settings.reported_for
     nameless = [one for one in kept if not one.name]
     if nameless:
         names = iter(_named(state, nameless, now, beliefs, held, settings))
@@ -180,7 +207,7 @@ def _named(
     camera = now.time - now.ahead
     names = association.names_of(state.association, found, camera, held, beliefs, settings.association)
     if found and association.unexplained(state.association, beliefs):
-        state.wrong, state.until = _STRANGE, now.time + settings.told
+        state.wrong, state.until = _STRANGE, now.time + settings.reported_for
     return names
 
 

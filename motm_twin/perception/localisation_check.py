@@ -30,26 +30,65 @@ class LocalisationSettings(msgspec.Struct, frozen=True, kw_only=True):
     ] = 2.0
     floor: Annotated[
         float,
-        Number("m", OWN, "5 sd of localisation of this project's noise: no healthy run leaves dead reckoning so far"),
+        Number(
+            "m",
+            OWN,
+            "distance from dead reckoning at which localisation is doubted: 5 sd of this project's noise; no healthy "
+            "run gets there",
+        ),
     ] = 0.05
-    scale: Annotated[float, Number("", OWN, "share of a way by which odometry may err: 4 sd of its scale")] = 0.012
-    heading: Annotated[float, Number("rad", OWN, "6 sd of the heading's error, and of the scale while turning")] = 0.12
+    scale: Annotated[
+        float, Number("", OWN, "error of odometry as a share of the way, added to `floor`: 4 sd of its scale")
+    ] = 0.012
+    heading: Annotated[
+        float,
+        Number(
+            "rad",
+            OWN,
+            "turn from dead reckoning at which localisation is doubted: 6 sd of heading, and of the scale while "
+            "turning",
+        ),
+    ] = 0.12
     least: Annotated[int, Number("", OWN, "beams that must meet mapped furniture before the scan can decide")] = 10
-    better: Annotated[float, Number("", OWN, "of the fit, by which one pose must be better than the other")] = 0.1
-    fit_sd: Annotated[float, Number("m", OWN, "error of a beam at which it fits badly")] = 0.1
-    looks: Annotated[int, Number("", OWN, "sweeps that are looked at before localisation is judged")] = 2
-    suspect: Annotated[float, Number("", OWN, "share of what noise may explain from which on the scan is asked")] = 0.6
-    enough: Annotated[float, Number("", OWN, "share from which on it may say alone that localisation is wrong")] = 0.8
+    better: Annotated[
+        float, Number("", OWN, "difference of fit to the scan by which one pose must be better than the other")
+    ] = 0.1
+    fit_sd: Annotated[float, Number("m", OWN, "range error of a beam at which it fits badly")] = 0.1
+    looks: Annotated[int, Number("", OWN, "sweeps that are compared with the map before localisation is judged")] = 2
+    suspect: Annotated[
+        float, Number("", OWN, "share of the distance that casts doubt, from which scan and map are compared")
+    ] = 0.6
+    enough: Annotated[
+        float,
+        Number(
+            "", OWN, "share of the distance that casts doubt, from which the scan alone may find localisation wrong"
+        ),
+    ] = 0.8
     patience: Annotated[
-        float, Number("s", OWN, "until localisation is believed, nothing mapped in sight; a push takes half of it")
+        float,
+        Number(
+            "s",
+            OWN,
+            "time until doubted localisation is believed, nothing mapped in sight; a leap within half of it is a push",
+        ),
     ] = 0.3
-    told: Annotated[
-        float, Number("s", OWN, "that a push, or odometry's leap, is told; and a scan that fits both is waited for")
+    reported_for: Annotated[
+        float,
+        Number(
+            "s",
+            OWN,
+            "time for which a push, or leap of odometry, is reported; longest wait while the scan fits both poses",
+        ),
     ] = 1.0
     blind_way: Annotated[
-        float, Number("m", OWN, "driven by odometry alone after which the robot stands: 1 % of it is more than a gap")
+        float,
+        Number(
+            "m", OWN, "distance driven by odometry alone after which the robot stands: 1 % of it is more than a gap"
+        ),
     ] = 10.0
-    leap: Annotated[float, Number("m", OWN, "by which odometry may move more than the wheels can")] = 0.04
+    leap: Annotated[
+        float, Number("m", OWN, "distance by which odometry may move more than the wheels can, before it is a leap")
+    ] = 0.04
 
 
 @dataclass
@@ -163,7 +202,7 @@ def _odometry(
         state.notice = Finding(
             reason=Reason(kind=Kind.ODOMETRY_OFF, subject="odometry", value=leap, limit=most, unit="m")
         )
-        state.until = now.time + settings.told
+        state.until = now.time + settings.reported_for
     state.odometry = now.odometry.copy() if same else compose(state.odometry, way)
     return way
 
@@ -203,7 +242,7 @@ def _reckon(
     if state.mode == "slip":
         near = left < 0.5 * limit and turned < 0.5 * settings.heading
         state.within = (now.time if state.within is None else state.within) if near else None
-        if state.within is not None and now.time - state.within > settings.told:
+        if state.within is not None and now.time - state.within > settings.reported_for:
             state.odometry = compose(state.before, now.pose)
             _change(state, "", now.time)
 
@@ -213,7 +252,7 @@ def _decide(state: LocalisationState, now: Observation, settings: LocalisationSe
     left, _ = _apart(now.pose, state.pose)
     votes, waited = state.votes, now.time - state.since
     verdict = _verdict(state, settings)
-    over = waited > (settings.told if votes else settings.patience)
+    over = waited > (settings.reported_for if votes else settings.patience)
     if not away and waited > settings.patience:
         _change(state, "", now.time)
     elif verdict < 0:
@@ -225,7 +264,7 @@ def _decide(state: LocalisationState, now: Observation, settings: LocalisationSe
         if state.leapt:
             why = Reason(kind=Kind.PUSHED, subject="localisation", value=left, limit=settings.floor, unit="m")
             state.notice = Finding(reason=why)
-            state.until = now.time + settings.told
+            state.until = now.time + settings.reported_for
         _change(state, "" if state.leapt else "slip", now.time)
 
 

@@ -39,34 +39,39 @@ class MapSettings(msgspec.Struct, frozen=True, kw_only=True):
 
     resolution: Annotated[float, Number("m", STAA, "side of a cell")] = 0.05
     lidar_reach: Annotated[
-        float, Number("m", OWN, "hits and free space further away are left for later, but not what the base stops for")
+        float,
+        Number("m", OWN, "range beyond which hits and free space are left for later, but not what the base stops for"),
     ] = 8.0
     explained_margin: Annotated[
         float, Number("m", OWN, "a hit this close to furniture in sight is that furniture: 3 sd of position and range")
     ] = 0.08
     explained_per_range: Annotated[
-        float, Number("m/m", OWN, "more for every metre of range: 3 sd (1.5 deg) of heading noise")
+        float, Number("m/m", OWN, "added to explained_margin for every metre of range: 3 sd (1.5 deg) of heading noise")
     ] = 0.025
     hit: Annotated[
         int, Number("", OWN, "evidence of one hit: a cell seen once is cleared by 3 free scans, 0.15 s at 20 Hz")
     ] = 3
     evidence_most: Annotated[
-        int, Number("", OWN, "6 free scans to clear, 0.3 s at 20 Hz: a shorter break is noise")
+        int, Number("", OWN, "largest evidence: 6 free scans to clear, 0.3 s at 20 Hz; a shorter break is noise")
     ] = 6
     static_after: Annotated[
-        float, Number("s", paper("V"), "occupied unbroken this long is static; else unseen this long, it is gone")
+        float,
+        Number("s", paper("V"), "a cell occupied unbroken this long is static; else unseen this long, it is gone"),
     ] = 3.0
     hidden: Annotated[
         float,
-        Number("s", OWN, "what hides behind a newer hit this long and is not static has come closer, or was noise"),
+        Number("s", OWN, "a cell not static that a newer hit hides this long is cleared: it came closer, or was noise"),
     ] = 1.0
     shadow: Annotated[
-        float, Number("m", OWN, "depth behind a hit in which that is so: a little more than an agent")
+        float, Number("m", OWN, "depth behind a hit in which hidden cells are cleared: a little more than an agent")
     ] = 0.6
     proximity_width: Annotated[
-        float, Number("m", OWN, "penalty falls to 0 there (prototype: 0.3 over 0.12 m is best at the table)")
+        float,
+        Number(
+            "m", OWN, "distance at which the grid penalty falls to 0 (prototype: 0.3 over 0.12 m is best at the table)"
+        ),
     ] = 0.12
-    proximity_blur: Annotated[int, Number("cells", OWN, "each way")] = 1
+    proximity_blur: Annotated[int, Number("cells", OWN, "blur of the grid penalty, each way")] = 1
 
 
 def fading_of(p: MapSettings) -> Fading:

@@ -30,29 +30,42 @@ class TrackerSettings(msgspec.Struct, frozen=True, kw_only=True):
     """Parameters of the filter; choices of this project."""
 
     drift: Annotated[
-        float, Number("m/sqrt(s)", OWN, "random walk of an object in the odometry frame: odometry drift, small pushes")
+        float,
+        Number(
+            "m/sqrt(s)", OWN, "random walk of an object's place in the odometry frame: odometry drift, small pushes"
+        ),
     ] = 0.005
-    gate: Annotated[float, Number("", OWN, "standard deviations from which on a detection is an outlier")] = 4.0
-    gate_floor: Annotated[float, Number("m", OWN, "within which none is")] = 0.01
+    gate: Annotated[
+        float, Number("", OWN, "gate for associating a detection with its object, in sd; beyond it, it is an outlier")
+    ] = 4.0
+    gate_floor: Annotated[float, Number("m", OWN, "added to the gate for associating a detection with its object")] = (
+        0.01
+    )
     localisation_sd: Annotated[
-        float, Number("m", OWN, "added to the prior's error: localisation when the object is first seen")
+        float, Number("m", OWN, "sd of localisation when an object is first seen, added to that of its prior")
     ] = 0.03
     agreeing: Annotated[
-        int, Number("", OWN, "detections at one place that are believed; twice as many where odometry slipped")
+        int,
+        Number("", OWN, "detections at one place that are believed; twice as many while the old place is out of view"),
     ] = 3
-    yaw_gain: Annotated[float, Number("", OWN, "of each detection")] = 0.3
-    unseen: Annotated[float, Number("", OWN, "sd of the prior within which an object is that was never seen")] = 2.5
+    yaw_gain: Annotated[float, Number("", OWN, "share of the yaw error that a detection corrects")] = 0.3
+    unseen: Annotated[float, Number("", OWN, "an object never seen is within this many sd of its prior")] = 2.5
     jump: Annotated[
-        float, Number("m", OWN, "and [rad] by which localisation leaves odometry at once: somebody pushed the robot")
+        float,
+        Number("m", OWN, "difference, also in [rad], of the motions by localisation and odometry that shows a push"),
     ] = 0.1
     memory: Annotated[
         float,
         Number(
-            "s", OWN, "for which odometry keeps the place of an object; then localisation, averaged over as long, does"
+            "s",
+            OWN,
+            "time without a detection for which odometry keeps an object's place; then localisation, averaged over "
+            "as long, does",
         ),
     ] = 3.0
     bin_sd: Annotated[
-        float, Number("m", OWN, "of an object from the middle of its bin; twice of one that the hand has lost")
+        float,
+        Number("m", OWN, "sd of a placed object from the centre of its bin; twice for one that the hand has lost"),
     ] = 0.05
 
 

@@ -25,11 +25,16 @@ HEADING = 0.5  # [rad/m] ratio of localisation's error of heading to that of pos
 class MatchSettings(msgspec.Struct, frozen=True, kw_only=True):
     """Parameters of the match of scan and map."""
 
-    position_sd: Annotated[float, Number("m", OWN, "error of localisation per axis, 1 sd; it fades over ...")] = 0.02
-    correlation: Annotated[float, Number("s", OWN, "... this time: the quick part of this project's noise")] = 5.0
+    position_sd: Annotated[
+        float, Number("m", OWN, "sd of localisation per axis; its error fades over `correlation`")
+    ] = 0.02
+    correlation: Annotated[
+        float,
+        Number("s", OWN, "time over which the error of localisation fades: the quick part of this project's noise"),
+    ] = 5.0
     beam_sd: Annotated[
         float,
-        Number("m", OWN, "of a beam: neighbours err alike; this and 3 sd of the pose off, it met something else"),
+        Number("m", OWN, "sd of a beam: neighbours err alike; off by this and 3 sd of the pose, it met something else"),
     ] = 0.04
 
 

@@ -20,7 +20,7 @@ Mask = NDArray[np.bool_]
 
 
 @dataclass
-class Stood:
+class StandingCells:
     """Cells that were standing lately; both arrays of shape (n,)."""
 
     cells: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, np.int64))  # flat indices, ascending
@@ -39,17 +39,17 @@ class Stood:
         self.cells, self.until = cells[order], until[order]
 
 
-def static_cells(memory: Stood, world: WorldMap, grid: Grid, theirs: Mask) -> tuple[Mask, Mask]:
+def static_cells(memory: StandingCells, world: WorldMap, grid: Grid, on_tracks: Mask) -> tuple[Mask, Mask]:
     """Masks of the map's seen cells: standing ones, and these with all cells connected to them; shape (m,) both.
 
-    A cell is standing if it was hit for 3 s and is on no track that may move (mask ``theirs``, (m,)), or is hit again
-    within 3 s after it was. Sides of a box that flicker or come into sight are connected to the box.
+    A cell is standing if it was hit for 3 s and is on no track that may move (``on_tracks``, (m,)), or if it is hit
+    again within 3 s after it was. Sides of a box that flicker or come into sight are connected to the box.
     """
     cells = grid.cell_of(world.seen_points)
     numbers = cells[:, 0] * grid.shape[1] + cells[:, 1]
-    stood = (world.seen_static & ~theirs) | memory.has(numbers)
+    stood = (world.seen_static & ~on_tracks) | memory.has(numbers)
     memory.renew(numbers[stood], world.stamp)
-    return stood, stood | touching(cells.astype(np.int32), stood, ~theirs, JOINED)
+    return stood, stood | touching(cells.astype(np.int32), stood, ~on_tracks, JOINED)
 
 
 def _among(cells: NDArray[np.int64], known: NDArray[np.int64]) -> Mask:

@@ -17,19 +17,19 @@ from motm_twin.perception.world_map import WorldMap
 
 
 @dataclass
-class StandingState:
+class FilteredState:
     """State between maps."""
 
     outlines: tuple[Array, ...] = ()  # of the seen points that stand
 
 
-class StandingMap(Stateful[StandingState]):
+class FilteredMap(Stateful[FilteredState]):
     """Builds the map of a period with only those seen points that stand."""
 
     def __init__(self, known: KnownWorld) -> None:
         self._known, self._g = known, growth_of(known.robot.footprint)
         self._base: BaseMap | None = None
-        self._state = StandingState()
+        self._state = FilteredState()
 
     def keep(self, world: WorldMap, standing: np.ndarray) -> WorldMap:
         """The map with only the seen points in the mask ``standing``, shape (m,)."""
@@ -63,7 +63,7 @@ class StandingMap(Stateful[StandingState]):
         return self._base
 
 
-class StillMap(StandingMap):
+class StaticMap(FilteredMap):
     """The map of a period without dynamic obstacles."""
 
     def __init__(self, known: KnownWorld, parameters: TrackParameters | None = None) -> None:

@@ -25,24 +25,46 @@ GONE_AFTER = 3.0  # [s] after which furniture or returns that no beam has seen s
 class SweepSettings(msgspec.Struct, frozen=True, kw_only=True):
     """Limits of the checks of sweeps."""
 
-    moved: Annotated[float, Number("m, rad", OWN, "after which a sweep without noise has to look different")] = 0.03
-    few: Annotated[float, Number("", OWN, "share of the beams: fewer that return, or look different, are wrong")] = 0.2
+    moved: Annotated[
+        float,
+        Number("m, rad", OWN, "motion of the robot after which a sweep of a lidar without noise must have changed"),
+    ] = 0.03
+    few: Annotated[
+        float,
+        Number(
+            "",
+            OWN,
+            "share of beams: if more contradict the motion, the lidar is frozen; if fewer of those expected return, "
+            "blind",
+        ),
+    ] = 0.2
     noise: Annotated[
-        float, Number("m", OWN, "of scatter from which a lidar counts as a noisy one: it never says the same twice")
+        float, Number("m", OWN, "scatter of ranges from which a lidar counts as noisy: it never repeats a sweep")
     ] = 0.002
     expected: Annotated[
         int, Number("", OWN, "beams with mapped furniture in sight from which the map says that something must return")
     ] = 5
     seen: Annotated[
-        float, Number("", OWN, "share of all beams that returned before: fewer are too few to miss them")
+        float, Number("", OWN, "share of all beams that must have returned before, so that their loss is noticed")
     ] = 0.02
-    wide: Annotated[float, Number("", OWN, "share of all beams that nobody takes away at once")] = 0.25
-    things: Annotated[int, Number("", OWN, "nobody takes away so many at once")] = 3
-    all_taken_away: Annotated[float, Number("s", OWN, "after which many returns that are gone are gone")] = 20.0
+    wide: Annotated[
+        float, Number("", OWN, "lost share of all beams that counts as many: nobody takes away so much at once")
+    ] = 0.25
+    things: Annotated[
+        int, Number("", OWN, "lost runs of beams that count as many: nobody takes away so many obstacles at once")
+    ] = 3
+    all_taken_away: Annotated[float, Number("s", OWN, "time after which many lost returns are believed to be gone")] = (
+        20.0
+    )
     slow_scatter: Annotated[
-        float, Number("m", OWN, "more than margins bear (3 sd of 1 cm): slower; three times as much: stand")
+        float,
+        Number(
+            "m", OWN, "scatter of ranges that slows the base: margins bear 3 sd of 1 cm; three times as much stops it"
+        ),
     ] = 0.04
-    triples: Annotated[int, Number("", OWN, "neighbouring returns from which scatter is told")] = 30
+    triples: Annotated[
+        int, Number("", OWN, "least triples of neighbouring returns from which scatter is estimated")
+    ] = 30
 
 
 @dataclass

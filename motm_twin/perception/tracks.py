@@ -27,7 +27,7 @@ from motm_twin.perception.base_map import BaseMap, base_map, read_only
 from motm_twin.perception.discs import Disc, at_ends, behind, front_circle, on_ways, owners, seen_width
 from motm_twin.perception.mapper import MapSettings
 from motm_twin.perception.scan import CheckedScan
-from motm_twin.perception.static_cells import Mask, Stood, beside, static_cells
+from motm_twin.perception.static_cells import Mask, StandingCells, beside, static_cells
 from motm_twin.perception.track_kernels import (
     correct,
     ends_off_furniture,
@@ -51,43 +51,73 @@ _HEADING_ERROR = _MAP.explained_per_range  # [rad] largest error of heading
 class TrackParameters(msgspec.Struct, frozen=True, kw_only=True):
     """Parameters of the tracks of dynamic obstacles: sizes and speeds are those of persons and Temis."""
 
-    explained: Annotated[float, Number("m", OWN, "from mapped furniture, within which a point belongs to it")] = 0.10
-    rim: Annotated[float, Number("m", OWN, "from the rim of a track, within which a point may belong to it")] = 0.15
-    points: Annotated[int, Number("", OWN, "of a scan that make a measurement, or show that a track has moved")] = 3
-    gap: Annotated[float, Number("m", OWN, "between neighbouring points of one segment, and as much again in 8 m")] = (
-        0.1
-    )
-    merges: Annotated[float, Number("m", OWN, "between the middles of two tracks: nearer ones are one")] = 0.25
-    radius_min: Annotated[float, Number("m", OWN, "of a track")] = 0.10
-    radius_max: Annotated[float, Number("m", OWN, "of a new track: what is wider is furniture")] = 0.40
-    end_radius: Annotated[
-        float, Number("m", OWN, "at the ends of what is wider and may move, a Temi's: it may be two side by side")
+    explained: Annotated[
+        float, Number("m", OWN, "distance from mapped furniture within which a scan point belongs to it")
+    ] = 0.10
+    rim: Annotated[
+        float, Number("m", OWN, "distance from the rim of a track within which a scan point may belong to it")
+    ] = 0.15
+    points: Annotated[
+        int, Number("", OWN, "least points of a scan that measure a track, or show that it has moved")
+    ] = 3
+    gap: Annotated[
+        float, Number("m", OWN, "largest gap between neighbouring points of a segment; twice as much at 8 m")
+    ] = 0.1
+    merges: Annotated[
+        float, Number("m", OWN, "distance between the centres of two tracks below which they are one")
     ] = 0.25
-    shares: Annotated[float, Number("", OWN, "by which the radius follows what is seen of one that stands alone")] = 0.1
+    radius_min: Annotated[float, Number("m", OWN, "least radius of a track")] = 0.10
+    radius_max: Annotated[float, Number("m", OWN, "largest radius of a track: what is wider is furniture")] = 0.40
+    end_radius: Annotated[
+        float,
+        Number(
+            "m",
+            OWN,
+            "radius, a Temi's, of bodies at both ends of a segment too wide for a track: it may be two side by side",
+        ),
+    ] = 0.25
+    shares: Annotated[
+        float, Number("", OWN, "share by which the radius of a track alone in its segment shrinks per scan")
+    ] = 0.1
     acceleration: Annotated[
-        float, Number("m/s^2", OWN, "standard deviation, for 0.1 s: of a person who sets off, or turns")
+        float, Number("m/s^2", OWN, "sd of a track's acceleration, for 0.1 s: of a person who sets off, or turns")
     ] = 1.0
-    noise: Annotated[float, Number("m", OWN, "of a fitted middle")] = 0.03
-    first_speed: Annotated[float, Number("m/s", OWN, "standard deviation of the velocity of a new track")] = 0.7
+    noise: Annotated[float, Number("m", OWN, "sd of the fitted centre of a track")] = 0.03
+    first_speed: Annotated[float, Number("m/s", OWN, "sd of the velocity of a new track")] = 0.7
     hits: Annotated[int, Number("", OWN, "scans in which a track must be seen to count")] = 4
-    hidden: Annotated[float, Number("s", OWN, "that a track lives on behind something nearer")] = 2.0
-    unseen: Annotated[float, Number("s", OWN, "the same where nothing hides it")] = 0.3
-    sets_off: Annotated[float, Number("m/s", OWN, "from which a track that has left its place moves")] = 0.06
-    moves: Annotated[float, Number("m/s", OWN, "from which one that moves goes on moving")] = 0.10
-    settles: Annotated[float, Number("s", OWN, "slower than that after which it waits")] = 2.0
+    hidden: Annotated[
+        float,
+        Number(
+            "s", OWN, "time after which a track that something nearer hides is deleted; a waiting one after `rests`"
+        ),
+    ] = 2.0
+    unseen: Annotated[float, Number("s", OWN, "time after which an unseen track that nothing hides is deleted")] = 0.3
+    sets_off: Annotated[
+        float, Number("m/s", OWN, "speed from which a track that has left its place counts as moving")
+    ] = 0.06
+    moves: Annotated[float, Number("m/s", OWN, "speed from which a moving track goes on moving")] = 0.10
+    settles: Annotated[float, Number("s", OWN, "time since it last moved after which a track counts as waiting")] = 2.0
     rests: Annotated[
-        float, Number("s", OWN, "slower than that after which it stands: one that waits leaves sooner")
+        float,
+        Number(
+            "s", OWN, "time since it last moved after which a track counts as standing: one that waits leaves sooner"
+        ),
     ] = 12.0
-    trail: Annotated[float, Number("s", OWN, "of its way behind a track that seen cells may still be on")] = 0.4
+    trail: Annotated[
+        float, Number("s", OWN, "duration of the trail behind a moving track on which seen cells may be its own")
+    ] = 0.4
     near_time: Annotated[
         float,
         Number(
             "s",
             OWN,
-            "of driving at full speed up to which a mover is in the way as it is: it may not have moved on by then",
+            "driving time at full speed to a moving track, up to which that is an obstacle: it may not have moved on "
+            "by then",
         ),
     ] = 4.0
-    parted: Annotated[float, Number("", OWN, "times as far, beyond which it no longer is")] = 1.3
+    parted: Annotated[
+        float, Number("", OWN, "factor on near_time beyond which a near track is no longer an obstacle (hysteresis)")
+    ] = 1.3
 
 
 class Look(NamedTuple):
@@ -140,7 +170,7 @@ class TrackState:
     tracks: list[Track] = field(default_factory=list)
     ends: tuple[Disc, ...] = ()  # at the ends of segments that are too wide for a track, and not static
     next_identity: int = 1
-    stood: Stood = field(default_factory=Stood)
+    stood: StandingCells = field(default_factory=StandingCells)
 
 
 class Points(NamedTuple):
@@ -171,8 +201,8 @@ class DynamicTracker(Stateful[TrackState]):
         """
         now, state, p = world.stamp, self._state, self.parameters
         ways = np.array([self._row(track, now)[:5] for track in self._unsettled(now)]).reshape(-1, 5)
-        theirs = on_ways(world.seen_points, ways, p.trail, p.rim)
-        stood, static = static_cells(state.stood, world, self._base_map(world).grid, theirs)
+        on_tracks = on_ways(world.seen_points, ways, p.trail, p.rim)
+        stood, static = static_cells(state.stood, world, self._base_map(world).grid, on_tracks)
         if scan is not None:
             self._take(scan, world, stood, static)
         self._mark_near(pose[:2], now)

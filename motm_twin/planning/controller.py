@@ -10,7 +10,7 @@ from motm_twin.model.geometry import Array, frozen
 from motm_twin.model.profile import RobotProfile
 from motm_twin.model.reason import Kind, Reason
 from motm_twin.perception.floor import FRESH
-from motm_twin.perception.still_map import StillMap
+from motm_twin.perception.still_map import StaticMap
 from motm_twin.perception.tracks import IDENTITY
 from motm_twin.planning import search_memory, staa
 from motm_twin.planning.bezier import bezier_curve
@@ -61,7 +61,7 @@ class StaaController:
         *,
         clock: Callable[[], float] | None = None,
         graphs: GraphCache | None = None,
-        still: StillMap | None = None,
+        still: StaticMap | None = None,
         commitment: Commitment | None = None,
         evasion: Evasion | None = None,
     ) -> None:

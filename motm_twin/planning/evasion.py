@@ -19,7 +19,7 @@ from motm_twin.model.passive_safety import BRAKES_BOTH, NO_ARM, Stop, met_in_sto
 from motm_twin.model.profile import BaseLimits
 from motm_twin.model.reason import Kind, Reason
 from motm_twin.model.state import Stateful
-from motm_twin.perception.still_map import StillMap
+from motm_twin.perception.still_map import StaticMap
 from motm_twin.planning.braking import stopping_clearance
 from motm_twin.planning.collision import Body, Field, clearance, field_of
 from motm_twin.planning.encounters import STEP, encounters, near
@@ -67,7 +67,7 @@ class MakesWay(Stateful[EvasionState]):
     def __init__(self, known: KnownWorld, parameters: PlanningParameters | None = None) -> None:
         parameters = parameters or PlanningParameters()
         self._p, self._staa = parameters.evasion, parameters.staa
-        self._still = StillMap(known)  # only its distances are read: nothing is remembered
+        self._still = StaticMap(known)  # only its distances are read: nothing is remembered
         self._stop = stop_of(known.robot, self._p.room)
         self._state = EvasionState()
 

@@ -13,7 +13,7 @@ import math
 import numpy as np
 
 from motm_twin.model.geometry import Array
-from motm_twin.perception.still_map import StillMap
+from motm_twin.perception.still_map import StaticMap
 from motm_twin.planning.candidates import (
     Candidates,
     Judged,
@@ -34,7 +34,7 @@ from motm_twin.planning.types import Mode, Target
 class EveryRing:
     """A rule of candidates: 36 x 2 on every ring of 0.6 to 0.8 m; where none is viable, places to wait."""
 
-    def __init__(self, still: StillMap | None = None) -> None:
+    def __init__(self, still: StaticMap | None = None) -> None:
         """``still``: gives the map without dynamic obstacles; None: the base waits for none."""
         self._still, self._graphs = still, GraphCache()
 

@@ -9,7 +9,7 @@ from motm_twin.model.edits import TaskEdit
 from motm_twin.model.geometry import Array
 from motm_twin.model.profile import RobotProfile
 from motm_twin.model.state import HasState
-from motm_twin.perception.still_map import StillMap
+from motm_twin.perception.still_map import StaticMap
 from motm_twin.planning.controller import StaaController
 from motm_twin.planning.global_path import GraphCache
 from motm_twin.planning.parameters import PlanningParameters
@@ -76,7 +76,7 @@ class BasePlanner:
         placement: PlacementStrategy | None = None,
         controller: BaseController | None = None,
         graphs: GraphCache | None = None,
-        still: StillMap | None = None,
+        still: StaticMap | None = None,
         view: View | None = None,
     ) -> None:
         """``graphs``: cache of another planner, to go on with the visibility graph that it has built.

@@ -32,7 +32,7 @@ from motm_twin.planning.types import BasePlan, BaseProblem, Mode, Placement, Pla
 K_X, K_Y, K_H = 1.0, 4.0, 2.0  # [1/s], [1/m^2], [1/s]: critically damped at 0.5 m/s
 K_Q = 5.0  # [1/s] of the joints to their planned positions
 DOCKED = 0.04  # [m] from the end of a plan that is over
-SHOWN, STRIDE = 60, 3  # periods of the plan ahead that a Tick shows, every so many
+SHOWN, STRIDE = 60, 3  # periods ahead of the plan that a Tick shows, and the step between two of them
 
 
 @dataclass

@@ -25,7 +25,7 @@ from motm_twin.model.profile import Footprint
 from motm_twin.model.reason import Kind, Reason
 from motm_twin.model.rvo import Neighbours, require_pyrvo
 from motm_twin.model.state import HasState
-from motm_twin.perception.still_map import StillMap
+from motm_twin.perception.still_map import StaticMap
 from motm_twin.planning.global_path import GraphCache, shortest_path
 from motm_twin.planning.parameters import PlanningParameters, room_for
 from motm_twin.planning.reach import ReachModel
@@ -67,7 +67,7 @@ class WithoutMovers:
     """View of the map without dynamic obstacles, which are known by their tracks."""
 
     def __init__(self, parts: PlannerParts) -> None:
-        self._still = StillMap(parts.known, parts.tracks)
+        self._still = StaticMap(parts.known, parts.tracks)
 
     def of(self, problem: BaseProblem) -> BaseProblem:
         """The problem with that map."""

@@ -120,7 +120,7 @@ AZIMUTHS = 36  # of the point about the mount, evenly from -180 deg
 YAWS = 18  # of the hand to the azimuth, over a quarter turn: a cube's faces repeat
 _QUARTER = 0.5 * math.pi
 _JOINT7_STEPS = 25  # over its range: 14 deg apart
-_OVER_BASE = 0.20  # [m] from the mount's axis within which the arm is over its own base: the front is so far away
+_OVER_BASE = 0.20  # [m] from the mount's axis within which the arm is over its own base, whose front is so far away
 _OVER_SURFACE = 0.02  # [m] clearance of elbow, forearm and wrist over the object's support
 _COLUMN_RADIUS, _COLUMN_TOP = 0.10, 0.42  # [m] of the arm's own column
 _EDGE = 1e-6  # [m] of rounding
@@ -262,7 +262,7 @@ def _is_clear(q: Array, surface: float, balls: ArmBalls) -> bool:
     return True
 
 
-_NEAR = 1.0  # [m] from the target, beyond which nothing is beside the arm
+_NEAR = 1.0  # [m] from the target within which obstacles count as beside the arm
 _ROUNDED = 2  # decimals [m] of heights: tables of nearly the same height share a map
 
 

@@ -18,7 +18,7 @@ from motm_twin.control.method import ArmParts, BaseChoices, Materials, Method, P
 from motm_twin.model.geometry import Array, frozen
 from motm_twin.model.motion import drive
 from motm_twin.model.state import Stateful
-from motm_twin.perception.still_map import StillMap
+from motm_twin.perception.still_map import StaticMap
 from motm_twin.planning.braking import stopping_clearance
 from motm_twin.planning.candidates import Rule
 from motm_twin.planning.collision import field_of
@@ -62,7 +62,7 @@ class ParkingController(Stateful[ParkingState]):
 
     def __init__(
         self, parts: PlannerParts, graphs: GraphCache, *, overlap: bool, parameters: StationaryParameters | None = None,
-        still: StillMap | None = None,
+        still: StaticMap | None = None,
     ) -> None:  # fmt: skip
         """``overlap``: the arm is told how soon the base will stand, and moves already while it arrives."""
         p = self.stationary = parameters or StationaryParameters()

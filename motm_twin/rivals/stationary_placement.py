@@ -42,29 +42,29 @@ IntArray = NDArray[np.integer[Any]]
 class StationaryParameters:
     """Parameters of standing poses: candidates, costs, and when a pose is close enough."""
 
-    manipulability_weight: float = 5.0  # [s] more for no manipulability: no value from 0 to 40 s is faster
-    onward_weight: float = 1.0  # of the way on to the next target, in `sequential`: a second is a second on both ways
-    arm_clearance: float = 0.13  # [m] to either side of the arm: 0.07 m of forearm, and where it begins to be slowed
-    over_cost: float = 100.0  # [s] of a pose with less, to an obstacle outside the map: only when there is no other
-    directions: int = 36  # of candidates about the target, as many as the paper's ring has
-    headings: int = 16  # at each position, as many as `motm` has where it tries any heading
-    radius_step: float = 0.05  # [m] between rings of candidates, as the paper's rings have here
-    next_headings: int = 8  # of a next target's poses, at the best position of each direction: half, to save time
-    equal_share: float = 0.01  # of the best manipulability: smaller differences are ignored
-    fixed_poses: int = 7  # Paper, Sec. VI, after Reister et al.
-    fixed_inset: float = 0.10  # [m] from the edge of a table: where objects to be reached stand
+    manipulability_weight: float = 5.0  # [s] cost of no manipulability: no value from 0 to 40 s is faster
+    onward_weight: float = 1.0  # weight of the way to the next target, `sequential`: a second counts alike on both ways
+    arm_clearance: float = 0.13  # [m] room to either side of the arm: 0.07 m of forearm, and where it begins to slow
+    over_cost: float = 100.0  # [s] added to a pose with an unmapped obstacle beside the arm: only if there is no other
+    directions: int = 36  # directions of candidates about the target, as many as the paper's ring has
+    headings: int = 16  # headings at each position, as many as `motm` has where it tries any heading
+    radius_step: float = 0.05  # [m] between rings of candidates, as between the paper's rings here
+    next_headings: int = 8  # headings at the best position of each direction about the next target: half, to save time
+    equal_share: float = 0.01  # share of the best manipulability: smaller differences are ignored
+    fixed_poses: int = 7  # poses of `fixed_set` about a table or bin: Paper, Sec. VI, after Reister et al.
+    fixed_inset: float = 0.10  # [m] from the edge of a table to the line on which `fixed_set` expects objects
     moved: float = 0.15  # [m] motion of the target that triggers a new choice: beliefs are off by 0.1
     park_distance: float = 0.15  # [m] from the chosen pose at which the base may rest: as near as STAA* comes here
-    park_share: float = 0.90  # of the manipulability of the chosen pose that it must have there: or it drives on
-    park_slack: float = 0.02  # [m] inside the reach, because localisation errs by 1 cm
-    goal_distance: float = 0.06  # [m] to which the search must come, and
-    goal_heading: float = 10.0 * DEG  # [rad], once the base has become slow too far away: it would stay there otherwise
-    slow_v: float = 0.10  # [m/s] and
-    slow_w: float = 0.30  # [rad/s] below which a base near its pose creeps
-    patience: float = 3.0  # [s] standing on the way, where the map shows one and there is none, until another pose,
-    refused_distance: float = 0.20  # [m] this far away at least, is chosen
-    stands_v: float = 0.01  # [m/s] and
-    stands_w: float = 0.02  # [rad/s] below which the base stands: fingers neither close nor open above
+    park_share: float = 0.90  # share of the chosen pose's manipulability that a resting pose needs, or it drives on
+    park_slack: float = 0.02  # [m] by which a resting pose is inside the reach, because localisation errs by 1 cm
+    goal_distance: float = 0.06  # [m] tolerance of the search for a base that is slow too far away: it would stay there
+    goal_heading: float = 10.0 * DEG  # [rad] heading tolerance of the search for a base that is slow too far away
+    slow_v: float = 0.10  # [m/s] speed below which a base is slow: near its pose it creeps
+    slow_w: float = 0.30  # [rad/s] yaw rate below which a base is slow
+    patience: float = 3.0  # [s] for which a slow base away from its pose waits for another one: the map may be wrong
+    refused_distance: float = 0.20  # [m] least distance of the new choice from a pose that was not reached
+    stands_v: float = 0.01  # [m/s] speed below which the base stands: fingers neither close nor open above
+    stands_w: float = 0.02  # [rad/s] yaw rate below which the base stands: fingers neither close nor open above
 
 
 class Terms(NamedTuple):

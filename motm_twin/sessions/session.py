@@ -101,7 +101,7 @@ class LoggedEdit(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
 
 
 class Cut(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """A search that the clock ended: its period and number of expansions."""
+    """A search that had another number of expansions than usual, for example by the clock: its period and number."""
 
     index: int
     expansions: int

@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from motm_twin.model.profile import Footprint, RobotProfile
-from motm_twin.perception.clusters import FLAT, LOST, growth_of, seen_outlines, touching
+from motm_twin.perception.clusters import FLAT, NARROWED, growth_of, seen_outlines, touching
 
 RESOLUTION = 0.05
 ORIGIN = np.zeros(2)
@@ -65,7 +65,7 @@ def test_no_way_is_closed_and_no_cell_left_out(points, width):
     outlines = seen_outlines(cells, RESOLUTION, ORIGIN, g)
     area, taken = area_of(outlines), squares(cells)
     assert taken.difference(area.buffer(2.0 * FLAT)).area < 1e-9
-    lost = area.buffer(g, quad_segs=32).difference(taken.buffer(g + LOST + 0.025, quad_segs=32))
+    lost = area.buffer(g, quad_segs=32).difference(taken.buffer(g + NARROWED + 0.025, quad_segs=32))
     assert lost.area < 1e-4
 
 

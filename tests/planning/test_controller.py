@@ -15,7 +15,7 @@ from motm_twin.control.tuning import PRESETS, tuned
 from motm_twin.model.known import known_world
 from motm_twin.model.profile import BaseLimits, Footprint, RobotProfile
 from motm_twin.model.scene_file import load_scene
-from motm_twin.perception.still_map import StillMap
+from motm_twin.perception.still_map import StaticMap
 from motm_twin.perception.world_map import WorldMap
 from motm_twin.planning.braking import stopping_clearance
 from motm_twin.planning.collision import body_of, clearance, field_of
@@ -304,7 +304,7 @@ def test_k_shrinks_towards_the_goal_and_stays_one_without_the_modification() -> 
 def test_unmodified_staa_and_the_literal_paper_are_the_same_code_by_configuration(
     parameters: PlanningParameters,
 ) -> None:
-    planner = BasePlanner(RobotProfile(), parameters, still=StillMap(known_world(load_scene("exp1", "trial1"))))
+    planner = BasePlanner(RobotProfile(), parameters, still=StaticMap(known_world(load_scene("exp1", "trial1"))))
     here, plans, least = go(WORLD, (0.0, 0.0, 0.0), drive_to(2.5, -0.5), seconds=15.0, planner=planner)
     assert math.dist(here[:2], (2.5, -0.5)) < 0.2
     assert least > 0.03

@@ -14,7 +14,7 @@ from motm_twin.model.profile import Footprint, RobotProfile
 from motm_twin.perception.base_map import base_map
 from motm_twin.perception.clusters import growth_of, seen_outlines
 from motm_twin.perception.distance import proximity_cost, seen_distance, squared_cells
-from motm_twin.perception.still_map import StillMap
+from motm_twin.perception.still_map import StaticMap
 from motm_twin.perception.world_map import NO_MOVERS, WorldMap
 from motm_twin.planning.collision import body_of
 from motm_twin.planning.commitment import Bounds, follow
@@ -63,7 +63,7 @@ def seen(movers: list[tuple[float, float, float, float]]) -> WorldMap:
 def planner(prediction: float, **others: float | str) -> BasePlanner:
     """The paper's, with that much prediction."""
     staa = dataclasses.replace(StaaParameters(), prediction=prediction, **others)
-    return BasePlanner(RobotProfile(), PlanningParameters(staa=staa), still=StillMap(FLOOR))
+    return BasePlanner(RobotProfile(), PlanningParameters(staa=staa), still=StaticMap(FLOOR))
 
 
 def ask(world: WorldMap, x: float = 0.0, v: float = 0.5) -> BaseProblem:

@@ -49,20 +49,31 @@ NOWHERE = frozen(np.zeros(7))
 class ArmMonitorParameters(msgspec.Struct, frozen=True, kw_only=True):
     """Distances that the arm keeps from solids that it must not touch, whatever its program says."""
 
-    kept: Annotated[float, Number("m", OWN, "that every body of the arm keeps from mapped furniture")] = 0.003
+    kept: Annotated[float, Number("m", OWN, "distance of every arm body from mapped furniture")] = 0.003
     braking: Annotated[
-        float, Number("m/s^2", OWN, "of a body before a solid: half of what the joints can with a stretched arm")
+        float,
+        Number(
+            "m/s^2",
+            OWN,
+            "deceleration of an arm body before furniture: half of what the joints can with a stretched arm",
+        ),
     ] = 5.0
-    own_kept: Annotated[float, Number("m", OWN, "that it keeps from floor and own base")] = 0.015
+    own_kept: Annotated[float, Number("m", OWN, "distance of every arm body from floor and own base")] = 0.015
     own_braking: Annotated[
-        float, Number("m/s^2", OWN, "the same before its own base: a folded arm has short levers")
+        float,
+        Number("m/s^2", OWN, "deceleration of an arm body before floor and own base: a folded arm has short levers"),
     ] = 2.0
     taking: Annotated[
         float,
-        Number("s", OWN, "in which joints get to their limits while the arm takes up the way of a base that brakes"),
+        Number("s", OWN, "time in which joints get to their limits while the arm takes up the way of a braking base"),
     ] = 0.5
     lost: Annotated[
-        float, Number("rad/s", OWN, "astray from which a joint does not follow: it may stand at once, or go on")
+        float,
+        Number(
+            "rad/s",
+            OWN,
+            "joint rate beyond all commands from which a joint does not follow: it may stand at once, or go on",
+        ),
     ] = 0.1
 
 
