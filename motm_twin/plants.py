@@ -2,20 +2,25 @@
 
 from importlib import import_module
 from importlib.util import find_spec
+from typing import TYPE_CHECKING
 
 import msgspec
 
 from motm_twin.model.names import SceneError
 from motm_twin.model.rvo import require_pyrvo
 from motm_twin.model.scene import Faults, Physics, Scene
-from motm_twin.sim.plant import SimulatedPlant
+
+if TYPE_CHECKING:
+    from motm_twin.sim.plant import SimulatedPlant
 
 MUJOCO = "mujoco"
 PLANTS = ("simulated", MUJOCO)  # names of the kinematic plant, and of contact dynamics
 
 
-def make_plant(scene: Scene) -> SimulatedPlant:
+def make_plant(scene: Scene) -> "SimulatedPlant":
     """The plant of a scene at its start. Raises SceneError when the scene or this installation does not allow it."""
+    from motm_twin.sim.plant import SimulatedPlant  # slow to import; most callers have only names of plants
+
     require_orca(scene)
     if scene.physics is None:
         return SimulatedPlant(scene)

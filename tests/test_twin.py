@@ -12,7 +12,7 @@ from motm_twin.model.edits import AddObstacle, Announce, InjectFault, MoveBody, 
 from motm_twin.model.known import known_world
 from motm_twin.model.scene_file import check_all, list_scenes, load_scene
 from motm_twin.record.replay import rerun
-from motm_twin.sessions.session import decode_session, encode_session
+from motm_twin.sessions.session import Session, decode_session, encode_session
 from motm_twin.studies.disturbances import Watch
 from motm_twin.trial import run_scene
 from motm_twin.twin import Twin
@@ -37,12 +37,14 @@ def test_the_first_published_trial_is_done_without_contact_or_false_alarm_faster
 
 
 @pytest.mark.parametrize("listing", list_scenes(), ids=lambda listing: listing.name)
-def test_every_variant_of_every_shipped_scene_runs(listing):
+def test_every_variant_of_every_shipped_scene_runs_and_passes_the_checks_of_a_session(listing):
     scenes = check_all(listing.name)
     assert [(scene.name, scene.variant) for scene in scenes] == [(listing.name, name) for name in listing.variants]
     for scene in scenes:
         assert scene.tasks
         assert known_world(scene).tasks == scene.tasks
+        session = Session(scene=scene)
+        assert decode_session(encode_session(session)) == session
         assert Twin(scene).advance().index == 0
 
 

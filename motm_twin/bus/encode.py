@@ -8,7 +8,7 @@ import msgspec
 import numpy as np
 
 from motm_twin.bus import messages
-from motm_twin.bus.plant_messages import DetectionData, to_message
+from motm_twin.bus.plant_messages import to_message
 from motm_twin.control.arm.types import ArmStep
 from motm_twin.control.tick import Tick
 from motm_twin.model.geometry import Array
@@ -252,57 +252,6 @@ class RobotEncoder:
         return {name: [*position, *turn] for name, position, turn in zip(names, positions, turns, strict=True)}
 
 
-OBSERVATIONS_VERSION = "motm.observations/1"
-Vector = list[float]
-
-
-class ScanSample(msgspec.Struct, frozen=True, kw_only=True):
-    """One sweep, exactly; fields as in `model.plant.Scan`, no return is null."""
-
-    stamp: float
-    ranges: list[float | None]
-    angle_min: float
-    angle_step: float
-    origin: Vector
-    range_min: float
-    range_max: float
-    pose: Vector
-
-
-class DetectionSample(DetectionData, frozen=True, kw_only=True):
-    """One object seen, exactly."""
-
-
-class Sample(msgspec.Struct, frozen=True, kw_only=True):
-    """Input of one arm step; scan and detections only where they differ from the previous sample."""
-
-    time: float  # [s] simulated
-    pose: Vector  # localised base pose x, y, heading, world
-    odometry: Vector  # dead-reckoned base pose x, y, heading
-    twist: Vector  # forward speed [m/s], yaw rate [rad/s]
-    q: Vector  # [rad] arm joints, 7
-    dq: Vector  # [rad/s] arm joint rates, 7
-    gripper_width: float  # [m]
-    gripper_moving: bool
-    ahead: float = 0.0  # [s] prediction horizon: from the observation to the time when the command acts
-    age: float = 0.0  # [s] of the newest state of the robot
-    camera_stamp: float | None = None  # [s] of the newest picture, where the robot tells it
-    behind: float = 0.0  # [s] by which pose, odometry, twist and joints are older than the time
-    scan: ScanSample | None = None
-    detections: list[DetectionSample] | None = None
-
-
-class ObservationsMessage(msgspec.Struct, frozen=True, kw_only=True):
-    """Inputs of the arm steps of one period, oldest first. The first period of a run has scan and detections."""
-
-    version: str  # motm.observations/1
-    run: int  # as in the ticks
-    server_time: float  # [s] when it was sent
-    index: int  # of the period
-    samples: list[Sample]
-    restarted: bool = False  # control was interrupted before this period
-
-
 class ObservationEncoder:
     """Makes the messages of a run, in order."""
 
@@ -311,13 +260,13 @@ class ObservationEncoder:
         self._scan: Scan | None = None
         self._detections: tuple[Detection, ...] | None = None
 
-    def message(self, tick: Tick, run: int, server_time: float) -> ObservationsMessage:
+    def message(self, tick: Tick, run: int, server_time: float) -> messages.ObservationsMessage:
         """The message of one period."""
         if run != self._run:
             self._run, self._scan, self._detections = run, None, None
         samples = [self._sample(seen) for seen in tick.reported or tick.samples]
-        return ObservationsMessage(
-            version=OBSERVATIONS_VERSION,
+        return messages.ObservationsMessage(
+            version=messages.OBSERVATIONS_VERSION,
             run=run,
             server_time=server_time,
             index=tick.index,
@@ -325,9 +274,9 @@ class ObservationEncoder:
             restarted=tick.restarted,
         )
 
-    def _sample(self, seen: Observation) -> Sample:
-        scan = None if seen.scan is None or seen.scan is self._scan else to_message(seen.scan, ScanSample)
+    def _sample(self, seen: Observation) -> messages.Sample:
+        scan = None if seen.scan is None or seen.scan is self._scan else to_message(seen.scan, messages.ScanSample)
         same = seen.detections is self._detections
-        found = None if same else [to_message(one, DetectionSample) for one in seen.detections]
+        found = None if same else [to_message(one, messages.DetectionSample) for one in seen.detections]
         self._scan, self._detections = seen.scan, seen.detections
-        return to_message(seen, Sample, scan=scan, detections=found)
+        return to_message(seen, messages.Sample, scan=scan, detections=found)

@@ -30,6 +30,7 @@ from motm_twin.model.edits import (
 from motm_twin.model.plant import PERIOD, BodyTruth, ExternalPlant, Truth
 from motm_twin.model.scene import Scene
 from motm_twin.planning.types import SearchBudget
+from motm_twin.plants import make_plant
 from motm_twin.sessions.session import LoggedEdit
 
 if TYPE_CHECKING:
@@ -45,8 +46,6 @@ class Preview:
     """Applies edits to a copy of the state. Edits of the robot's knowledge have no visible effect."""
 
     def __init__(self, scene: Scene) -> None:
-        from motm_twin.plants import make_plant  # slow to import: only once the server listens
-
         self._plant = make_plant(scene)
         self._of: TickMessage | None = None
         self._applied = 0

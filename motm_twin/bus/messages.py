@@ -6,6 +6,7 @@ version; a change of meaning or a removal makes a new one.
 
 import msgspec
 
+from motm_twin.bus.plant_messages import DetectionData
 from motm_twin.methods import UNNAMED_METHOD
 from motm_twin.model.edits import Edit, ParameterValue
 from motm_twin.model.reason import Reason
@@ -16,6 +17,7 @@ GRID_VERSION = "motm.grid/1"
 SESSION_INFO_VERSION = "motm.session_info/1"
 ROBOT_VERSION = "motm.robot/1"
 SCAN_VERSION = "motm.scan/1"
+OBSERVATIONS_VERSION = "motm.observations/1"
 EVENT_VERSION = "motm.event/1"
 EVENTS_VERSION = "motm.events/1"
 METRICS_VERSION = "motm.metrics/1"
@@ -394,6 +396,53 @@ class ScanMessage(msgspec.Struct, frozen=True, kw_only=True):
     range_min: float  # [m]
     range_max: float  # [m]
     ranges: list[MaybeNumber]  # null: no return within range_max
+
+
+class ScanSample(msgspec.Struct, frozen=True, kw_only=True):
+    """One sweep, exactly; fields as in `model.plant.Scan`, no return is null."""
+
+    stamp: float
+    ranges: list[float | None]
+    angle_min: float
+    angle_step: float
+    origin: Vector
+    range_min: float
+    range_max: float
+    pose: Vector
+
+
+class DetectionSample(DetectionData, frozen=True, kw_only=True):
+    """One object seen, exactly."""
+
+
+class Sample(msgspec.Struct, frozen=True, kw_only=True):
+    """Input of one arm step; scan and detections only where they differ from the previous sample."""
+
+    time: float  # [s] simulated
+    pose: Vector  # localised base pose x, y, heading, world
+    odometry: Vector  # dead-reckoned base pose x, y, heading
+    twist: Vector  # forward speed [m/s], yaw rate [rad/s]
+    q: Vector  # [rad] arm joints, 7
+    dq: Vector  # [rad/s] arm joint rates, 7
+    gripper_width: float  # [m]
+    gripper_moving: bool
+    ahead: float = 0.0  # [s] prediction horizon: from the observation to the time when the command acts
+    age: float = 0.0  # [s] of the newest state of the robot
+    camera_stamp: float | None = None  # [s] of the newest picture, where the robot tells it
+    behind: float = 0.0  # [s] by which pose, odometry, twist and joints are older than the time
+    scan: ScanSample | None = None
+    detections: list[DetectionSample] | None = None
+
+
+class ObservationsMessage(msgspec.Struct, frozen=True, kw_only=True):
+    """Inputs of the arm steps of one period, oldest first. The first period of a run has scan and detections."""
+
+    version: str  # motm.observations/1
+    run: int  # as in the ticks
+    server_time: float  # [s] when it was sent
+    index: int  # of the period
+    samples: list[Sample]
+    restarted: bool = False  # control was interrupted before this period
 
 
 class NumberedEvent(msgspec.Struct, frozen=True, kw_only=True):

@@ -16,7 +16,6 @@ import msgspec
 
 from motm_twin.bus import messages, plant_messages
 from motm_twin.bus.commands import ANSWER_VERSION, COMMAND_VERSION, EDITS, SERVER_COMMANDS, Answer, Envelope
-from motm_twin.bus.encode import OBSERVATIONS_VERSION, ObservationsMessage
 from motm_twin.model.bounds import bounds_of
 from motm_twin.model.scene import Scene
 from motm_twin.sessions.session import SESSION_VERSION, Session
@@ -27,7 +26,7 @@ MESSAGES: dict[str, tuple[str, type[msgspec.Struct]]] = {
     "robot": (messages.ROBOT_VERSION, messages.RobotStateMessage),
     "scan": (messages.SCAN_VERSION, messages.ScanMessage),
     "grid": (messages.GRID_VERSION, messages.GridInfo),  # of the attachment
-    "observations": (OBSERVATIONS_VERSION, ObservationsMessage),  # of an external robot
+    "observations": (messages.OBSERVATIONS_VERSION, messages.ObservationsMessage),  # of an external robot
     "event": (messages.EVENT_VERSION, messages.NumberedEvent),
     "events": (messages.EVENTS_VERSION, messages.EventsMessage),  # answer to event?from=SEQ
     "metrics": (messages.METRICS_VERSION, messages.MetricsMessage),

@@ -249,7 +249,7 @@ def load_scene(name_or_path: str, variant: str | None = None, seed: int | None =
     Raises:
         SceneError: The scene, variant or seed cannot be used; the message says why and what to do.
     """
-    return _resolve(load_document(name_or_path), variant, seed)
+    return scene_of(load_document(name_or_path), variant, seed)
 
 
 def list_scenes() -> tuple[SceneListing, ...]:
@@ -281,7 +281,7 @@ def check_document(document: Document) -> tuple[Scene, ...]:
     """
     scenes = []
     for variant in document.variants() or [None]:
-        scenes.append(_resolve(document, variant, None))
+        scenes.append(scene_of(document, variant, None))
         root, chosen = with_variant(document, variant)
         with _naming(document, chosen):
             for drawn in Resolver(root, None).draws():
@@ -289,7 +289,8 @@ def check_document(document: Document) -> tuple[Scene, ...]:
     return tuple(scenes)
 
 
-def _resolve(document: Document, variant: str | None, seed: int | None) -> Scene:
+def scene_of(document: Document, variant: str | None, seed: int | None) -> Scene:
+    """One variant of a document, resolved and checked, as `load_scene` does it. Raises SceneError."""
     if seed is not None and (not isinstance(seed, Integral) or SEED.refusal("seed", seed)):
         raise SceneError(f"the seed must be a whole number from 0 to 2^63 - 1, got {seed!r}", file=document.file)
     root, chosen = with_variant(document, variant)
@@ -315,7 +316,7 @@ def _problem_alone(document: Document) -> str:
     """The refusal of a scene without its variants."""
     kept = {key: node for key, node in document.root.value.items() if key not in ("variants", "default_variant")}
     try:
-        _resolve(dataclasses.replace(document, root=dataclasses.replace(document.root, value=kept)), None, None)
+        scene_of(dataclasses.replace(document, root=dataclasses.replace(document.root, value=kept)), None, None)
     except SceneError as error:
         return str(error)
     return ""

@@ -7,6 +7,7 @@ key was probably meant.
 """
 
 import dataclasses
+import functools
 import math
 import operator
 import re
@@ -175,7 +176,10 @@ _SHOWN = 60
 
 def check_types(node: Node, struct: type) -> None:
     """Raise SceneError at the first value of the tree that does not fit the struct."""
-    _check(node, inspect.type_info(struct))
+    _check(node, _type_info(struct))
+
+
+_type_info = functools.cache(inspect.type_info)  # walks the annotations of all structs, each time
 
 
 def show(value: Any) -> str:

@@ -10,7 +10,6 @@ from typing import Any
 import msgspec
 
 from motm_twin.bus import messages as bus
-from motm_twin.bus.encode import ObservationsMessage
 from motm_twin.model.scene import Scene
 from motm_twin.sessions.session import Session
 
@@ -160,7 +159,7 @@ GRID = _ours("/motm/grid", "motm.Grid", RecordedGrid)
 ROBOT = _ours("/motm/robot", "motm.Robot", bus.RobotStateMessage)
 SCAN = _ours("/motm/scan", "motm.Scan", bus.ScanMessage)
 EVENT = _ours("/motm/event", "motm.Event", bus.NumberedEvent)
-OBSERVATIONS = _ours("/motm/observations", "motm.Observations", ObservationsMessage)
+OBSERVATIONS = _ours("/motm/observations", "motm.Observations", bus.ObservationsMessage)
 METRICS = _ours("/motm/metrics", "motm.Metrics", bus.MetricsMessage)
 SESSION = _ours("/motm/session", "motm.Session", RecordedSession)
 PLOTS = _ours("/motm/plots", "motm.Plots", PlotsMessage)

@@ -9,8 +9,7 @@ import msgspec
 from rich.markup import escape
 from rich.table import Table
 
-from motm_twin.bus.encode import ObservationsMessage
-from motm_twin.bus.messages import StatusMessage
+from motm_twin.bus.messages import ObservationsMessage, StatusMessage
 from motm_twin.methods import UNNAMED_METHOD
 from motm_twin.model.edits import Edit
 from motm_twin.model.names import scene_name

@@ -9,7 +9,8 @@ from typing import Any
 
 import msgspec
 
-from motm_twin.bus.encode import ObservationsMessage, Sample, seconds, tick_message
+from motm_twin.bus.encode import seconds, tick_message
+from motm_twin.bus.messages import ObservationsMessage, Sample
 from motm_twin.bus.plant_messages import from_message
 from motm_twin.control.method import Method
 from motm_twin.control.tick import Completion, Tick

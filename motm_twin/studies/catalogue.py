@@ -112,10 +112,11 @@ def further_specs(methods: Sequence[str], trials: int | None) -> Iterable[TrialS
 
 def strangers_specs(methods: Sequence[str], trials: int | None) -> Iterable[TrialSpec]:
     """The scenes by strangers and their variants with the seeds of their files; ``trials``: further seeds, from 0."""
+    names = strangers_names()
+    kinds = [(scene, variant) for scene in names for variant in load_document(scene).variants() or (None,)]
     for seed in (None, *range(trials or 0)):
-        for scene in strangers_names():
-            for variant in listing(load_document(scene)).variants or (None,):
-                yield from (TrialSpec(scene, variant, seed, method) for method in methods)
+        for scene, variant in kinds:
+            yield from (TrialSpec(scene, variant, seed, method) for method in methods)
 
 
 def generated_specs(methods: Sequence[str], trials: int | None) -> Iterable[TrialSpec]:

@@ -26,7 +26,7 @@ from motm_twin.model.names import hint
 from motm_twin.model.number import numbers_of, replaced
 from motm_twin.model.plant import PERIODS_PER_SECOND
 from motm_twin.model.scene import Scene
-from motm_twin.model.scene_file import load_scene
+from motm_twin.model.scene_file import load_document, scene_of
 from motm_twin.perf.report import machine
 from motm_twin.plants import with_plant
 from motm_twin.sessions.scene_limits import check_scene
@@ -138,8 +138,13 @@ def job_of(spec: TrialSpec) -> Job:
 
 
 def jobs_of(specs: Iterable[TrialSpec]) -> list[Job]:
-    """The checked jobs of many specs; each scene is read and changed once."""
-    load = functools.cache(load_scene)
+    """The checked jobs of many specs; each file is read once, each scene resolved and changed once."""
+    document = functools.lru_cache(load_document)  # of the last 128: generated scenes have one for each seed
+
+    @functools.cache
+    def load(name: str, variant: str | None, seed: int | None) -> Scene:
+        return scene_of(document(name), variant, seed)
+
     scenes: dict[bytes, Scene] = {}
     jobs = []
     for spec in specs:

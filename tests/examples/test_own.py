@@ -120,7 +120,7 @@ def test_a_first_run_tells_where_the_time_goes(run, tmp_path):
     assert (tmp_path / "where.png").read_bytes().startswith(b"\x89PNG")
 
 
-def test_the_placement_rule_is_compared_with_the_paper_s(run, tmp_path):
+def test_the_placement_rule_is_compared_with_the_paper_s(run, in_this_process, tmp_path):
     methods = ("motm", EXAMPLES / "own_placement_rule.py:STRAIGHT")
     few = ("--trials", 1, "--limit", 1, "--workers", 1, "--out", "out")
     said = run("compare_two_controllers.py", *methods, *few)
@@ -135,7 +135,7 @@ def kept(folder):
     return [json.loads(line)["result"] for line in lines]
 
 
-def test_two_controllers_are_compared_by_seed_with_an_interval(run, tmp_path):
+def test_two_controllers_are_compared_by_seed_with_an_interval(run, in_this_process, tmp_path):
     """In a scene without variants, whose trials end within a second or two: the difference needs trials that end."""
     few = ("--trials", 3, "--workers", 1, "--out", "out")
     said = run("compare_two_controllers.py", "motm", "staa", "--scene", SHORT, *few)

@@ -32,19 +32,26 @@ def pairs():
 
 
 def test_lengths_remainders_and_angles_are_those_of_python_bit_for_bit():
-    for x, y in pairs():
-        expected = math.hypot(x, y), math.remainder(x, 2.0 * math.pi), wrap_angle(x)
-        assert np.array(compiled(x, y)).tobytes() == np.array(expected).tobytes(), (x, y)
+    given = pairs()
+    found = np.array([compiled(x, y) for x, y in given])
+    expected = np.array([(math.hypot(x, y), math.remainder(x, 2.0 * math.pi), wrap_angle(x)) for x, y in given])
+    wrong = (found.view(np.uint64) != expected.view(np.uint64)).any(axis=1)
+    assert not wrong.any(), np.array(given)[wrong][0]
 
 
 def test_lengths_and_products_are_those_of_numpy():
-    for A, B in np.random.default_rng(1).normal(size=(2000, 2, 3, 3)):
-        np.testing.assert_allclose(norm(A[0]), np.linalg.norm(A[0]), rtol=1e-15)
-        np.testing.assert_allclose(norm(A[0, :2]), np.linalg.norm(A[0, :2]), rtol=1e-15)
-        np.testing.assert_allclose(product(A, B), A @ B, rtol=0.0, atol=1e-14)  # the order of sums is the BLAS's own
-        np.testing.assert_allclose(times(A, B[0]), A @ B[0], rtol=0.0, atol=1e-14)
-        np.testing.assert_allclose(transposed_times(A, B[0]), A.T @ B[0], rtol=0.0, atol=1e-14)
-        np.testing.assert_allclose(dot(A[:, 1], B[0]), A[:, 1] @ B[0], rtol=0.0, atol=1e-14)
+    given = np.random.default_rng(1).normal(size=(2000, 2, 3, 3))
+
+    def near(ours, theirs, rtol=0.0, atol=1e-14):  # the order of sums is the BLAS's own
+        found, expected = ([call(A, B) for A, B in given] for call in (ours, theirs))
+        np.testing.assert_allclose(found, expected, rtol=rtol, atol=atol)
+
+    near(lambda A, _: norm(A[0]), lambda A, _: np.linalg.norm(A[0]), rtol=1e-15, atol=0.0)
+    near(lambda A, _: norm(A[0, :2]), lambda A, _: np.linalg.norm(A[0, :2]), rtol=1e-15, atol=0.0)
+    near(product, lambda A, B: A @ B)
+    near(lambda A, B: times(A, B[0]), lambda A, B: A @ B[0])
+    near(lambda A, B: transposed_times(A, B[0]), lambda A, B: A.T @ B[0])
+    near(lambda A, B: dot(A[:, 1], B[0]), lambda A, B: A[:, 1] @ B[0])
 
 
 def test_a_product_is_the_same_for_every_layout_of_its_matrices():

@@ -8,9 +8,8 @@ from importlib.metadata import packages_distributions
 from pathlib import Path
 
 import pytest
+from sources import FILES, PACKAGE, ROOT, tree
 
-ROOT = Path(__file__).resolve().parents[2]
-PACKAGE = ROOT / "motm_twin"
 METHOD_ROOMS = {"control", "planning", "perception", "model"}
 ROOMS_SEEN_BY = {
     "model": set(),
@@ -44,7 +43,6 @@ ROOMS_SEEN_BY = {
 }
 OF_EXTRAS = {"physics": {"mujoco"}}  # rooms that are imported only where an extra is installed
 NO_CLOCK_NO_WIRE = {"viser", "zenoh", "time", "random", "datetime", "secrets", "uuid", "threading", "asyncio", "socket"}
-FILES = sorted(PACKAGE.rglob("*.py"))
 
 
 @cache
@@ -52,7 +50,7 @@ def imports(path: Path) -> frozenset[str]:
     """Every module that a file imports, by its absolute dotted name, imports inside functions included."""
     package = [PACKAGE.name, *path.relative_to(PACKAGE).parent.parts]
     found: set[str] = set()
-    for node in ast.walk(ast.parse(path.read_text())):
+    for node in ast.walk(tree(path)):
         if isinstance(node, ast.Import):
             found.update(alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
@@ -88,7 +86,7 @@ def test_planning_and_control_know_no_wire_no_page_and_no_clock(room: str):
 @pytest.mark.parametrize("room", ["model", "perception", "planning", "control", "sim", "physics"])
 def test_the_loop_has_no_global_random_state(room: str):
     for path in files_of(room):
-        for node in ast.walk(ast.parse(path.read_text())):
+        for node in ast.walk(tree(path)):
             if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Attribute):
                 drawn_from_global = node.value.attr == "random" and node.attr not in {
                     "default_rng",
@@ -143,11 +141,10 @@ NAMED_TUPLE = {"_replace", "_asdict", "_fields"}
 def test_no_class_reaches_a_protected_member_of_another(room: str):
     """But for `_state`, which a `Stateful` is for: variation is a value that is handed in, not a method overridden."""
     for path in files_of(room):
-        tree = ast.parse(path.read_text())
-        for node in ast.walk(tree):
+        for node in ast.walk(tree(path)):
             if isinstance(node, ast.Attribute) and protected(node.attr) and not of_self(node):
                 raise AssertionError(f"{path.relative_to(ROOT)}:{node.lineno}: {ast.unparse(node)}")
-        for each in ast.walk(tree):
+        for each in ast.walk(tree(path)):
             if isinstance(each, ast.ClassDef):
                 attributes = [node for node in ast.walk(each) if isinstance(node, ast.Attribute) and of_self(node)]
                 own = {one.name for one in each.body if isinstance(one, ast.FunctionDef)} | {"_state"}
@@ -178,9 +175,10 @@ def library(requirement):
     return requirement.split("[")[0].split(">")[0].split("=")[0].strip().lower()
 
 
+@cache
 def imports_at_start(path):
     """Names of modules imported when the file itself is; imports inside functions are for who has the extra."""
-    nodes = ast.parse(path.read_text()).body
+    nodes = tree(path).body
     found = {alias.name for node in nodes if isinstance(node, ast.Import) for alias in node.names}
     found |= {node.module for node in nodes if isinstance(node, ast.ImportFrom) and node.module}
     return {name.split(".")[0] for name in found}

@@ -28,7 +28,7 @@ from motm_twin.record.channels import STATUS
 from motm_twin.record.mcap_file import Health, McapFile, RecordingFailed, read
 from motm_twin.record.recorder import Recorder
 from motm_twin.record.recording import info, load_recording
-from motm_twin.sessions.session import Session
+from motm_twin.sessions.session import Session, SessionError
 
 
 class Bus:
@@ -329,9 +329,11 @@ def test_what_cannot_be_written_is_refused_before_it_begins(server, tmp_path):
     if os.geteuid() != 0:
         places["closed/x.mcap"] = "Permission denied"
     for place, words in places.items():
-        code, last = Recording(server.endpoint, tmp_path / place).wait()
-        assert (code, last["event"]) == (2, "refused")
-        assert words in last["text"]
+        with pytest.raises(SessionError, match=words):
+            McapFile(tmp_path / place)
+    code, last = Recording(server.endpoint, tmp_path / "there.mcap").wait()
+    assert (code, last["event"]) == (2, "refused")
+    assert "exists already" in last["text"]
     assert (tmp_path / "there.mcap").read_bytes() == b"mine"
 
 

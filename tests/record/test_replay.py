@@ -3,7 +3,8 @@
 import msgspec
 import pytest
 
-from motm_twin.bus.encode import ObservationEncoder, ObservationsMessage, tick_message
+from motm_twin.bus.encode import ObservationEncoder, tick_message
+from motm_twin.bus.messages import ObservationsMessage
 from motm_twin.model.edits import AddObstacle, MoveBody
 from motm_twin.model.scene_file import load_scene
 from motm_twin.record.replay import TRACK_PERIODS, RecordedPlant, player, rerun, updated

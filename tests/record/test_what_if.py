@@ -2,11 +2,13 @@
 
 import io
 import json
+import multiprocessing
 import os
 import signal
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import msgspec
 import pytest
@@ -17,10 +19,11 @@ from motm_twin.cli.run import BothRuns
 from motm_twin.model.edits import AddObstacle, InsertTask, MoveBody, SetParameter
 from motm_twin.model.scene import DriveTo
 from motm_twin.model.scene_file import load_scene
+from motm_twin.program import OK
 from motm_twin.record import what_if
 from motm_twin.record.replay import rerun
 from motm_twin.record.what_if import AS_IT_WAS, CHANGED, Outcome, Sample, parse_changes, run_one, start_period
-from motm_twin.sessions.session import LoggedEdit, Session, SessionError, save_session
+from motm_twin.sessions.session import LoggedEdit, Session, SessionError, encode_session, save_session
 from motm_twin.trial import run_scene
 from motm_twin.twin import Twin
 
@@ -224,6 +227,7 @@ def stream(tmp_path, monkeypatch, capfd):
 
     def called(session, changes, start=0.0, file="run.json"):
         save_session(session, tmp_path / "run.json")
+        (tmp_path / "empty.json").write_text("{}")
         code = what_if.stream(str(tmp_path / file), changes, start)
         out, err = capfd.readouterr()
         assert "Traceback" not in err
@@ -245,6 +249,7 @@ def test_both_runs_are_streamed_as_json_lines(session, as_it_was, slowed, stream
     ("file", "changes", "seconds", "words"),
     [
         ("none.json", ["bezier=off"], 0.0, "no such file"),
+        ("empty.json", ["bezier=off"], 0.0, "session"),
         ("run.json", ["bezeer=off"], 0.0, "bezier"),
         ("run.json", ["bezier=off"], 99.0, "0 to 2 s"),
         ("run.json", [], 0.0, "at least one"),
@@ -256,7 +261,16 @@ def test_bad_input_is_one_json_line_and_exit_code_two(session, stream, file, cha
     assert words in line["error"]
 
 
-def test_a_session_that_one_of_the_processes_cannot_run_is_bad_input(session, stream):
+def test_a_session_that_one_of_the_processes_cannot_run_is_bad_input(session, stream, monkeypatch):
+    def compare(session, values, start, method):
+        """The run as it was, here."""
+        read, write = multiprocessing.Pipe(duplex=False)
+        what_if._work(encode_session(session), {}, start, AS_IT_WAS, method, write)
+        yield from what_if._lines({read: AS_IT_WAS})
+
+    monkeypatch.setattr(what_if, "compare", compare)
+    monkeypatch.setattr(what_if, "end_with_parent", lambda: None)
+    monkeypatch.setattr(what_if, "NICE", 0)
     wrong = LoggedEdit(index=0, edit=MoveBody(name="nobody", x=0.0, y=0.0))
     code, lines = stream(Session(scene=session.scene, edits=(wrong,), periods=5), ["bezier=off"])
     assert code == 2
@@ -298,12 +312,21 @@ def both_run(tmp_path):
 
 
 @linux
-@pytest.mark.parametrize("how", ["input closed", "killed", "output closed"])
-def test_both_runs_end_with_whoever_started_them(both_run, how):
+def test_both_runs_end_with_whoever_started_them(both_run):
     process, pids = both_run
-    {"input closed": process.stdin.close, "killed": process.kill, "output closed": process.stdout.close}[how]()
+    process.stdin.close()
     process.wait(timeout=30)
     gone(pids)
+
+
+def test_it_ends_when_nobody_reads_its_output(monkeypatch):
+    read, write = os.pipe()
+    os.close(read)
+    monkeypatch.setattr(what_if, "os", SimpleNamespace(_exit=sys.exit))
+    with os.fdopen(write, "wb", buffering=0) as output, pytest.raises(SystemExit) as end:
+        monkeypatch.setattr(sys, "stdout", SimpleNamespace(buffer=output))
+        what_if._print({"error": "nobody reads"})
+    assert end.value.code == OK
 
 
 @linux

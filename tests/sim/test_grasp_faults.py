@@ -93,9 +93,10 @@ def test_failures_by_chance_follow_the_seed_alone():
             put_back(plant)
         return found
 
-    assert outcomes(1) == outcomes(1)
-    assert {"held", "resting"} <= set(outcomes(1))
-    assert outcomes(1) != outcomes(2)
+    one = outcomes(1)
+    assert outcomes(1) == one
+    assert {"held", "resting"} <= set(one)
+    assert outcomes(2) != one
 
 
 def test_faults_are_copied_and_restored_with_everything_else():

@@ -48,16 +48,18 @@ def test_base_backs_up_no_faster_than_its_reverse_speed():
 def test_arm_keeps_all_its_limits_for_any_commands(seed, hold):
     rng = np.random.default_rng(seed)
     arm, state = Arm(0.01, DT), ArmState(q=READY.copy(), dq=np.zeros(7))
+    seen = [(state.q, state.dq)]
     for k in range(400):
         if k % hold == 0:
             command = rng.uniform(-4.0, 4.0, 7)
-        q, dq = state.q, state.dq
         arm.step(state, command)
-        assert np.all(np.abs(state.dq) <= DQ_MAX + 1e-9)
-        assert np.all(np.abs(state.dq - dq) <= DDQ_MAX * DT + 1e-9)
-        assert np.all(state.q <= Q_MAX)
-        assert np.all(state.q >= Q_MIN)
-        np.testing.assert_allclose(state.q - q, 0.5 * (dq + state.dq) * DT, atol=1e-9)  # the clamp never acts
+        seen.append((state.q.copy(), state.dq.copy()))
+    q, dq = np.array(seen).transpose(1, 0, 2)
+    assert np.all(np.abs(dq) <= DQ_MAX + 1e-9)
+    assert np.all(np.abs(np.diff(dq, axis=0)) <= DDQ_MAX * DT + 1e-9)
+    assert np.all(q <= Q_MAX)
+    assert np.all(q >= Q_MIN)
+    np.testing.assert_allclose(np.diff(q, axis=0), 0.5 * (dq[:-1] + dq[1:]) * DT, atol=1e-9)  # the clamp never acts
 
 
 def test_arm_runs_up_to_its_position_limits_and_stays_there():

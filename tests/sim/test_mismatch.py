@@ -1,5 +1,6 @@
 """What robot and world do otherwise than the robot is told."""
 
+import copy
 import math
 
 import msgspec
@@ -10,7 +11,8 @@ from sim_scenes import QUIET, experiment, scene
 from motm_twin.model.known import known_world
 from motm_twin.model.plant import Actuation
 from motm_twin.model.scene import EARLIER_NOISE, Mismatch
-from motm_twin.sim.plant import SimulatedPlant
+from motm_twin.sim.plant import SUBSTEP, SimulatedPlant
+from motm_twin.sim.sensors import Localisation
 
 
 def drive(plant, v, count, rate=0.0):
@@ -74,13 +76,20 @@ def test_localisation_drifts_slowly_by_as_much_as_it_should():
     noise = msgspec.structs.replace(QUIET, localisation_drift_sd=0.02, localisation_drift_time=60.0)
     errors = []
     for seed in range(60):
-        plant = SimulatedPlant(msgspec.structs.replace(scene(noise=noise), seed=seed))
-        begin = plant.observe().pose[:2] - plant.truth().pose[:2]
-        plant.step(0.5)
-        errors.append((begin, plant.observe().pose[:2] - plant.truth().pose[:2]))
+        localisation = Localisation(noise, SUBSTEP)
+        state = localisation.start(np.zeros(3), np.random.default_rng(seed))
+        begin = state.pose[:2]
+        for _ in range(round(0.5 / SUBSTEP)):
+            localisation.step(state, np.zeros(3), (0.0, 0.0), (0.0, 0.0))
+        errors.append((begin, state.pose[:2]))
     begins, ends = np.array(errors).transpose(1, 0, 2)
     assert begins.std() == pytest.approx(0.02, rel=0.25)
     assert (ends - begins).std() == pytest.approx(0.02 * math.sqrt(2.0 * 0.5 / 60.0), rel=0.25)
+    plant = SimulatedPlant(scene(noise=noise))
+    state = copy.deepcopy(plant._state.localisation)
+    plant.step(SUBSTEP)
+    localisation.step(state, np.zeros(3), (0.0, 0.0), (0.0, 0.0))
+    assert state.drift and plant.observe().pose.tolist() == state.pose.tolist(), "a plant localises with its scene's"
 
 
 def test_with_the_earlier_noise_nothing_new_is_drawn():

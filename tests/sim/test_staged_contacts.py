@@ -236,10 +236,12 @@ def test_the_shorter_way_out_of_what_was_put_onto_the_robot_is_no_fault_and_the_
         it = shapely.Polygon(rectangle((x, y, heading), (length, width)))
         ahead, back = (way_out(base, it, direction) for direction in (1, -1))
     shorter = 1.0 if ahead < back else -1.0
+    plant = SimulatedPlant(scene())
+    plant.apply(AddObstacle(name="it", x=x, y=y, heading=heading, size=(length, width, 0.3)))
+    plant.step(3.0)
+    put = plant.snapshot()
     for speed, seconds, caused in ((0.2 * shorter, 4.0, False), (-0.2 * shorter, 0.6, True)):
-        plant = SimulatedPlant(scene())
-        plant.apply(AddObstacle(name="it", x=x, y=y, heading=heading, size=(length, width, 0.3)))
-        plant.step(3.0)
+        plant.restore(put)
         drive(plant, speed, seconds)
         assert verdicts(plant, "it") == [caused]
 

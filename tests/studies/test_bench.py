@@ -23,6 +23,8 @@ from motm_twin.studies.spec import TrialSpec
 
 from .made_results import SCENE
 
+pytestmark = pytest.mark.usefixtures("in_this_process")
+
 
 def result(**changes):
     good = failed(Trial(scene="exp1", variant="trial1", seed=0), "") | {

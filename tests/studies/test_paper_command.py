@@ -8,6 +8,7 @@ from pathlib import Path
 from unittest.mock import Mock
 
 import pytest
+from own_process import run_in_this_process
 
 from motm_twin.cli import bench
 from motm_twin.cli.bench import write_paper
@@ -35,6 +36,8 @@ from motm_twin.studies.spec import Experiment, TrialSpec
 SHORT = {"time_limit": 0.5}  # [s] the trial ends long before its task: enough for the way through
 HERE = made_with()[SOURCE]
 
+pytestmark = pytest.mark.usefixtures("in_this_process")
+
 
 def shorten(patch):
     """Plans of two trials of half a second, on the same way as the others."""
@@ -55,6 +58,7 @@ def once(tmp_path_factory):
     out = tmp_path_factory.mktemp("once")
     with pytest.MonkeyPatch.context() as patch:
         shorten(patch)
+        run_in_this_process(patch)
         assert run(out) == 0
     return out
 

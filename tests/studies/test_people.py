@@ -29,6 +29,7 @@ from motm_twin.studies.people import (
 )
 from motm_twin.twin import Twin
 
+pytestmark = pytest.mark.usefixtures("in_this_process")
 BODY = (0.0, 0.7, 0.5)
 LIMITS = np.array([1.0, 0.5, 1.75, 1.0, 1.75])
 GOAL = np.array([4.0, 0.0, 0.2])

@@ -16,6 +16,8 @@ from motm_twin.studies.statistics import Estimate, published_beside, rows, summa
 
 from .made_results import SCENE, result, seeds
 
+pytestmark = pytest.mark.usefixtures("in_this_process")
+
 
 def test_the_mean_has_students_interval():
     found = statistics.mean([1.0, 2.0, 3.0, 4.0, 5.0])

@@ -217,17 +217,21 @@ class Visitor:
     def picture(self):
         """The scene as it is shown, shape (height, width, 3), without what lies over it at its edges."""
         box, legend = self._canvas(), self.page.locator("#motm .chips").bounding_box()
-        clip = {**box, "height": legend["y"] - box["y"]}
-        shot = self.page.screenshot(clip=clip, timeout=SHOWN * 1000)
+        return self.shot(clip={**box, "height": legend["y"] - box["y"]})
+
+    def shot(self, **part):
+        """The page, or a part of it, shape (height, width, 3)."""
+        shot = self.page.screenshot(**part, timeout=SHOWN * 1000)
         return np.asarray(Image.open(io.BytesIO(shot)).convert("RGB"), dtype=float)
 
-    def settled(self, quiet=2):
-        """The picture once it has stayed the same for a while; the twin must be paused."""
-        same, now = 0, self.picture()
+    def settled(self, quiet=2, look=None):
+        """The picture, or another look, once it has stayed the same for a while; the twin must be paused."""
+        look = look or self.picture
+        same, now = 0, look()
         deadline = time.monotonic() + SHOWN
         while same < quiet and time.monotonic() < deadline:
             self.page.wait_for_timeout(BETWEEN)
-            last, now = now, self.picture()
+            last, now = now, look()
             same = same + 1 if changed(last, now) < 1e-4 else 0
         assert same >= quiet, "the picture goes on changing: pause the twin first"
         return now

@@ -1,6 +1,5 @@
 """The main states of the page, of which reference pictures are kept; each is reached the same way every time."""
 
-import io
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -52,9 +51,9 @@ def screenshot(person):
     """The whole page; of a paused twin once nothing changes any more."""
     person.close_notes()
     person.page.mouse.move(2, 2)
-    if person.twin.client.status().state == "paused":
-        person.settled(quiet=1)
-    return Image.open(io.BytesIO(person.page.screenshot(timeout=60_000))).convert("RGB")
+    paused = person.twin.client.status().state == "paused"
+    shown = person.settled(quiet=1, look=person.shot) if paused else person.shot()
+    return Image.fromarray(shown.astype(np.uint8))
 
 
 def difference(picture, reference):
