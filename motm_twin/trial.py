@@ -181,6 +181,14 @@ def failure(twin: Twin, tick: Tick, completed: bool, caused: int, failures: tupl
         doing = f"{tick.tasks[tick.task_index].kind} {name_of(task)}" if task is not None else "the last task"
         why = tick.stop_reason or tick.arm[-1].reason or tick.plan.reason
         return f"time limit {twin.scene.time_limit:.0f} s reached during {doing}" + (f": {why}" if why else "")
+    return objection(tick, completed, caused)
+
+
+def objection(tick: Tick, completed: bool, caused: int) -> str:
+    """Reason why ground truth does not count a run as a success that the robot believes to be one; "" for none.
+
+    ``caused``: number of contacts caused by the robot.
+    """
     if not completed:
         truth, places = tick.truth, _count(tick, "place")
         if truth is not None and truth.dropped:

@@ -37,6 +37,7 @@ from motm_twin.record.replay import begin
 from motm_twin.record.what_if_lines import AS_IT_WAS, CHANGED, Outcome, Sample
 from motm_twin.sessions.branches import Log
 from motm_twin.sessions.session import Session, SessionError, decode_session, encode_session, load_session
+from motm_twin.trial import objection
 from motm_twin.twin import Twin
 from motm_twin.warm_up import compile_kernels, parts_of
 
@@ -167,12 +168,7 @@ class _WhatIfRun:
         caused = sum(contact.caused_by_robot for contact in truth.contacts)
         reason = why and f"{why} during {_doing(tick)}"
         reason = reason or "; ".join(self._twin.loop.sequence.failures)
-        if not reason and not all_placed(tick):
-            reason = "the referee counts fewer cubes in their bins than the robot believes to have placed"
-        if not reason and truth.dropped:
-            reason = f"dropped, and not picked up and placed again: {', '.join(truth.dropped)}"
-        if not reason and caused:
-            reason = f"{caused} contact(s) caused by the robot"
+        reason = reason or objection(tick, all_placed(tick) and not truth.dropped, caused)
         time, known = self._finish.time_s, self._session.periods  # the first ``known`` periods repeat the recording
         known = min(self._start, known) if self._changes else known
         return Outcome(

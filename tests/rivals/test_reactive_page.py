@@ -27,8 +27,8 @@ def test_every_method_has_a_row(tool):
 
 def test_a_number_is_shown_with_the_reason_beside_it(tool):
     table = tool.numbers_table("motm_twin/planning/parameters.py", "PlacementParameters")
-    assert "| `next_weight` |  | `1.05` |  | Paper, Sec. IV | weight of C_iN |" in table
-    assert "| `clearance` |  | `0.06` | m | own | 1 cm more" in table
+    assert "| `next_weight` |  | `1.05` |  | Paper, Sec. IV | weight of C_iN, the cost on to the next target |" in table
+    assert "| `clearance` |  | `0.06` | m | own | clearance of a candidate" in table
 
 
 def test_constants_of_a_file_are_shown_where_a_comment_says_what_they_are(tool):

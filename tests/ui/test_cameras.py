@@ -163,7 +163,7 @@ def test_a_page_that_is_there_but_looks_elsewhere_is_told_again_where_to_look(en
 
 
 @pytest.mark.parametrize(
-    ("told", "turned", "way", "aside", "mode"),
+    ("reported", "turned", "way", "aside", "mode"),
     [
         pytest.param(True, True, 1.0, 0.3, "Free", id="a hand makes the camera free"),
         pytest.param(False, True, 1.0, 0.0, "Overview", id="a grip that does not turn the view leaves it fixed"),
