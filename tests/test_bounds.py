@@ -12,19 +12,20 @@ from motm_twin.model.scene_file import load_scene
 from motm_twin.sessions.session import decode_session, encode_session
 from motm_twin.twin import Twin
 
+PERIODS = 2
 CASES = dict(ends())
 GROUPS = {key: list(names) for key, names in itertools.groupby(CASES, key=lambda name: name.rpartition(".")[0])}
 
 
 def runs(twin: Twin) -> None:
-    tick = twin.advance()
-    assert tick.arm
-    for step in tick.arm:
-        assert np.isfinite(step.actuation.twist).all()
-        assert np.isfinite(step.actuation.joint_velocity).all()
-    assert np.isfinite(tick.plan.acceleration).all()
-    assert tick.truth is not None and np.isfinite(tick.truth.pose).all()
-    assert not tick.truth.plant_faults
+    for _ in range(PERIODS):
+        tick = twin.advance()
+        for step in tick.arm:
+            assert np.isfinite(step.actuation.twist).all()
+            assert np.isfinite(step.actuation.joint_velocity).all()
+        assert np.isfinite(tick.plan.acceleration).all()
+        assert tick.truth is not None and np.isfinite(tick.truth.pose).all()
+        assert not tick.truth.plant_faults
 
 
 @pytest.mark.parametrize("group", GROUPS)

@@ -28,7 +28,6 @@ from motm_twin.cli.security import SecuritySettings
 from motm_twin.cli.serve import BAD_INPUT, OK, _Supervisor, serve
 from motm_twin.cli.settings import BenchSettings, PageSettings, PaperSettings, ServeSettings
 from motm_twin.model.assets import scenes_dir
-from motm_twin.record.what_if import run_one
 from motm_twin.sessions.session import load_session, save_session
 from motm_twin.trial import run_scene
 
@@ -133,14 +132,7 @@ def test_a_saved_run_reruns_to_the_same_state_until_something_is_changed(call, s
     assert load_session(path).parameters == moved.parameters
 
 
-def test_what_if_prints_both_runs_and_their_difference(call, short, tmp_path, monkeypatch):
-    def one_after_the_other(session, values, start, method):
-        """Both runs here: record/test_what_if.py has them in processes of their own."""
-        for changes in ({}, values):
-            yield from run_one(session, changes=changes, start=start)
-
-    monkeypatch.setattr("motm_twin.cli.run.compare", one_after_the_other)
-    monkeypatch.setattr("motm_twin.record.what_if._end_with_input", lambda: None)
+def test_what_if_prints_both_runs_and_their_difference(call, short, tmp_path):
     changes, out = ("--set", "next_weight=0.5", "--set", "bezier=off"), tmp_path / "out.json"
     result = call("what-if", short.session, *changes, "--from", "1", "--json", out)
     assert result.returncode == 0, result.stderr
@@ -153,7 +145,7 @@ def test_what_if_prints_both_runs_and_their_difference(call, short, tmp_path, mo
     report = json.loads(out.read_text())
     assert report["parameters"] == {"next_weight": 0.5, "bezier": False}
     assert report["difference_s"] == report["changed"]["time_s"] - report["as_it_was"]["time_s"]
-    stream = call("what-if", "no/such/session.json", "--set", "bezier=off", "--stream")
+    stream = process("what-if", "no/such/session.json", "--set", "bezier=off", "--stream")
     assert stream.returncode == 2
     assert "no such file" in json.loads(stream.stdout)["error"]
 

@@ -56,7 +56,7 @@ def doctor() -> int:
 
 
 def _findings(check: Callable[[], Iterator[Finding]]) -> list[Finding]:
-    """Answers of one check; an exception is a finding, too, unless `_cache` has reported its cause already."""
+    """Findings of one check; an exception is a finding, too, unless `_cache` has reported its cause already."""
     try:
         return list(check())
     except Exception as error:

@@ -17,7 +17,7 @@ from rich.progress import BarColumn, Progress, TextColumn
 from rich.table import Table
 
 from motm_twin import processes
-from motm_twin.cli.scene import warn_of_doubts
+from motm_twin.cli.scene import load_with_doubts
 from motm_twin.cli.settings import RunSettings
 from motm_twin.control.method import Method
 from motm_twin.control.tick import Tick
@@ -27,7 +27,6 @@ from motm_twin.model.edits import ParameterValue
 from motm_twin.model.names import scene_name
 from motm_twin.model.plant import PERIOD, PERIODS_PER_SECOND
 from motm_twin.model.scene import Scene
-from motm_twin.model.scene_file import load_scene
 from motm_twin.plants import with_plant
 from motm_twin.program import FAILED, OK, plain_console, refuse_existing, refuse_unwritable, table_console, write_json
 from motm_twin.record.recording import load_recording
@@ -58,8 +57,7 @@ def run(given: RunSettings) -> int:
     """Run a scene by these settings and print the report; the exit code."""
     refuse_unwritable(given.json)
     parameters = parse_changes(given.changes) if given.changes else {}
-    scene = with_plant(load_scene(given.scene, given.variant, given.seed), given.plant)
-    warn_of_doubts(given.scene, given.variant, given.seed)
+    scene = with_plant(load_with_doubts(given.scene, given.variant, given.seed), given.plant)
     result = run_headless(scene, find_method(given.method), parameters, save=given.save, plot=given.plot)
     if given.json is not None:
         write_json(result, given.json)

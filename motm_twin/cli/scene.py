@@ -7,8 +7,9 @@ from pathlib import Path
 
 from motm_twin.generate.scenes import DIFFICULTY, generate
 from motm_twin.model.names import SceneError
+from motm_twin.model.scene import Scene
 from motm_twin.model.scene_doubts import doubts, variant_doubts
-from motm_twin.model.scene_file import check_document, load_document, text_document
+from motm_twin.model.scene_file import check_document, load_document, scene_of, text_document
 from motm_twin.model.scene_file import list_scenes as shipped_scenes
 from motm_twin.model.scene_format import json_schema
 from motm_twin.program import BAD_INPUT, OK
@@ -61,10 +62,13 @@ def _check(name_or_path: str) -> int:
     return OK
 
 
-def warn_of_doubts(name_or_path: str, variant: str | None, seed: int | None) -> None:
-    """Print the doubts about a scene that `load_scene` accepts to standard error, before it runs."""
-    for doubt in variant_doubts(load_document(name_or_path), variant, seed):
+def load_with_doubts(name_or_path: str, variant: str | None, seed: int | None) -> Scene:
+    """`load_scene`, with the doubts about the scene printed to standard error."""
+    document = load_document(name_or_path)
+    scene = scene_of(document, variant, seed)
+    for doubt in variant_doubts(document, variant, seed):
         print(f"doubt: {doubt}", file=sys.stderr)
+    return scene
 
 
 def print_schema() -> int:
@@ -109,4 +113,4 @@ def _refuse(error: SceneError) -> int:
     return BAD_INPUT
 
 
-__all__ = ["check_scenes", "generate_scene", "list_scenes", "print_schema", "schema_text", "warn_of_doubts"]
+__all__ = ["check_scenes", "generate_scene", "list_scenes", "load_with_doubts", "print_schema", "schema_text"]

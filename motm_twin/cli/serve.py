@@ -17,9 +17,8 @@ from motm_twin.bus.connection import LOOPBACK, VARIABLE, Keys, check_endpoint, f
 from motm_twin.bus.library import MethodLibrary
 from motm_twin.bus.private_folder import Running, announce, client_file, forget, keep_fresh, note, own_credentials
 from motm_twin.bus.security import Folder
-from motm_twin.cli.scene import warn_of_doubts
+from motm_twin.cli.scene import load_with_doubts
 from motm_twin.cli.settings import PageSettings, ReplaySettings, ServeSettings
-from motm_twin.model.scene_file import load_scene
 from motm_twin.plants import with_plant
 from motm_twin.processes import Child, end_all, handled, setter
 from motm_twin.program import BAD_INPUT, FAILED, OK, THREADS, folder_problem, plain_console
@@ -36,8 +35,7 @@ def serve(given: ServeSettings) -> int:
 
     0: ended on request. 1: a process died again and again. 2: bad input, such as a port that is taken.
     """
-    with_plant(load_scene(given.scene, given.variant, given.seed), given.plant)
-    warn_of_doubts(given.scene, given.variant, given.seed)
+    with_plant(load_with_doubts(given.scene, given.variant, given.seed), given.plant)
     methods = MethodLibrary(given.method)
     methods.find(methods.own_name)
     console = plain_console()

@@ -88,7 +88,7 @@ class DetectionState:
     swapped: dict[str, tuple[float, float]] = field(default_factory=dict)  # [s] first and last report elsewhere
     taken: dict[str, float] = field(default_factory=dict)  # [s] newest report of another object at the place of each
     wrong: Finding | None = None  # the newest about a wrong report
-    until: float = 0.0  # [s] time until which it is told
+    until: float = 0.0  # [s] time until which it is reported
     missing: dict[str, float] = field(default_factory=dict)  # [s] time since which an object is in view, not reported
     picture: tuple[float, float] = (-math.inf, -math.inf)  # [s] stamp of the newest picture, and when it came
     association: AssociationState = field(default_factory=AssociationState)  # of detections without a name

@@ -137,8 +137,6 @@ def _between(label: str, a: Sample, b: Sample, time: float) -> Other:
 class WhatIf:
     """At most one comparison at a time. ``session`` gives the run so far as JSON."""
 
-    PROGRAM = (sys.executable, "-m", "motm_twin.record.what_if")  # computes both runs and prints their lines
-
     def __init__(
         self,
         session: Callable[[], bytes],
@@ -234,7 +232,7 @@ class WhatIf:
             if job != self._job:
                 return
             process = subprocess.Popen(  # noqa: S603 - our own module; names and values are checked there
-                [*self.PROGRAM, *options],
+                [sys.executable, "-m", "motm_twin.record.what_if", *options],
                 stdin=subprocess.PIPE,  # closes when this process ends, which ends the other one
                 stdout=subprocess.PIPE,
                 stderr=subprocess.PIPE,

@@ -200,10 +200,9 @@ def test_a_configuration_that_leads_somewhere_counts_before_the_twins_of_this_ma
     assert json.loads(call("watch", "status", "--once", "--json", **led).stdout)["twin"] == "frankie"
     assert json.loads(call("twins", "--json", **led).stdout)["endpoint"] == server.endpoint
     assert call("send", "pause", **led).returncode == 0
-    if mode == "client":  # a recorder takes seconds to start
-        recorded = call("record", str(recording), "--seconds", "0.5", **led)
-        assert recorded.returncode == 0, recorded.stderr
-        assert recording.exists()
+    recorded = call("record", str(recording), "--seconds", "0.5", **led)
+    assert recorded.returncode == 0, recorded.stderr
+    assert recording.exists()
 
 
 @pytest.mark.parametrize("words", [["watch"], ["twins"], ["send", "play"], ["record", "never.mcap"]])
@@ -233,6 +232,8 @@ def test_a_twin_that_does_not_answer_is_not_recorded(there, tmp_path):
     assert nobody.returncode == 2
     assert "no twin 'ghost' answers at" in nobody.stderr
     assert not file.exists()
+    found = there("record", str(file), "--seconds", "0.5")  # the only one there
+    assert found.returncode == 0, found.stderr
 
 
 SERVE = [sys.executable, "-m", "motm_twin", "serve", "exp1", "--headless", "--zenoh-port", "0"]

@@ -176,9 +176,6 @@ def test_between_furniture_1_to_3_cm_beside_the_hand_all_is_placed_where_localis
 
 @pytest.mark.slow
 def test_an_arm_behind_a_pillar_is_not_driven_into_it_by_its_base():
-    scene = load_scene("strangers/vase_m", None, 2)
-    assert scene.tasks[6].object == "cube_behind_pillar"
-    scene = msgspec.structs.replace(scene, tasks=scene.tasks[:9])  # the ninth only as the next target of the place
-    result = run_scene(scene, method=find_method("fast"))
+    result = run_scene(load_scene("strangers/vase_m", None, 2), method=find_method("fast"))
     assert result["contacts_caused_by_robot"] == 0
     assert result["success"]

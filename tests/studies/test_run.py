@@ -14,12 +14,9 @@ import pytest
 from joblib.externals.loky import get_reusable_executor
 from rich.console import Console
 
-from motm_twin.cli.bench import main
-from motm_twin.processes import handled
 from motm_twin.sessions.session import load_session
-from motm_twin.studies.catalogue import EXPERIMENTS, Entry
-from motm_twin.studies.pool import make_pool
-from motm_twin.studies.run import Bar, Store, TimeLeft, left_text, run
+from motm_twin.studies.pool import Lost, make_pool, outcomes
+from motm_twin.studies.run import Store, TimeLeft, left_text, run
 from motm_twin.studies.spec import Experiment, TrialSpec
 
 from .made_results import SCENE
@@ -97,7 +94,7 @@ def test_a_trial_that_two_experiments_want_is_run_once(by_two, tmp_path):
         run([both[0], both[0]], out=tmp_path, console=QUIET)
 
 
-def test_what_breaks_is_kept_with_its_reason_and_session_and_run_again_only_when_asked(mark, tmp_path, monkeypatch):
+def test_what_breaks_is_kept_with_its_reason_and_session_and_run_again_only_when_asked(mark, tmp_path):
     names = ("DIES_ONCE", "DIES", "RAISES")
     once, *bad = [TrialSpec(SCENE, None, 0, f"{HERE / 'broken_methods.py'}:{name}") for name in names]
     impatient = TrialSpec(SCENE, None, 0, changes={"time_limit": 0.2})
@@ -106,7 +103,6 @@ def test_what_breaks_is_kept_with_its_reason_and_session_and_run_again_only_when
     assert "a process died" in said.file.getvalue()
     assert mark.exists()
     assert died_once["success"]  # it was killed from outside, as it were, and is begun again
-    monkeypatch.setattr("motm_twin.studies.pool.PATIENCE", 1)  # one round of processes less
     experiment = Experiment("drives", "", (*bad, impatient))
     results = run(experiment, out=tmp_path, workers=2, console=QUIET)
     dies, raises, late = results.of("drives")
@@ -125,7 +121,8 @@ def test_what_breaks_is_kept_with_its_reason_and_session_and_run_again_only_when
     assert again.computed == 1
 
 
-def test_ctrl_c_ends_at_once_and_says_how_to_go_on(tmp_path):
+@pytest.mark.parametrize(("send", "number"), [(os.killpg, signal.SIGINT), (os.kill, signal.SIGTERM)])
+def test_ctrl_c_ends_at_once_and_says_how_to_go_on(send, number, tmp_path):  # to the group, as a terminal does
     entry = f"Entry(title='t', specs=lambda methods, trials: (TrialSpec({SCENE!r}, None, s) for s in range(100)))"
     program = (
         "import signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler);"  # ignored in a background job
@@ -141,7 +138,7 @@ def test_ctrl_c_ends_at_once_and_says_how_to_go_on(tmp_path):
     store = tmp_path / "exp1" / "trials.jsonl"
     while not (store.is_file() and store.stat().st_size) and process.poll() is None:
         time.sleep(0.05)
-    os.killpg(process.pid, signal.SIGINT)  # as a terminal does
+    send(process.pid, number)
     said = process.communicate(timeout=60)[0]
     assert process.returncode == 130, said
     assert "resumes there" in said
@@ -152,16 +149,6 @@ def test_ctrl_c_ends_at_once_and_says_how_to_go_on(tmp_path):
         while time.monotonic() < deadline:
             os.killpg(process.pid, 0)
             time.sleep(0.05)
-
-
-def test_sigterm_ends_as_ctrl_c_does(in_this_process, monkeypatch, tmp_path, capsys):
-    specs = [TrialSpec(SCENE, None, seed) for seed in range(100)]
-    monkeypatch.setitem(EXPERIMENTS, "exp1", Entry(title="t", specs=lambda methods, trials: specs))
-    monkeypatch.setattr(Bar, "add", lambda *_: os.kill(os.getpid(), signal.SIGTERM))  # after the first trial
-    with handled(lambda *_: pytest.fail("the sweep does not handle SIGTERM"), signal.SIGTERM):
-        assert main(["exp1", "--methods", "motm", "--out", str(tmp_path)]) == 130
-    assert "resumes there" in capsys.readouterr().out
-    assert 1 <= len(Store(tmp_path / "exp1").read()) < 100
 
 
 def test_a_second_run_on_the_same_folder_is_refused(tmp_path):
@@ -203,3 +190,15 @@ def test_a_store_reads_what_it_wrote_and_nothing_else(by_two):
     assert sorted(map(msgspec.json.encode, read)) == sorted(map(msgspec.json.encode, wrote))
     assert len(records) == 6
     assert all(record.made_with["numpy"] for record in records)
+
+
+def _square_or_die(number):
+    return number * number if number != 3 else os._exit(1)
+
+
+def test_only_the_call_that_kills_its_process_is_given_up():
+    told = []
+    found = dict(outcomes(_square_or_die, range(6), make_pool(2), told.append))
+    assert isinstance(found.pop(3), Lost)
+    assert found == {number: number**2 for number in (0, 1, 2, 4, 5)}
+    assert told

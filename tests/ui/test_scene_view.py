@@ -11,6 +11,7 @@ from fake_twin import fake_scene
 
 from motm_twin.bus.client import TwinClient
 from motm_twin.bus.connection import free_port
+from motm_twin.bus.encode import tick_message
 from motm_twin.bus.messages import BodyMessage, TrackMessage
 from motm_twin.model.kinematics import Frankie
 from motm_twin.model.profile import RobotProfile
@@ -19,6 +20,7 @@ from motm_twin.model.scene import Bin, Box, Bump, Cylinder, Prism, Solid
 from motm_twin.model.scene_file import list_scenes, load_scene
 from motm_twin.model.scene_shapes import pieces
 from motm_twin.planning.prediction import ellipses
+from motm_twin.twin import Twin
 from motm_twin.ui import colours
 from motm_twin.ui.hub import Hub, Shown
 from motm_twin.ui.scene import light
@@ -211,10 +213,10 @@ def test_another_scene_replaces_everything_of_the_last_one(view, tick):
     assert nodes(view) == before
 
 
-def test_every_shipped_scene_is_drawn(view, tick):
+def test_every_shipped_scene_is_drawn(view):
     for listing in list_scenes():
         scene = load_scene(listing.name)
-        show(view, tick, scene)
+        show(view, tick_message(Twin(scene).advance(), run=1, server_time=0.0), scene)
         drawn = {name: piece.frame.name for name, piece in view._furniture._drawn.items()}
         assert set(drawn) == set(pieces(scene)), listing.name
         assert set(drawn.values()) <= set(view._server.scene._handle_from_node_name), listing.name

@@ -1,6 +1,5 @@
 """Sliders and the twin's parameters: what is sent and followed; and comparisons of a run with others."""
 
-import sys
 import threading
 from types import SimpleNamespace
 
@@ -14,7 +13,10 @@ from motm_twin.bus.library import MethodLibrary
 from motm_twin.bus.messages import MethodChoice
 from motm_twin.control.tuning import PARAMETERS, PRESETS, check, parameter
 from motm_twin.methods.registry import FAST
+from motm_twin.model.scene_file import load_scene
 from motm_twin.record.what_if import parse_changes
+from motm_twin.sessions.session import encode_session
+from motm_twin.twin import Twin
 from motm_twin.ui.panel import tune_tab
 from motm_twin.ui.panel.tune_tab import TuningValues, begun_since, hint, marks, result, shipped_with, summary, title
 from motm_twin.ui.scene.robot_view import labels
@@ -258,18 +260,13 @@ def what_if(now):
     return WhatIf(bytes, lambda: now[0])
 
 
-def by_a_program(*lines, then="sys.stdin.read()"):
-    """A comparison of a session by a program that prints these lines about it, and then goes on until it is ended."""
-    said = b"\n".join(lines).decode()
-    code = f"import sys; assert open(sys.argv[1]).read() == 'a session'; print({said!r}, flush=True); {then}"
-    what_if = WhatIf(lambda: b"a session")
-    what_if.PROGRAM = (sys.executable, "-c", code)
-    return what_if
-
-
 class TestProcess:
     def test_a_session_is_computed_by_both_runs_and_the_process_ends_when_stopped(self):
-        what_if = by_a_program(*(sample(run, 0.0) for run in RUNS))
+        twin = Twin(load_scene("exp2", "random", 0))
+        for _ in range(4):
+            twin.advance()
+        data = encode_session(twin.session())
+        what_if = WhatIf(lambda: data)
         what_if.start({"next_weight": 0.0}, 2)
         with pytest.raises(ValueError, match="stop it first"):
             what_if.start({"next_weight": 0.0}, 2)
@@ -284,7 +281,7 @@ class TestProcess:
         until(lambda: not any(thread.name.startswith("what if") for thread in threading.enumerate()))
 
     def test_what_is_no_session_says_so(self):
-        what_if = by_a_program(b'{"error": "this is no session"}', then="sys.exit(2)")
+        what_if = WhatIf(lambda: b"{}")
         what_if.start({"next_weight": 0.0}, 0)
         until(lambda: what_if.state.phase == "failed")
         assert "session" in what_if.state.text and what_if.others(0.0) == []
