@@ -4,6 +4,7 @@ import threading
 import time
 
 import pytest
+from own_process import run_in_this_process
 from rich.console import Console
 
 from motm_twin.perf.processes import wait_for
@@ -14,13 +15,13 @@ from .made_results import SCENE
 
 ray = pytest.importorskip("ray", reason="Ray is not installed: pip install 'motm-twin[cluster]'")
 
-DRIVES = Experiment("drives", "Half a metre", tuple(TrialSpec(SCENE, None, seed) for seed in range(6)))
+DRIVES = Experiment("drives", "Half a metre", tuple(TrialSpec(SCENE, None, seed) for seed in range(4)))
 NODE = {"num_cpus": 1, "object_store_memory": 80 * 2**20}
-SOON = {  # a machine that is lost is noticed within a second
+SOON = {  # a machine that is lost is noticed within seconds, one that is only slow is kept
     "health_check_initial_delay_ms": 0,
     "health_check_period_ms": 200,
-    "health_check_timeout_ms": 500,
-    "health_check_failure_threshold": 3,
+    "health_check_timeout_ms": 5000,
+    "health_check_failure_threshold": 5,
 }
 
 
@@ -40,9 +41,12 @@ def cluster(monkeypatch):
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(240)
-def test_a_sweep_that_loses_a_machine_gives_the_same_as_one_process_bit_for_bit(cluster, tmp_path):
+@pytest.mark.timeout(400)
+def test_a_sweep_that_loses_a_machine_gives_the_same_as_one_process_bit_for_bit(cluster, tmp_path, monkeypatch):
     made, second = cluster
+    with monkeypatch.context() as patch:
+        run_in_this_process(patch)
+        run(DRIVES, out=tmp_path / "here", console=Console(quiet=True))
     store = tmp_path / "ray" / "drives" / "trials.jsonl"
     ended, lost = threading.Event(), threading.Event()
 
@@ -60,9 +64,8 @@ def test_a_sweep_that_loses_a_machine_gives_the_same_as_one_process_bit_for_bit(
     finally:
         ended.set()
     assert lost.is_set(), "the machine was not lost before the end of the sweep"
-    assert results.computed == 6
+    assert results.computed == 4
     assert all(result["success"] for result in results.of("drives"))
     wait_for(lambda: sum(node["Alive"] for node in ray.nodes()) == 1, 60.0, "sign that Ray has noticed it")
-    run(DRIVES, out=tmp_path / "here", console=Console(quiet=True))
     there, here = (tmp_path / name / "drives" / "results.jsonl" for name in ("ray", "here"))
     assert there.read_bytes() == here.read_bytes()
