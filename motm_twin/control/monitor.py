@@ -184,7 +184,7 @@ class Monitor(Stateful[MonitorState]):
         if trust.base < 1.0 and trust.base <= share:
             share, reason = trust.base, trust.reason
         now, scan = observation, observation.scan or _NO_SCAN
-        twist, rates = np.empty(2), np.empty(7)
+        twist, rates, stop = np.empty(2), np.empty(7), self._stop_with(trust.lag)
         asked = _Asked(
             actuation.twist, actuation.joint_velocity, self._state.twist, dt, share, self._arm_share(now.age)
         )
@@ -193,18 +193,20 @@ class Monitor(Stateful[MonitorState]):
             asked,
             _beams_of(scan, now),
             self._base,
-            self._stop,
+            stop,
             self._in_way,
             twist,
             rates,
         )
         if not healthy:
-            return self._let_through(actuation, self._brake(dt), np.zeros(7), _stopped(_SENSORS))
+            return self._let_through(actuation, self._brake(dt, np.zeros(2)), np.zeros(7), _stopped(_SENSORS))
         if trust.joints is not None:
             rates *= trust.joints
+        if share == 0.0 and trust.lag > 0.0:
+            twist = self._brake(dt, observation.twist, trust.lag)
         if min(turning, holding) >= self.parameters.minimum_points:
-            stop = np.array([0.0, twist[1] if holding < turning else 0.0])
-            twist, reason = self._within_limits(stop, dt), self._braking(twist, observation)
+            reason = self._braking(twist, observation)
+            twist = self._brake(dt, observation.twist, trust.lag, twist[1] if holding < turning else 0.0)
         elif world is not None:
             twist, slower = self._in_seen_world(twist, world, observation, dt)
             reason = reason or slower  # a failing sensor is the cause of floor that it does not see
@@ -351,8 +353,27 @@ class Monitor(Stateful[MonitorState]):
             w_next = braked(w_cmd, w, base.yaw_acceleration * dt, math.inf, share)
         return self._within_limits(np.array([v_next, w_next]), dt)
 
-    def _brake(self, dt: float) -> Array:
-        return self._within_limits(np.zeros(2), dt)
+    def _brake(self, dt: float, measured: Array, lag: float = 0.0, turn: float = 0.0) -> Array:
+        """The next twist of a stop, which may hold a ``turn`` [rad/s].
+
+        A base that is known to follow later by ``lag`` [s] is commanded to slow down as fast as its limits allow.
+        """
+        ramp, base = self._within_limits(np.array([0.0, turn]), dt), self.profile.base
+        if lag == 0.0:
+            return ramp
+        speed, way = np.abs(measured), np.sign(measured)
+        most = np.minimum(dt * np.array([base.linear_acceleration, base.yaw_acceleration]), speed)
+        slower = speed - most / lag_share(base.velocity_lag + lag, dt)
+        hard = np.where(speed > _STANDS, way * np.minimum(slower, np.maximum(way * ramp, 0.0)), 0.0)
+        hard[0] = max(hard[0], -base.reverse_speed)
+        hard[1] = ramp[1] if turn != 0.0 else min(max(hard[1], -base.yaw_rate), base.yaw_rate)
+        return hard
+
+    def _stop_with(self, lag: float) -> Stop:
+        """The stop of a base that follows later by ``lag`` [s]."""
+        if lag == 0.0:
+            return self._stop
+        return self._stop._replace(share=lag_share(self.profile.base.velocity_lag + lag, PERIOD))
 
 
 def _stopped(why: Reason) -> Reason:
@@ -398,7 +419,7 @@ def _examine(
     if beams.ranges.shape[0] == 0 or (twist[0] == 0.0 and twist[1] == 0.0):
         return True, -1, -1
     v = max(abs(twist[0]), abs(robot.twist[0]))
-    reach = v * base[0].velocity_lag + v * v / (2.0 * base[0].linear_acceleration) + in_way.corner + _MARGIN_OF_REACH
+    reach = v * PERIOD / stop.share + v * v / (2.0 * stop.linear) + in_way.corner + _MARGIN_OF_REACH
     points = _points_now(beams, robot.pose, robot.twist, reach)
     turning = points_in_stop(
         points, stopping_poses(robot.twist, twist, np.int64(BRAKES_BOTH), stop), stop, in_way.margin

@@ -288,6 +288,11 @@ def joint_shares(state: MotionState, *, stands: bool) -> Array | None:
     return shares
 
 
+def lag_of(state: MotionState) -> float:
+    """Time [s] by which a base that was found late follows its commands later than its profile says; else 0."""
+    return max(float(state.lag.max()), 0.0) if state.base == "base_late" else 0.0
+
+
 def _of_base(state: MotionState, measured: float, axis: int, base: BaseLimits, settings: MotionSettings) -> Finding:
     expected, unit = float(state.expected[axis]), ("m/s", "rad/s")[axis]
     if state.base == "base_stuck":

@@ -38,6 +38,7 @@ class Trust(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     joints: Array | None = None  # shares of the joints' rates, shape (7,); None: all of them
     reason: Reason | None = None  # why the robot is slowed or stopped, or else why it does without some data
     scan: Reason | None = None  # why the newest sweep was not used
+    lag: float = 0.0  # [s] by which the base follows its commands later than its profile says
 
 
 FULL_TRUST = Trust()
@@ -157,7 +158,7 @@ class SelfCheck(Stateful[SelfCheckState]):
         bad = state.of_scan
         return Trust(
             base=worst.base, joints=joints, reason=worst.consequence,
-            scan=None if bad is None or bad.kind != Kind.SCAN_BAD else bad.reason,
+            scan=None if bad is None or bad.kind != Kind.SCAN_BAD else bad.reason, lag=motion_check.lag_of(motion),
         )  # fmt: skip
 
     @property

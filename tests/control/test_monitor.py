@@ -1,16 +1,19 @@
 """The monitor: limits, scan age and the stop in time."""
 
 import math
+from typing import NamedTuple
 
 import msgspec
 import numpy as np
 import pytest
 
 from motm_twin.control.monitor import Monitor, MonitorParameters, points_in_stop, stopping_poses
+from motm_twin.control.self_check import Trust
 from motm_twin.model.motion import lag_share
 from motm_twin.model.passive_safety import BRAKES_BOTH, HOLDS_TURN, NO_ARM, braked, met_in_stop, overhang, stop_of
 from motm_twin.model.plant import Actuation, Observation, Scan
 from motm_twin.model.profile import DQ_MAX, RobotProfile
+from motm_twin.model.reason import Kind, Reason
 from motm_twin.perception.floor import FRESH, STALE, UNSEEN, Floor
 from motm_twin.perception.world_map import WorldMap
 from motm_twin.sim.mechanics import Base
@@ -354,6 +357,49 @@ def test_a_base_with_a_lag_stands_as_soon_as_it_can_and_creeps_no_further(lag, d
     assert abs(state.v) < 0.002
     assert min(speeds) > -0.002
     assert braked(0.0, v, 0.5 * dt, 0.0, lag_share(lag, dt)) == 0.0  # that cannot go back
+
+
+@pytest.mark.parametrize("known", [0.2, 0.5])
+@pytest.mark.parametrize("twist", [(0.36, -0.4), (0.5, 0.0), (-0.2, 0.8)])
+def test_a_base_that_was_found_late_stops_as_fast_as_its_limits_allow(twist, known):
+    """Its command fell along the ramp of the limits, which a base with half a second of lag cannot follow."""
+    base = RobotProfile().base
+    late, why = late_stop(twist, known)
+    ramp, _ = late_stop(twist, 0.0)
+    ideal = np.array(twist) ** 2 / (2.0 * np.array([base.linear_acceleration, base.yaw_acceleration]))
+    assert why.startswith("stopped")
+    assert np.all(np.abs(late.way) < np.abs(ramp.way) + 1e-9)
+    if known == 0.5:
+        assert np.all(np.abs(late.way) < ideal + 0.06 * np.abs(twist) + 1e-9)
+    assert np.all(late.back < 0.005)
+
+
+def test_a_base_whose_lag_ends_while_it_stops_does_not_drive_the_other_way():
+    stop, _ = late_stop((0.36, -0.4), 0.5, lag=0.0)
+    assert np.all(stop.back < [0.5 * DT + 0.002, 1.8 * DT + 0.002])
+
+
+class LateStop(NamedTuple):
+    way: np.ndarray  # driven forward [m] and turned [rad]
+    back: np.ndarray  # largest speeds [m/s, rad/s] against the motion
+
+
+def late_stop(twist, known, lag=0.5):
+    """Stop of a base with a lag [s] more than its profile has, of which the monitor knows some."""
+    profile, sign = RobotProfile(), np.sign(twist)
+    monitor, base = Monitor(profile), Base(profile.base, DT)
+    monitor.begin_from(np.array(twist))
+    state, way, back = BaseState(pose=np.zeros(3), v=twist[0], w=twist[1]), np.zeros(2), np.zeros(2)
+    late = Reason(kind=Kind.BASE_LATE, subject="wheels", value=known, limit=0.1, unit="s")
+    trust = Trust(base=0.0, reason=Reason(kind=Kind.STOPPED, subject="wheels", cause=late), lag=known)
+    for _ in range(round(4.0 / DT)):
+        seen = observation(twist=(state.v, state.w))
+        verdict = monitor.check(asking(*twist), seen, DT, scan_stamp=seen.scan.stamp, trust=trust)
+        base.step(state, verdict.actuation.twist, more_lag=lag)
+        way += DT * np.array([state.v, state.w])
+        back = np.maximum(back, -sign * [state.v, state.w])
+    assert np.all(np.abs([state.v, state.w]) < 0.005)
+    return LateStop(way, back), verdict.reason
 
 
 def test_the_hand_counts_where_it_reaches_over_the_footprint():
