@@ -243,6 +243,7 @@ class ZenohPlant:
         twist = np.clip(
             actuation.twist, [-limits.reverse_speed, -limits.yaw_rate], [limits.forward_speed, limits.yaw_rate]
         )
+        rates = np.clip(actuation.joint_velocity, -DQ_MAX, DQ_MAX)
         self._seq += 1
         command = plant_messages.RobotCommand(
             version=plant_messages.VERSION,
@@ -251,13 +252,14 @@ class ZenohPlant:
             seq=self._seq,
             act_at=self._acts_at,
             twist=twist.tolist(),
-            joint_velocity=np.clip(actuation.joint_velocity, -DQ_MAX, DQ_MAX).tolist(),
+            joint_velocity=rates.tolist(),
             gripper=actuation.gripper,
             opening=actuation.opening if "opening" in self._info.can else None,
             lifetime=plant_messages.HOLD,
         )
         self._newest_sent = self._seq
-        self._predictor.sent(self._acts_at, actuation)
+        within = msgspec.structs.replace(actuation, twist=twist, joint_velocity=rates)
+        self._predictor.sent(self._acts_at, within)
         self._lead.sent(self._seq, self._at)
         self._sent[self._seq] = time.monotonic()
         if len(self._sent) > 500:
