@@ -105,11 +105,11 @@ def main() -> None:
     server.start()
     if options.record is not None:
         server.record(options.record, lambda problem, path: report("record", text=problem or path, ok=not problem))
-    said = ("", "")
+    reported = ("", "")
     while not stop.wait(WATCH):
         status = server.loop.status()
-        if (status.state, status.text) != said:
-            said = (status.state, status.text)
+        if (status.state, status.text) != reported:
+            reported = (status.state, status.text)
             report("state", state=status.state, text=status.text)
     server.close()
     leave(0)

@@ -60,14 +60,14 @@ class EventLog:
 
     def answer(self, parameters: zenoh.Parameters) -> bytes | None:
         """Answer to ``?from=SEQ``: all kept events from this number on; without it, the last one. Raises ValueError."""
-        wanted = parameters.get("from")
-        if wanted is not None and not (wanted.isdecimal() and len(wanted) < 20):
-            raise ValueError(f"from={wanted[:40]!r}: give the number of an event, 0 for all that are kept")
+        since = parameters.get("from")
+        if since is not None and not (since.isdecimal() and len(since) < 20):
+            raise ValueError(f"from={since[:40]!r}: give the number of an event, 0 for all that are kept")
         with self._lock:
             kept, newest = list(self._kept), self._seq
-        if wanted is None:
+        if since is None:
             return msgspec.json.encode(kept[-1]) if kept else None
-        events = [event for event in kept if event.seq >= int(wanted)]
+        events = [event for event in kept if event.seq >= int(since)]
         reply = messages.EventsMessage(
             version=messages.EVENTS_VERSION,
             numbered_since=self._since,

@@ -70,10 +70,10 @@ class Preview:
         """The truth with agents frozen or released by the edits."""
 
         def shown(body: BodyTruth) -> BodyTruth:
-            wanted = self._frozen.get(body.name)
-            if wanted is None or wanted == (body.state == FROZEN):
+            still = self._frozen.get(body.name)
+            if still is None or still == (body.state == FROZEN):
                 return body
-            return msgspec.structs.replace(body, state=FROZEN if wanted else "standing")
+            return msgspec.structs.replace(body, state=FROZEN if still else "standing")
 
         agents, obstacles = (tuple(map(shown, group)) for group in (truth.agents, truth.obstacles))
         return msgspec.structs.replace(truth, agents=agents, obstacles=obstacles)

@@ -319,8 +319,8 @@ def _run(given: PaperSettings, plan: data.Plan, console: Console) -> data.Record
     """Run missing trials; returns the records of the plan and all others in the folder. Raises ValueError."""
     compile_kernels()
     experiments = parts.needed(plan.experiments, given.only) if given.only else plan.experiments
-    wanted = data.keys(experiments)
-    _announce(given, wanted, console)
+    planned = data.keys(experiments)
+    _announce(given, planned, console)
     results = run(
         experiments,
         out=given.out,
@@ -334,15 +334,15 @@ def _run(given: PaperSettings, plan: data.Plan, console: Console) -> data.Record
     for note in results.notes:
         console.print(f"  {note}", markup=False)
     if not given.only:
-        return {**data.stored(given.out, without=wanted), **data.of_plan(given.out, wanted)}
+        return {**data.stored(given.out, without=planned), **data.of_plan(given.out, planned)}
     whole = data.keys(each for each in plan.experiments if (given.out / each.name).is_dir())
     data.write_completed(given.out, whole)
     return {**data.stored(given.out, without=whole), **data.of_plan(given.out, whole)}
 
 
-def _announce(given: PaperSettings, wanted: data.Keys, console: Console) -> None:
+def _announce(given: PaperSettings, planned: data.Keys, console: Console) -> None:
     """Print the expected duration. Raises ValueError for unconfirmed hours."""
-    left, count = data.missing(given.out, wanted, retry_failed=given.retry_failed)
+    left, count = data.missing(given.out, planned, retry_failed=given.retry_failed)
     expected_h = data.hours(left, given.workers)
     expected = f"{expected_h:.1f} h" if expected_h >= 1.0 else f"{60.0 * expected_h:.0f} min"
     console.print(
@@ -355,9 +355,9 @@ def _announce(given: PaperSettings, wanted: data.Keys, console: Console) -> None
 
 def _begun(given: PaperSettings) -> bool:
     """True when the folder has trials of this plan, run with the current source."""
-    wanted = (given.plan, made_with()[SOURCE])
+    planned = (given.plan, made_with()[SOURCE])
     notes = (record.made_with for these in data.stored(given.out).values() for record in these)
-    return any((note.get(data.PLAN), note.get(SOURCE)) == wanted for note in notes)
+    return any((note.get(data.PLAN), note.get(SOURCE)) == planned for note in notes)
 
 
 def _write(given: PaperSettings, plan: data.Plan, records: data.Records, console: Console) -> Path:

@@ -233,13 +233,13 @@ def send(
     from motm_twin.client.twin import Twin
 
     try:
-        wanted = parse(command, fields, json)
+        parsed = parse(command, fields, json)
     except ValueError as error:
         print(f"motm-twin send: {error}", file=sys.stderr)
         return BAD_INPUT
     try:
         with Twin(*find(endpoint, twin, how=OPTIONS), name="motm-twin send") as handle:
-            return _sent(handle, wanted, timeout)
+            return _sent(handle, parsed, timeout)
     except (NoTwin, TimeoutError) as error:
         print(f"motm-twin send: {error}", file=sys.stderr)
         return FAILED

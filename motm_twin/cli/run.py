@@ -353,7 +353,7 @@ def _print_both(was: Outcome, changed: Outcome, title: str) -> None:
                 f"{end.run}: forecast from {end.forecast_from_s:g} s on ({why}): no clock cuts its searches, "
                 "so a live run may end at another time"
             )
-    lines += [f"left out of the changed run: {said}" for said in changed.skipped]
+    lines += [f"left out of the changed run: {note}" for note in changed.skipped]
     for line in lines:
         console.print(line, markup=False)
 
@@ -374,9 +374,9 @@ class BothRuns:
         self._next = self._step
         self._times = {AS_IT_WAS: 0.0, CHANGED: 0.0}  # [s] simulated
         self._running = set(self._times)
-        columns = (TextColumn("  {task.description:9}"), BarColumn(), TextColumn("{task.fields[said]}"))
+        columns = (TextColumn("  {task.description:9}"), BarColumn(), TextColumn("{task.fields[note]}"))
         self._progress = Progress(*columns, console=console, disable=not console.is_terminal)
-        self._tasks = {run: self._progress.add_task(run, total=max(recorded, 0.05), said="") for run in self._times}
+        self._tasks = {run: self._progress.add_task(run, total=max(recorded, 0.05), note="") for run in self._times}
 
     def __enter__(self) -> Self:
         self._progress.start()
@@ -390,12 +390,12 @@ class BothRuns:
         """Take a line of one of the runs into account."""
         if isinstance(line, Outcome):
             self._running.discard(line.run)
-            self._progress.update(self._tasks[line.run], total=1.0, completed=1.0, said=f"ended at {line.time_s:.2f} s")
+            self._progress.update(self._tasks[line.run], total=1.0, completed=1.0, note=f"ended at {line.time_s:.2f} s")
             self._say(f"{line.run}: ended at {line.time_s:.2f} s")
             return
         self._times[line.run] = line.time
-        said = f"{line.time:.0f} s, {self._recorded:.0f} s recorded"
-        self._progress.update(self._tasks[line.run], completed=line.time, said=said)
+        note = f"{line.time:.0f} s, {self._recorded:.0f} s recorded"
+        self._progress.update(self._tasks[line.run], completed=line.time, note=note)
         if min(self._times[run] for run in self._running) >= self._next:
             self._next += self._step
             self._say(", ".join(f"{run}: {self._times[run]:.0f} s" for run in self._times if run in self._running))

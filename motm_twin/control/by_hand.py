@@ -54,13 +54,13 @@ class ByHand(Stateful[ByHandState]):
             return None
         state.left -= 1
         b = self._limits
-        wanted = np.array(
+        desired = np.array(
             [min(max(state.v, -b.reverse_speed), b.forward_speed), min(max(state.w, -b.yaw_rate), b.yaw_rate)]
         )
-        share, room = self._free_share(problem, wanted)
+        share, room = self._free_share(problem, desired)
         slowed = "" if share == 1.0 else "slowed"
         return BasePlan(
-            acceleration=self._towards(problem, share * wanted),
+            acceleration=self._towards(problem, share * desired),
             status=PlanStatus.BY_HAND,
             why=Reason(kind=Kind.BY_HAND, other=slowed, value=max(room, 0.0), unit="m"),
             intermediate_goal=np.full(3, math.nan),
@@ -74,7 +74,7 @@ class ByHand(Stateful[ByHandState]):
         most = np.array([self._limits.linear_acceleration, self._limits.yaw_acceleration])
         return np.clip((twist - problem.twist) / problem.period, -most, most)
 
-    def _free_share(self, problem: BaseProblem, wanted: Array) -> tuple[float, float]:
+    def _free_share(self, problem: BaseProblem, desired: Array) -> tuple[float, float]:
         """Largest share of a twist after which the base can still stop clear of all obstacles; present clearance [m].
 
         A base nearer than the margin to an obstacle may do anything that brings it no nearer.
@@ -83,7 +83,7 @@ class ByHand(Stateful[ByHandState]):
         x, y, heading = problem.pose
         room = float(clearance(x, y, heading, 1.0, field, self._body))
         for share in SHARES:
-            v, w = problem.twist + self._towards(problem, share * wanted) * dt
+            v, w = problem.twist + self._towards(problem, share * desired) * dt
             x, y, heading = drive(problem.pose, 0.5 * (v + problem.twist[0]), 0.5 * (w + problem.twist[1]), dt)
             a_max, b_max = b.linear_acceleration, b.yaw_acceleration
             left = stopping_clearance(x, y, heading, v, w, a_max, b_max, self.margin, field, self._body)

@@ -301,8 +301,8 @@ class ControlLoop(Stateful[LoopState]):
                 with stages.measure("map"):
                     self.tracker.update(observation, self.sequence.held)
             with stages.measure("arm"):
-                wanted = start + plan.acceleration * (k + 1) * dt
-                inputs = self._arm_inputs(observation, T_odom_world, plan, plan_poses, obstacles, wanted, k * dt)
+                desired = start + plan.acceleration * (k + 1) * dt
+                inputs = self._arm_inputs(observation, T_odom_world, plan, plan_poses, obstacles, desired, k * dt)
                 step = self.manipulator.step(inputs)
             with stages.measure("monitor"):
                 trust = self.self_check.trust()

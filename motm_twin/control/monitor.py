@@ -146,7 +146,7 @@ class MonitorState:
     """The last permitted twist, and the kind of stop before dynamic obstacles that was possible from it."""
 
     twist: Array = field(default_factory=lambda: np.zeros(2))
-    holds: int = BRAKES_BOTH  # or `HOLDS_TURN`, `HOLDS_SPEED`: one is held until the other is 0
+    kind: int = BRAKES_BOTH  # or `HOLDS_TURN`, `HOLDS_SPEED`: one is held until the other is 0
 
 
 class Monitor(Stateful[MonitorState]):
@@ -234,33 +234,33 @@ class Monitor(Stateful[MonitorState]):
         safe last begins: any other could lead anywhere.
         """
         if not self.parameters.passive_safety or not len(world.tracks) or not twist.any():
-            self._state.holds = BRAKES_BOTH
+            self._state.kind = BRAKES_BOTH
             return None
         x, y, heading = observation.pose.tolist()
         state = x, y, heading, float(observation.twist[0]), float(observation.twist[1])
         since, tracks = observation.time - world.stamp, np.ascontiguousarray(world.tracks)
         arm = overhang(observation.q, self._mount, self._stop) if self.profile.has_arm else NO_ARM
 
-        def met_by(commanded: Array, holds: int) -> int:
-            return met_in_stop(state, (float(commanded[0]), float(commanded[1])), holds, since, tracks, arm, self._stop)
+        def met_by(commanded: Array, kind: int) -> int:
+            return met_in_stop(state, (float(commanded[0]), float(commanded[1])), kind, since, tracks, arm, self._stop)
 
         met = met_by(twist, BRAKES_BOTH)
         if met < 0 or met_by(twist, HOLDS_TURN) < 0:
-            self._state.holds = BRAKES_BOTH if met < 0 else HOLDS_TURN
+            self._state.kind = BRAKES_BOTH if met < 0 else HOLDS_TURN
             return None
         kinds = [BRAKES_BOTH, HOLDS_TURN]
         if self._has_room_to_hold_speed(world, observation):
             if met_by(twist, HOLDS_SPEED) < 0:
-                self._state.holds = HOLDS_SPEED
+                self._state.kind = HOLDS_SPEED
                 return None
             kinds.append(HOLDS_SPEED)
         there_x, there_y, vx, vy, radius = tracks[met, :5].tolist()
         away = math.hypot(there_x - x, there_y - y) - radius
         why = Reason(kind=Kind.MEETS_MOVER, subject="lidar", value=away, limit=math.hypot(vx, vy), unit="m")
-        stops = {holds: self._stopping(observation.twist, dt, holds) for holds in kinds}
-        kept = self._state.holds if self._state.holds in stops else BRAKES_BOTH
-        self._state.holds = next((holds for holds, stop in stops.items() if met_by(stop, holds) < 0), kept)
-        return stops[self._state.holds], why
+        stops = {kind: self._stopping(observation.twist, dt, kind) for kind in kinds}
+        kept = self._state.kind if self._state.kind in stops else BRAKES_BOTH
+        self._state.kind = next((kind for kind, stop in stops.items() if met_by(stop, kind) < 0), kept)
+        return stops[self._state.kind], why
 
     def _has_room_to_hold_speed(self, world: WorldMap, observation: Observation) -> bool:
         """Test that the base may hold its speed until it turns no more: on seen floor, and clear of scan points."""
@@ -340,16 +340,16 @@ class Monitor(Stateful[MonitorState]):
         _limit(twist, self._state.twist, dt, self._base, limited)
         return limited
 
-    def _stopping(self, twist: Array, dt: float, holds: int) -> Array:
-        """The next command of a passively safe stop from a twist (2,), which `holds` speed, turn or none."""
+    def _stopping(self, twist: Array, dt: float, kind: int) -> Array:
+        """The next command of a passively safe stop from a twist (2,), of a `kind`."""
         v, w = np.where(np.abs(twist) > _NOISE, twist, 0.0).tolist()
         (v_cmd, w_cmd), base = self._state.twist.tolist(), self.profile.base
         share = lag_share(base.velocity_lag, dt)
         back = base.reverse_speed if v > 0.0 else math.inf
         v_next, w_next = v_cmd, w_cmd
-        if holds != HOLDS_SPEED or abs(w) <= _STANDS:
+        if kind != HOLDS_SPEED or abs(w) <= _STANDS:
             v_next = braked(v_cmd, v, base.linear_acceleration * dt, back, share)
-        if holds != HOLDS_TURN or abs(v) <= _STANDS:
+        if kind != HOLDS_TURN or abs(v) <= _STANDS:
             w_next = braked(w_cmd, w, base.yaw_acceleration * dt, math.inf, share)
         return self._within_limits(np.array([v_next, w_next]), dt)
 
@@ -494,11 +494,11 @@ def near_points(ranges: Array, angle_min: float, angle_step: float, origin: Arra
 
 
 @njit(cache=True)
-def stopping_poses(twist: Array, commanded: Array, holds: int, stop: Stop) -> Array:
+def stopping_poses(twist: Array, commanded: Array, kind: int, stop: Stop) -> Array:
     """Poses of a base that begins to brake, every 50 ms, in its own frame; shape (k, 3).
 
     ``twist`` (2,): measured; ``commanded`` (2,): commanded last. It falls as fast as the limits allow. The base
-    follows with its lag, from its measured speed if that is higher than commanded, else from the command. ``holds``:
+    follows with its lag, from its measured speed if that is higher than commanded, else from the command. ``kind``:
     see `model.passive_safety.met_in_stop`.
     """
     v_cmd, w_cmd = commanded[0], commanded[1]
@@ -506,7 +506,7 @@ def stopping_poses(twist: Array, commanded: Array, holds: int, stop: Stop) -> Ar
     x, y, heading = 0.0, 0.0, 0.0
     poses = [(x, y, heading)]
     while max(abs(v), abs(w)) >= STANDS or v_cmd != 0.0 or w_cmd != 0.0:
-        brakes_v, brakes_w = holds != HOLDS_SPEED or w_cmd == 0.0, holds != HOLDS_TURN or v_cmd == 0.0
+        brakes_v, brakes_w = kind != HOLDS_SPEED or w_cmd == 0.0, kind != HOLDS_TURN or v_cmd == 0.0
         if brakes_v:
             v_cmd = math.copysign(max(abs(v_cmd) - stop.linear * PERIOD, 0.0), v_cmd)
         if brakes_w:

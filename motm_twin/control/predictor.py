@@ -92,11 +92,11 @@ class Predictor:
         first = self._commands[0][1]
         return msgspec.structs.replace(at_rest, gripper=first.gripper, opening=first.opening)
 
-    def _base(self, v: float, w: float, wanted: Array, dt: float) -> tuple[float, float]:
+    def _base(self, v: float, w: float, desired: Array, dt: float) -> tuple[float, float]:
         limits = self._profile.base
         share = lag_share(limits.velocity_lag, dt)
         dv, dw = limits.linear_acceleration * dt, limits.yaw_acceleration * dt
-        return v + min(dv, max(-dv, share * (wanted[0] - v))), w + min(dw, max(-dw, share * (wanted[1] - w)))
+        return v + min(dv, max(-dv, share * (desired[0] - v))), w + min(dw, max(-dw, share * (desired[1] - w)))
 
 
 @njit(cache=True)

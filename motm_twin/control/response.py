@@ -157,9 +157,9 @@ class Response(Stateful[ResponseState]):
 
     def _joints(self, now: Observation, dt: float) -> None:
         state, settings = self._state, self._settings
-        wanted = np.clip(state.commands[-1][1].joint_velocity, -DQ_MAX, DQ_MAX)
+        desired = np.clip(state.commands[-1][1].joint_velocity, -DQ_MAX, DQ_MAX)
         share = lag_share(self._profile.arm.velocity_lag, dt)
-        newest = state.rates[0] + np.clip(share * (wanted - state.rates[0]), -DDQ_MAX * dt, DDQ_MAX * dt)
+        newest = state.rates[0] + np.clip(share * (desired - state.rates[0]), -DDQ_MAX * dt, DDQ_MAX * dt)
         state.rates = np.vstack([newest[None], state.rates[:-1]])
         off = now.dq[None] - state.rates
         fresh = np.array([(off * off).sum(axis=1), (state.rates * state.rates).sum(axis=1)])
@@ -179,8 +179,8 @@ class Response(Stateful[ResponseState]):
         largest = np.array([base.forward_speed, base.yaw_rate])
         most = dt * np.array([base.linear_acceleration, base.yaw_acceleration])
         shares = np.array([lag_share(base.velocity_lag + lag, dt) for lag in LAGS])[:, None]
-        wanted = state.scale * acting
-        state.twists = state.twists + np.clip(shares * (wanted[None] - state.twists), -most, most)
+        desired = state.scale * acting
+        state.twists = state.twists + np.clip(shares * (desired[None] - state.twists), -most, most)
         same = np.abs(acting - state.acting) < settings.unchanged * largest
         state.settled, state.acting = np.where(same, state.settled + dt, 0.0), np.where(same, state.acting, acting)
         steady = (state.settled > settings.settles) & (np.abs(acting) > settings.slow * largest)

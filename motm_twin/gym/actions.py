@@ -46,10 +46,10 @@ class Forecast:
         self._reach = ReachModel(profile, parameters.reach)
         self._staa = parameters.staa
 
-    def motion(self, pose: Array, twist: Array, wanted: Array) -> tuple[Array, Array]:
+    def motion(self, pose: Array, twist: Array, desired: Array) -> tuple[Array, Array]:
         """Times [s] from now, shape (31,), and x, y, heading, v, w then, shape (31, 5), if ``wanted`` is kept."""
         poses, (dv, dw) = np.empty((STEPS + 1, 5)), (self._limits.accelerations * STEP).tolist()
-        follow(*(np.asarray(one, dtype=float) for one in (pose, twist, wanted)), dv, dw, poses)
+        follow(*(np.asarray(one, dtype=float) for one in (pose, twist, desired)), dv, dw, poses)
         return frozen(STEP * np.arange(STEPS + 1)), poses
 
     def time_to_range(self, times: Array, poses: Array, target: Target | None) -> float:
@@ -75,13 +75,13 @@ class Forecast:
 
 
 @kernel
-def follow(pose: Array, twist: Array, wanted: Array, dv: float, dw: float, out: Array) -> None:
+def follow(pose: Array, twist: Array, desired: Array, dv: float, dw: float, out: Array) -> None:
     """Fill ``out`` (n, 5) with x, y, heading, v, w every `STEP`; the twist changes by at most dv, dw per step."""
     x, y, heading, v, w = pose[0], pose[1], pose[2], twist[0], twist[1]
     for i in range(out.shape[0]):
         out[i, 0], out[i, 1], out[i, 2], out[i, 3], out[i, 4] = x, y, heading, v, w
-        next_v = v + min(max(wanted[0] - v, -dv), dv)
-        next_w = w + min(max(wanted[1] - w, -dw), dw)
+        next_v = v + min(max(desired[0] - v, -dv), dv)
+        next_w = w + min(max(desired[1] - w, -dw), dw)
         x, y, heading = step(x, y, heading, v, w, next_v, next_w, STEP)
         v, w = next_v, next_w
 
@@ -128,9 +128,9 @@ class BaseAction(Stateful[BaseActionState]):
     def plan(self, problem: BaseProblem, placement: Placement, budget: SearchBudget) -> BasePlan:
         """A plan that accelerates towards the requested twist; its poses and time to range are the forecast's."""
         del placement, budget  # there is nothing to search
-        wanted = self._state.twist
+        desired = self._state.twist
         acceleration, why = self._acceleration(problem)
-        times, poses = self.forecast.motion(problem.pose, problem.twist, wanted)
+        times, poses = self.forecast.motion(problem.pose, problem.twist, desired)
         return BasePlan(
             acceleration=frozen(acceleration),
             status=PlanStatus.AGENT,
@@ -190,7 +190,7 @@ class ArmAction(Manipulator):
         state, p = self._state, self.parameters
         view = self.look(inputs)
         outcome = self._fingers(view)
-        anchor(state.twist, state.rates, (view.arm.wanted, view.arm.dq), self._base, inputs.dt, self._lag)
+        anchor(state.twist, state.rates, (view.arm.desired, view.arm.dq), self._base, inputs.dt, self._lag)
         state.twist = np.clip(inputs.base_twist, *base_bounds(state.twist, inputs.dt, self.profile))
         low, high = joint_bounds(view.q, state.rates, inputs.dt, p.qp)
         state.rates = np.clip(state.asked_rates, low, high)

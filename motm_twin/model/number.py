@@ -76,9 +76,9 @@ def numbers_of(tree: Any, path: tuple[str, ...] = ()) -> Iterator[Found]:
     annotations = _annotations(type(tree))
     for name, annotation in annotations.items():
         value = getattr(tree, name)
-        said = {type(each): each for each in getattr(annotation, "__metadata__", ())}
-        if Number in said:
-            yield Found((*path, name), value, said[Number], said.get(Slider))
+        notes = {type(each): each for each in getattr(annotation, "__metadata__", ())}
+        if Number in notes:
+            yield Found((*path, name), value, notes[Number], notes.get(Slider))
         if isinstance(value, msgspec.Struct) or dataclasses.is_dataclass(value):
             yield from numbers_of(value, (*path, name))
 

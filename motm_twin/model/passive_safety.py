@@ -92,13 +92,13 @@ def overhang(q: Array, mount: tuple[float, float], stop: Stop) -> Array:
 
 @kernel
 def met_in_stop(
-    state: State, commanded: tuple[float, float], holds: int, time: float, movers: Array, arm: Array, stop: Stop
+    state: State, commanded: tuple[float, float], kind: int, time: float, movers: Array, arm: Array, stop: Stop
 ) -> int:
     """Index of the first obstacle that the stopping base approaches by its own motion, within the margin; -1: none.
 
     ``commanded``: twist [m/s, rad/s] for one more period; then the command falls as fast as it may, and the base
     follows it with its lag. ``movers``: x, y [m], velocity [m/s], radius [m], shape (k, 5 or more), ``time`` [s] before
-    this state; ``arm``: its `overhang`. ``holds``: with `HOLDS_TURN` the turn brakes only after the speed is zero, with
+    this state; ``arm``: its `overhang`. ``kind`` of stop: with `HOLDS_TURN` the turn brakes only after the speed is zero, with
     `HOLDS_SPEED` the speed brakes only after the turn has ended: a base that backs away in a turn keeps backing away.
     An obstacle that approaches a base at rest, or a base that moves away from it, does not count.
     """
@@ -123,9 +123,9 @@ def met_in_stop(
                     return k
         if max(abs(v), abs(w)) < STANDS and v_cmd == 0.0 == w_cmd:
             return -1
-        if holds != HOLDS_SPEED or w_cmd == 0.0:
+        if kind != HOLDS_SPEED or w_cmd == 0.0:
             v_cmd = math.copysign(max(abs(v_cmd) - stop.linear * PERIOD, 0.0), v_cmd)
-        if holds != HOLDS_TURN or v_cmd == 0.0:
+        if kind != HOLDS_TURN or v_cmd == 0.0:
             w_cmd = math.copysign(max(abs(w_cmd) - stop.turning * PERIOD, 0.0), w_cmd)
 
 

@@ -58,9 +58,9 @@ class BaseLimits(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
         """Largest linear [m/s^2] and yaw acceleration [rad/s^2], shape (2,)."""
         return np.array([self.linear_acceleration, self.yaw_acceleration])
 
-    def within(self, wanted: Array) -> Array:
-        """A wanted acceleration, clipped to the limits, shape (2,)."""
-        return np.clip(wanted, -self.accelerations, self.accelerations)
+    def within(self, desired: Array) -> Array:
+        """An acceleration, clipped to the limits, shape (2,)."""
+        return np.clip(desired, -self.accelerations, self.accelerations)
 
 
 class ArmSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):

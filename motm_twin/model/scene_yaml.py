@@ -74,9 +74,9 @@ def parse_yaml(text: str, file: str) -> Node:
         return reader.document()
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
-        said = " ".join(part for part in (error.context, error.problem) if part)
+        message = " ".join(part for part in (error.context, error.problem) if part)
         line = None if mark is None else mark.line + 1
-        raise SceneError(f"not valid YAML: {said}", file=file, line=line) from error
+        raise SceneError(f"not valid YAML: {message}", file=file, line=line) from error
     except yaml.YAMLError as error:
         raise SceneError(f"not valid YAML: {' '.join(str(error).split())}", file=file) from error
 
@@ -219,8 +219,8 @@ def _expect(node: Node, kind: type, info: Any) -> None:
 
 def _check_scalar(node: Node, info: Any) -> None:
     value = node.value
-    wanted = {inspect.NoneType: NoneType, inspect.BoolType: bool, inspect.StrType: str}.get(type(info), (int, float))
-    if not isinstance(value, wanted) or (isinstance(value, bool) and wanted is not bool):
+    expected = {inspect.NoneType: NoneType, inspect.BoolType: bool, inspect.StrType: str}.get(type(info), (int, float))
+    if not isinstance(value, expected) or (isinstance(value, bool) and expected is not bool):
         raise node.error(f"expected {_NAMED_TYPE[type(info)]}, got {show(value)}{_advice(value, info)}")
     if isinstance(info, inspect.StrType):
         _check_text(node, info)
@@ -305,8 +305,8 @@ def _check_union(node: Node, info: inspect.UnionType) -> None:
         _check_tagged(node, tagged)
         return
     bare = [kind.type if isinstance(kind, inspect.Metadata) else kind for kind in kinds]
-    wanted = {dict: inspect.StructType, list: inspect.VarTupleType}.get(type(node.value))
-    chosen = [kind for kind in bare if wanted is not None and isinstance(kind, wanted)]
+    expected = {dict: inspect.StructType, list: inspect.VarTupleType}.get(type(node.value))
+    chosen = [kind for kind in bare if expected is not None and isinstance(kind, expected)]
     other = [kind for kind in bare if not isinstance(kind, (inspect.StructType, inspect.VarTupleType))]
     _check(node, (chosen or other or bare)[0])
 

@@ -117,8 +117,8 @@ def correct(state, covariance, own, sensor, radius, alone, partly, sizes):
     least, most, shrinks, noise = sizes
     middle = fitted_circle(own, state[:2], radius)
     if alone:
-        wanted = min(max(seen_width(own, sensor), radius if partly else least), most)
-        radius += (0.5 if wanted > radius else shrinks) * (wanted - radius)
+        fitting = min(max(seen_width(own, sensor), radius if partly else least), most)
+        radius += (0.5 if fitting > radius else shrinks) * (fitting - radius)
         before, middle = middle, fitted_circle(own, state[:2], radius)
         for axis in range(2):
             state[axis] += middle[axis] - before[axis]  # more of it is seen: this is no motion

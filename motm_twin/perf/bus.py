@@ -109,15 +109,15 @@ def latency(twin: Measured, report: Report, seconds: float) -> None:
 def publishing(twin: Measured, report: Report, seconds: float) -> None:
     """Measure the time [ms] for publishing in the loop, without subscribers and with 50, of which 10 never read."""
     keys = twin.client.keys
-    wanted = [keys.tick, keys.robot, keys.scan, keys.grid, keys.scene, keys.status, keys.metrics, keys.event]
+    followed = [keys.tick, keys.robot, keys.scan, keys.grid, keys.scene, keys.status, keys.metrics, keys.event]
     without, alone = _sink(twin, seconds)
     with ExitStack() as stack:
         readers = [stack.enter_context(Worker(READER)) for _ in range(READING // READERS_EACH)]
         stopped, full = stack.enter_context(Worker(READER)), stack.enter_context(Worker(READER))
         for reader in readers:
-            reader.ask("follow", endpoint=twin.endpoint, keys=wanted, sessions=READERS_EACH)
-        stopped.ask("follow", endpoint=twin.endpoint, keys=wanted, sessions=STOPPED)
-        full.ask("jam", endpoint=twin.endpoint, keys=wanted, sessions=FULL)
+            reader.ask("follow", endpoint=twin.endpoint, keys=followed, sessions=READERS_EACH)
+        stopped.ask("follow", endpoint=twin.endpoint, keys=followed, sessions=STOPPED)
+        full.ask("jam", endpoint=twin.endpoint, keys=followed, sessions=FULL)
         stopped.process.send_signal(signal.SIGSTOP)
         try:
             jammed = _jam(twin)

@@ -219,8 +219,8 @@ def bench_growth(out: Path, console: Console, *, quick: bool = False) -> bool:
         return True
     factor = found["obstacles on 200 m"][-1]["period_ms"]["p99"] / found["shipped"][0]["period_ms"]["p99"]
     reached = factor <= LIMIT
-    said = f"1,000 obstacles on {OFFICE:g} m: p99 is {factor:.2f} x that of exp1, at most {LIMIT:g} x"
-    console.print(f"{said}: {VERDICTS[reached]}")
+    line = f"1,000 obstacles on {OFFICE:g} m: p99 is {factor:.2f} x that of exp1, at most {LIMIT:g} x"
+    console.print(f"{line}: {VERDICTS[reached]}")
     write(out / f"{NAME}.json", {"machine": machine(), "load_average": load, "sweeps": found, "times_exp1": factor})
     plot(found, units, PICTURE)
     console.print(f"written to {out / NAME}.json and {PICTURE}")

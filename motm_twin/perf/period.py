@@ -233,8 +233,8 @@ def _scene_values(
         found[f"{scene} arm"] = table["arm step"]["p99"]
         if clock is time.perf_counter:  # the factor of every run is in wall time
             found[f"{scene} factor"] = run.factor
-        said = f"{scene}/{variant} {method.name}: {len(run.arm_steps)} arm steps, {run.factor:.1f} x"
-        console.print(f"  {said}", markup=False)
+        summary = f"{scene}/{variant} {method.name}: {len(run.arm_steps)} arm steps, {run.factor:.1f} x"
+        console.print(f"  {summary}", markup=False)
     return table
 
 

@@ -242,10 +242,10 @@ def left_behind(mark: str, folder: Path, port: int) -> list[str]:
 
 
 def _marked(mark: str) -> list[int]:
-    wanted, found = f"{MARK}={mark}".encode(), []
+    marked, found = f"{MARK}={mark}".encode(), []
     for path in Path("/proc").glob("[0-9]*"):
         try:
-            if wanted in (path / "environ").read_bytes().split(b"\0"):
+            if marked in (path / "environ").read_bytes().split(b"\0"):
                 found.append(int(path.name))
         except OSError:
             continue
@@ -334,9 +334,9 @@ def _kills(report: Report, count: int) -> None:
     ended = subprocess.run(  # noqa: S603 - our own tool
         command, capture_output=True, text=True, timeout=300.0 + KILL_SECONDS * count, check=False
     )
-    said = (ended.stdout + ended.stderr).strip().splitlines() or ["nothing"]
+    output = (ended.stdout + ended.stderr).strip().splitlines() or ["nothing"]
     found = re.search(r"^\d+ kills, all files read and recovered: .*most ([0-9.]+) s$", ended.stdout, re.M)
     if found is None:
-        raise RuntimeError(f"{KILLER.name} ended with exit code {ended.returncode} and said: {said[-1]}")
+        raise RuntimeError(f"{KILLER.name} ended with exit code {ended.returncode} and said: {output[-1]}")
     report.values["lost_s"] = float(found[1])
     report.details["kills"] = found[0]

@@ -19,15 +19,15 @@ def _between_looks(v: float, body: Body) -> float:
 
 @kernel
 def stopping_clearance(
-    x: float, y: float, heading: float, v: float, w: float, a_max: float, b_max: float, wanted: float,
+    x: float, y: float, heading: float, v: float, w: float, a_max: float, b_max: float, needed: float,
     field: Field, body: Body,
 ) -> float:  # fmt: skip
     """Least clearance [m] while braking fully from speed v and yaw rate w, followed only until it is below `wanted`."""
     dt = _between_looks(v, body)
     least = clearance(x, y, heading, 1.0, field, body)
-    if least - (v * v / (2.0 * a_max) + abs(v) * dt) - body.outer * min(math.pi, w * w / (2.0 * b_max)) >= wanted:
-        return wanted
-    while (v != 0.0 or w != 0.0) and least >= wanted:
+    if least - (v * v / (2.0 * a_max) + abs(v) * dt) - body.outer * min(math.pi, w * w / (2.0 * b_max)) >= needed:
+        return needed
+    while (v != 0.0 or w != 0.0) and least >= needed:
         v_end = max(0.0, abs(v) - a_max * dt) * (1.0 if v > 0.0 else -1.0)
         w_end = max(0.0, abs(w) - b_max * dt) * (1.0 if w > 0.0 else -1.0)
         x, y, heading = step(x, y, heading, v, w, v_end, w_end, dt)
@@ -37,9 +37,9 @@ def stopping_clearance(
 
 
 @kernel
-def _sure(least: float, wanted: float, reach: float) -> float:
+def _sure(least: float, needed: float, reach: float) -> float:
     """Lower bound [m] on the clearance of every point of the body, where `clearance` up to 1 m is `least`."""
-    if wanted <= 0.0:  # at the border of the map the distance jumps
+    if needed <= 0.0:  # at the border of the map the distance jumps
         return -math.inf
     return least if least < 1.0 else 1.0 - (SLOPE - 1.0) * reach
 
@@ -47,29 +47,29 @@ def _sure(least: float, wanted: float, reach: float) -> float:
 @kernel
 def can_stop(
     x: float, y: float, c: float, s: float, heading: float, free: float, v: float, w: float, a_max: float,
-    b_max: float, wanted: float, field: Field, body: Body,
+    b_max: float, needed: float, field: Field, body: Body,
 ) -> bool:  # fmt: skip
     """Test that `stopping_clearance` is not below `wanted`; the clearance is looked up only where it could be below.
 
     ``free``: clearance [m] of the pose, inf if not known; c, s: cosine and sine of the heading.
     """
     dt = _between_looks(v, body)
-    least = clearance_from(x, y, c, s, 1.0, wanted, field, body) if math.isinf(free) else free
-    if least - (v * v / (2.0 * a_max) + abs(v) * dt) - body.outer * min(math.pi, w * w / (2.0 * b_max)) >= wanted:
+    least = clearance_from(x, y, c, s, 1.0, needed, field, body) if math.isinf(free) else free
+    if least - (v * v / (2.0 * a_max) + abs(v) * dt) - body.outer * min(math.pi, w * w / (2.0 * b_max)) >= needed:
         return True
     # The distance of a point that moves by m changes by SLOPE m at most: nothing comes nearer than `room` - SLOPE m.
     reach = body.outer + abs(body.centre_x)
-    room = _sure(least, wanted, reach)
-    while (v != 0.0 or w != 0.0) and least >= wanted:
+    room = _sure(least, needed, reach)
+    while (v != 0.0 or w != 0.0) and least >= needed:
         v_end = max(0.0, abs(v) - a_max * dt) * (1.0 if v > 0.0 else -1.0)
         w_end = max(0.0, abs(w) - b_max * dt) * (1.0 if w > 0.0 else -1.0)
         x, y, heading = step(x, y, heading, v, w, v_end, w_end, dt)
         room -= SLOPE * dt * 0.5 * (abs(v + v_end) + reach * abs(w + w_end))
         v, w = v_end, w_end
-        if room < wanted + ROUNDING:
+        if room < needed + ROUNDING:
             least = clearance(x, y, heading, 1.0, field, body)
-            room = _sure(least, wanted, reach)
-    return least >= wanted
+            room = _sure(least, needed, reach)
+    return least >= needed
 
 
 @kernel

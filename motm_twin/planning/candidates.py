@@ -104,9 +104,9 @@ def smallest_ring(target: Target, survey: Survey) -> Judged:
     The candidates of the preferred mode stay in the list, with the reasons for their rejection.
     """
     first: Candidates | None = None
-    for wanted in candidate_sets(target, survey):
-        other = first is not None and first.mode != wanted.mode
-        judged = costs_of(joined(first, wanted) if first is not None and other else wanted, survey)
+    for candidates in candidate_sets(target, survey):
+        other = first is not None and first.mode != candidates.mode
+        judged = costs_of(joined(first, candidates) if first is not None and other else candidates, survey)
         if np.isfinite(judged.current).any():
             return judged
         first = first if first is not None and first.mode != judged.candidates.mode else judged.candidates
@@ -194,14 +194,14 @@ def _tangential(target: Target, survey: Survey) -> Iterator[Candidates]:
 
 def _any_heading(target: Target, survey: Survey) -> Iterator[Candidates]:
     """Free poses of any heading from which the arm reaches, the closest rings first, two at a time."""
-    model, wanted = survey.model, survey.room.clearance
+    model, needed = survey.model, survey.room.clearance
     p = model.placement
     previous: Candidates | None = None
     for radius in np.arange(model.body.inner, model.farthest(target), p.radius_step):
         pose, place, place_of = spokes(target.position, radius, p.positions, p.headings)
         reached = model.reach.reached_from(pose, target, slack=2.0 * model.parameters.reach.plan_slack)
         keep = reached.copy()
-        keep[reached] = clearances(pose[reached], wanted, survey.here.field, survey.here.body) >= wanted
+        keep[reached] = clearances(pose[reached], needed, survey.here.field, survey.here.body) >= needed
         if not keep.any():
             continue
         found = Candidates(Mode.REACH, float(radius), pose[keep], place, place_of[keep], [""] * int(keep.sum()))
@@ -257,13 +257,13 @@ def closest_places(
 
     Places behind walls are left out: however close they are, the arm does not get to the target from there.
     """
-    model, here, wanted = survey.model, survey.here, survey.room.clearance
+    model, here, needed = survey.model, survey.here, survey.room.clearance
     farthest = model.body.reach + model.parameters.staa.local_radius
     for radius in np.arange(0.0, farthest, 2.0 * model.placement.radius_step):
         if radius > within:
             return
         pose, place, place_of = spokes(target.position, radius, model.placement.positions, 4)
-        keep = clearances(pose, wanted, here.field, here.body) >= wanted
+        keep = clearances(pose, needed, here.field, here.body) >= needed
         keep &= ~model.reach.behind_walls(pose, target)
         if room > 0.0:
             keep &= leaves_room(pose, room, here)

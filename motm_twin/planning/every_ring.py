@@ -55,8 +55,8 @@ class EveryRing:
             return None
         graph = self._graphs.graph(world, survey.room.growth)
         there = Here(world, self._graphs.field(world), here.body, graph, here.eye)
-        wanted = every_ring(target, survey._replace(here=there))
-        pose = wanted.pose[wanted.viable()]
+        rings = every_ring(target, survey._replace(here=there))
+        pose = rings.pose[rings.viable()]
         for room in waiting_rooms(survey):
             places = list(closest_places(target, survey, room, model.body.reach + model.placement.beside_round))
             if places:

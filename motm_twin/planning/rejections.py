@@ -43,11 +43,11 @@ class Here(NamedTuple):
     eye: Array  # place of the lidar, (2,) [m]
 
 
-def rejections(pose: Array, wanted: float, here: Here) -> list[Rejection]:
+def rejections(pose: Array, needed: float, here: Here) -> list[Rejection]:
     """Reason why the footprint with a clearance `wanted` [m] does not fit at each pose (m, 3); "" where it fits."""
     reason = np.zeros(len(pose), np.uint8)
     c, s = np.cos(pose[:, 2]), np.sin(pose[:, 2])
-    _judge(pose, c, s, wanted, here.world.seen_points, here.world.resolution, here.field, here.body, reason)
+    _judge(pose, c, s, needed, here.world.seen_points, here.world.resolution, here.field, here.body, reason)
     return [_OF_FOOTPRINT[i] for i in reason.tolist()]
 
 
@@ -107,7 +107,7 @@ def _judge(
     pose: Array,
     c: Array,
     s: Array,
-    wanted: float,
+    needed: float,
     seen: Array,
     resolution: float,
     field: Field,
@@ -117,10 +117,10 @@ def _judge(
     """Fill in the index of the `Rejection` of each pose (n, 3); c, s of the headings, ``seen`` points (m, 2) [m]."""
     rows, columns = field.value.shape
     for i in range(pose.shape[0]):
-        if clearance(pose[i, 0], pose[i, 1], pose[i, 2], wanted, field, body) >= wanted:
+        if clearance(pose[i, 0], pose[i, 1], pose[i, 2], needed, field, body) >= needed:
             continue
         if _beyond_border(
-            pose[i, 0], pose[i, 1], c[i], s[i], wanted, columns * resolution, rows * resolution, field, body
+            pose[i, 0], pose[i, 1], c[i], s[i], needed, columns * resolution, rows * resolution, field, body
         ):
             reason[i] = OUTSIDE
         elif _any_within(pose[i, 0], pose[i, 1], c[i], s[i], seen, BESIDE, body):

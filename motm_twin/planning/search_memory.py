@@ -78,7 +78,7 @@ class SeenFloor(NamedTuple):
     x: float  # [m] corner of cell (0, 0)
     y: float
     inverse_cell: float
-    wanted: int  # least value of a cell that may be driven over backwards
+    least: int  # least value of a cell that may be driven over backwards
     half_view: float  # [rad] to either side of straight ahead
     sensor_x: float  # [m] in the base frame
     sensor_y: float

@@ -173,7 +173,7 @@ def _backs_into_the_unknown(
         row, column = math.floor((py - floor.y) * floor.inverse_cell), math.floor((px - floor.x) * floor.inverse_cell)
         if row < 0 or column < 0 or row >= floor.seen.shape[0] or column >= floor.seen.shape[1]:
             continue
-        if floor.seen[row, column] < floor.wanted:
+        if floor.seen[row, column] < floor.least:
             if turn(math.atan2(py - sensor_y, px - sensor_x), before[2]) > floor.half_view:
                 return True
     return False

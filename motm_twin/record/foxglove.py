@@ -178,8 +178,8 @@ def candidates(placement: bus.PlacementMessage, server_time: float) -> Json:
 def log(event: bus.NumberedEvent) -> Json:
     """An event as a line of a log."""
     level = _WARNING if event.kind in _BAD_EVENTS else _INFO
-    said = {"message": event.text or event.kind, "name": event.kind, "file": "", "line": 0}
-    return {"timestamp": stamp(event.server_time), "level": level, **said}
+    content = {"message": event.text or event.kind, "name": event.kind, "file": "", "line": 0}
+    return {"timestamp": stamp(event.server_time), "level": level, **content}
 
 
 def _transform(at: Json, child: str, position: Sequence[float], turn: Sequence[float]) -> Json:

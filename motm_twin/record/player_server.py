@@ -115,12 +115,12 @@ def main() -> None:
         return
     report("listening", endpoint=server.endpoint)
     server.start()
-    said = ""
+    reported = ""
     while not stop.wait(WATCH):
         status = server.player.status()
-        if status.state != said:
-            said = status.state
-            report("state", state=said, text=status.text or status.plant_text)
+        if status.state != reported:
+            reported = status.state
+            report("state", state=reported, text=status.text or status.plant_text)
     server.close()
     leave(0)
 

@@ -170,9 +170,17 @@ class Stream:
         status = msgspec.json.decode(payload, type=messages.StatusMessage)
         self._told_run = status.run
         self.now = max(self.now, status.server_time)
-        said = (status.run, status.state, status.text, status.speed, status.driver, status.plant_text, status.method)
-        if said != self._said or abs(status.server_time - self._said_at) >= STATUS_INTERVAL:
-            self._said, self._said_at = said, status.server_time
+        current = (
+            status.run,
+            status.state,
+            status.text,
+            status.speed,
+            status.driver,
+            status.plant_text,
+            status.method,
+        )
+        if current != self._said or abs(status.server_time - self._said_at) >= STATUS_INTERVAL:
+            self._said, self._said_at = current, status.server_time
             self._add(ch.STATUS, status.server_time, payload)
 
 

@@ -271,10 +271,10 @@ def rerun_run(recording: Recording, run: Run, method: Method | None = None) -> R
             waiting = next(recorded, None)
         if waiting is not None and waiting[0] == index:
             fields, compared = _differing(waiting[1], tick, of_truth=robot is None), compared + 1
-        wanted = run.hashes.get(index + 1)
-        if not fields and wanted is not None:
+        original = run.hashes.get(index + 1)
+        if not fields and original is not None:
             hashes, now = hashes + 1, twin.state_hash()
-            fields = [] if now == wanted else [f"state hash: recorded {wanted[:12]}, now {now[:12]}"]
+            fields = [] if now == original else [f"state hash: recorded {original[:12]}, now {now[:12]}"]
         if fields:
             period = index
             break

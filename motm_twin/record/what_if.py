@@ -145,10 +145,10 @@ class _WhatIfRun:
         try:
             self._twin.post(edit)
         except ValueError as error:
-            said = f"{index / PERIODS_PER_SECOND:.2f} s: {type(edit).__name__}: {error}"
+            refusal = f"{index / PERIODS_PER_SECOND:.2f} s: {type(edit).__name__}: {error}"
             if not free:
-                raise SessionError(f"an edit is refused: {said}") from error
-            self._skipped.append(said)
+                raise SessionError(f"an edit is refused: {refusal}") from error
+            self._skipped.append(refusal)
 
     def ended(self, tick: Tick) -> tuple[bool, str]:
         """True when this was the last period, and the reason unless all tasks are done."""

@@ -94,8 +94,8 @@ class WholeBody:
         """Inputs that ask for the last twist of the base; without a goal, for the requested one, within the limits."""
         room = inputs.dt * np.array([self._base.linear_acceleration, self._base.yaw_acceleration])
         last = np.clip(state.twist, inputs.base_twist - _STEPS * room, inputs.base_twist + _STEPS * room)
-        wanted = np.clip(inputs.base_twist, last - room, last + room) if inputs.goal.kind == "none" else last
-        return msgspec.structs.replace(inputs, base_twist=wanted)
+        desired = np.clip(inputs.base_twist, last - room, last + room) if inputs.goal.kind == "none" else last
+        return msgspec.structs.replace(inputs, base_twist=desired)
 
     def motion(
         self, state: ManipulatorState, view: View, inputs: ArmInputs, parameters: ArmParameters, numbers: Numbers

@@ -228,8 +228,8 @@ class TangentController:
         round_it = max(0.0, 1.0 - line.rho / p.near) / radius if radius > 0.0 else 0.0
         if line.rho <= p.near:
             return side * round_it + p.k_alpha * alpha / p.near
-        wanted = _leaving(line, target, following)
-        beta = 0.0 if wanted is None else wrap_angle(line.heading - wanted)
+        desired = _leaving(line, target, following)
+        beta = 0.0 if desired is None else wrap_angle(line.heading - desired)
         turning = min(max(p.k_beta * beta, -p.k_alpha * p.swing), p.k_alpha * p.swing)
         return (p.k_alpha * alpha + turning) / line.rho
 

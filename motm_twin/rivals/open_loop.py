@@ -100,7 +100,7 @@ class TrackingController(Stateful[ScriptState]):
         """The acceleration that brings the base to the tracking law's twist by the end of the period."""
         state, plan = self._state, self.script.plan(self._state)
         n, over = min(state.at, plan.periods - 1), state.at >= plan.periods
-        wanted = (
+        desired = (
             docking_twist(problem.pose, _end(plan, problem.target))
             if over
             else tracking_twist(problem.pose, plan.poses[n], plan.twists[n])
@@ -110,7 +110,7 @@ class TrackingController(Stateful[ScriptState]):
         idle = over or bool(plan.blocked[n])
         state.at += 1
         return BasePlan(
-            acceleration=frozen(self._limits.within((wanted - problem.twist) / problem.period)),
+            acceleration=frozen(self._limits.within((desired - problem.twist) / problem.period)),
             status=PlanStatus.IDLE if idle else PlanStatus.GOAL,
             why=state.refused or (_over(plan) if over else None),
             global_path=plan.poses[n:, :2],

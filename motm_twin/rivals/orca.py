@@ -99,9 +99,9 @@ class OrcaController:
         growth = room_for(self._planning, self._foot, problem.recovery.tightness).growth
         path = shortest_path(self._graphs.graph(problem.world, growth), problem.pose, placement.goal, self._limits)
         left = float(np.hypot(*np.diff(path, axis=0).T).sum()) if len(path) > 1 else 0.0
-        wanted = self._wanted_twist(problem, placement, path, left)
+        desired = self._wanted_twist(problem, placement, path, left)
         time = left / self._limits.forward_speed
-        return self._answer(problem, wanted, PlanStatus.GOAL, None, path, time, self._to_range(problem, target, time))
+        return self._answer(problem, desired, PlanStatus.GOAL, None, path, time, self._to_range(problem, target, time))
 
     def _wanted_twist(self, problem: BaseProblem, placement: Placement, path: Array, left: float) -> Array:
         """Desired speed and yaw rate (2,), before the limits of acceleration."""
@@ -135,22 +135,22 @@ class OrcaController:
         return 0.0 if self._reach.contains(problem.pose, problem.twist, target) else max(time, problem.period)
 
     def _answer(
-        self, problem: BaseProblem, wanted: Array, status: PlanStatus, why: Reason | None, path: Array, time: float,
+        self, problem: BaseProblem, desired: Array, status: PlanStatus, why: Reason | None, path: Array, time: float,
         to_range: float,
     ) -> BasePlan:  # fmt: skip
         """The plan that tracks this twist (2,) within the limits."""
         limits = self._limits
         top = np.array([limits.forward_speed, limits.yaw_rate])
-        wanted = np.clip(wanted, [-limits.reverse_speed, -limits.yaw_rate], top)
+        desired = np.clip(desired, [-limits.reverse_speed, -limits.yaw_rate], top)
         most = limits.accelerations
         rows = [np.array([*problem.pose, *problem.twist])]
         for _ in range(round(self._p.horizon / problem.period)):
             pose, twist = rows[-1][:3], rows[-1][3:]
-            after = twist + np.clip(wanted - twist, -most * problem.period, most * problem.period)
+            after = twist + np.clip(desired - twist, -most * problem.period, most * problem.period)
             mean = 0.5 * (twist + after)
             rows.append(np.array([*drive(pose, float(mean[0]), float(mean[1]), problem.period), *after]))
         return BasePlan(
-            acceleration=frozen(limits.within((wanted - problem.twist) / problem.period)),
+            acceleration=frozen(limits.within((desired - problem.twist) / problem.period)),
             status=status,
             why=why,
             global_path=frozen(path),

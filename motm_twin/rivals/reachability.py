@@ -348,8 +348,8 @@ class TargetReach:
         half = max(0.0, place.side / 2.0 - place.wall - 0.02 - self._release_margin)  # 0.02: half a cube
         away = centre - mount
         distance = np.maximum(np.hypot(away[:, 0], away[:, 1]), 1e-6)
-        wanted = -away * np.maximum(0.0, 1.0 - self._preferred_radius / distance)[:, None]
+        desired = -away * np.maximum(0.0, 1.0 - self._preferred_radius / distance)[:, None]
         c, s = math.cos(place.yaw), math.sin(place.yaw)
-        x = np.clip(c * wanted[:, 0] + s * wanted[:, 1], -half, half)
-        y = np.clip(-s * wanted[:, 0] + c * wanted[:, 1], -half, half)
+        x = np.clip(c * desired[:, 0] + s * desired[:, 1], -half, half)
+        y = np.clip(-s * desired[:, 0] + c * desired[:, 1], -half, half)
         return centre + np.column_stack((c * x - s * y, s * x + c * y))

@@ -141,8 +141,8 @@ class ParkingController(Stateful[ParkingState]):
         if not self._reach.reached_from(end[None], target, slack=p.park_slack)[0]:
             return False
         share = self._arm_reach.share(np.array([end, goal]), target)
-        wanted = 1e-6 if self._slow(problem.twist) else p.park_share * share[1]
-        good = share[0] >= wanted or share[1] == 0.0  # candidates of the paper's rule may lie outside the map
+        needed = 1e-6 if self._slow(problem.twist) else p.park_share * share[1]
+        good = share[0] >= needed or share[1] == 0.0  # candidates of the paper's rule may lie outside the map
         return bool(good) and self._stop_is_free(problem)
 
     def _shortest_stop(self, problem: BaseProblem) -> Array:
@@ -160,10 +160,10 @@ class ParkingController(Stateful[ParkingState]):
     def _stop_is_free(self, problem: BaseProblem) -> bool:
         """True when the stop keeps the margin of the search: unlike the chosen pose, its end may have no room."""
         p = self._usual.parameters
-        wanted = p.margin_floor if self._slow(problem.twist) else p.margin
+        needed = p.margin_floor if self._slow(problem.twist) else p.margin
         pose, twist, most = problem.pose.tolist(), problem.twist.tolist(), self._limits.accelerations.tolist()
-        free = stopping_clearance(*pose, *twist, *most, wanted, field_of(problem.world), self._body)
-        return free >= wanted
+        free = stopping_clearance(*pose, *twist, *most, needed, field_of(problem.world), self._body)
+        return free >= needed
 
     def _come_to_rest(self, problem: BaseProblem, placement: Placement) -> BasePlan:
         """Plan to come to rest, and stay."""

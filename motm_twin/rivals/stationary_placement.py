@@ -216,8 +216,8 @@ class StationaryPlacement(Stateful[StationaryState]):
         return pose[reached], about[reached]
 
     def _rate(self, pose: Array, direction: IntArray, target: Target, survey: Survey, refused: Array) -> Rated:
-        wanted, here = self.model.placement.clearance, survey.here
-        free = clearances(pose, wanted, here.field, here.body) >= wanted
+        needed, here = self.model.placement.clearance, survey.here
+        free = clearances(pose, needed, here.field, here.body) >= needed
         share = self.arm_reach.share(pose, target)
         place, place_of = np.unique(pose[:, :2], axis=0, return_inverse=True)
         reached = self.arm_reach.good_share(pose, target) > 0.0
@@ -260,9 +260,9 @@ class StationaryPlacement(Stateful[StationaryState]):
         here, rates = survey.here, self.model.rates
         if target.kind == "drive":
             return goal_table(here.graph, next_poses(target, survey), rates)
-        wanted = self.model.placement.clearance
+        needed = self.model.placement.clearance
         for pose, direction, _ in self._pose_sets(target):
-            free = clearances(pose, wanted, here.field, here.body) >= wanted
+            free = clearances(pose, needed, here.field, here.body) >= needed
             if free.any():
                 share = self.arm_reach.share(pose[free], target)
                 keep = _best_positions(pose[free], direction[free], share, self.stationary.next_headings)

@@ -141,8 +141,8 @@ def _fits(value: Any, kind: Any, place: str) -> None:
     try:
         msgspec.convert(msgspec.to_builtins(value), kind)
     except msgspec.ValidationError as error:
-        said = re.sub(r" - at `(.*)`$", lambda found: f" ({place}{found[1].removeprefix('$')})", str(error))
-        raise SceneError(f"{place}: {said}") from error
+        message = re.sub(r" - at `(.*)`$", lambda found: f" ({place}{found[1].removeprefix('$')})", str(error))
+        raise SceneError(f"{place}: {message}") from error
 
 
 def _places(scene: Scene) -> Node:

@@ -134,8 +134,8 @@ def load_session(path: str | Path) -> Session:
         with path.open("rb") as file:
             recording = file.read(len(MCAP_MAGIC)) == MCAP_MAGIC
         if recording:
-            wanted = "give a session, which `run --save`, `send save` or the page make (`rerun` takes FILE.mcap too)"
-            raise SessionError(f"is a recording: {wanted}", file=str(path))
+            hint = "give a session, which `run --save`, `send save` or the page make (`rerun` takes FILE.mcap too)"
+            raise SessionError(f"is a recording: {hint}", file=str(path))
         size = path.stat().st_size
         if size > MAX_BYTES:
             raise SessionError(f"{size / 1e6:.0f} MB is no session: at most {MAX_BYTES / 1e6:.0f} MB", file=str(path))

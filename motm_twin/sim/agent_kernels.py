@@ -59,11 +59,11 @@ def steer(
     """
     bearing = bearing_to(pose, x, y)
     free = max(0.0, free - v * dt)
-    wanted = min(speed * max(0.0, 1.0 - abs(bearing) / TURN_FIRST), _stoppable(free, acceleration))
+    desired = min(speed * max(0.0, 1.0 - abs(bearing) / TURN_FIRST), _stoppable(free, acceleration))
     if rounding or abs(bearing) > STRAIGHT:
-        wanted = min(wanted, max(CORNERING, _stoppable(gap, acceleration)))
+        desired = min(desired, max(CORNERING, _stoppable(gap, acceleration)))
     turn = min(YAW_RATE, max(-YAW_RATE, HEADING_GAIN * bearing))
-    new_v = v + min(acceleration * dt, max(-acceleration * dt, wanted - v))
+    new_v = v + min(acceleration * dt, max(-acceleration * dt, desired - v))
     new_w = w + min(YAW_ACCELERATION * dt, max(-YAW_ACCELERATION * dt, turn - w))
     way, turned = 0.5 * (v + new_v) * dt, 0.5 * (w + new_w) * dt
     chord = way * (1.0 if turned == 0.0 else math.sin(0.5 * turned) / (0.5 * turned))

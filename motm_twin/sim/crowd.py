@@ -84,20 +84,20 @@ def preferred_velocity(position: Array, goal: tuple[float, float], speed: float,
 
 
 @njit(cache=True)
-def walk(pose: Array, v: float, wanted: Array, acceleration: float, dt: float) -> tuple[Array, float]:
+def walk(pose: Array, v: float, desired: Array, acceleration: float, dt: float) -> tuple[Array, float]:
     """One substep of an agent that moves in any direction, with at most this acceleration: pose and speed.
 
-    Its heading is its direction of motion; ``wanted``: velocity [m/s], shape (2,).
+    Its heading is its direction of motion; ``desired``: velocity [m/s], shape (2,).
     """
     vx, vy = v * math.cos(pose[2]), v * math.sin(pose[2])
-    dx, dy = wanted[0] - vx, wanted[1] - vy
+    dx, dy = desired[0] - vx, desired[1] - vy
     change = math.hypot(dx, dy)
     share = 1.0 if change <= acceleration * dt else acceleration * dt / change
     new_x, new_y = vx + share * dx, vy + share * dy
     speed = math.hypot(new_x, new_y)
     if speed < FACES:
-        wants = math.hypot(wanted[0], wanted[1])
-        heading = math.atan2(wanted[1], wanted[0]) if wants >= FACES else pose[2]
+        wants = math.hypot(desired[0], desired[1])
+        heading = math.atan2(desired[1], desired[0]) if wants >= FACES else pose[2]
         new_x, new_y = speed * math.cos(heading), speed * math.sin(heading)
     else:
         heading = math.atan2(new_y, new_x)
@@ -132,13 +132,13 @@ def _choices(crowd: Crowd, *, with_robot: bool) -> Array:
     return around.chosen(len(crowd.positions))
 
 
-RELAXATION = 0.5  # [s] tau: time to reach the wanted velocity
+RELAXATION = 0.5  # [s] tau: time to reach the desired velocity
 STRENGTH, RANGE = 2.1, 0.3  # [m^2/s^2] V0 and [m] sigma: repulsion by others
 WALL_STRENGTH, WALL_RANGE = 10.0, 0.2  # [m^2/s^2] U0 and [m] R: repulsion by walls
 STRIDES = 2.0  # [s] Delta t: duration of the other's next step, which stretches its repulsion ellipse
 SIGHT = math.cos(math.radians(100.0))  # cosine of phi: half of the field of view of 200 deg
 BEHIND = 0.5  # c: weight of unseen bodies
-FASTEST = 1.3  # largest speed, as a multiple of the wanted one
+FASTEST = 1.3  # largest speed, as a multiple of the desired one
 CLOSEST = 0.01  # [m] least distance between bodies: the force stays finite when they overlap
 
 

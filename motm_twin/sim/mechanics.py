@@ -26,8 +26,8 @@ from motm_twin.sim.plant_state import ArmState, BaseState, PlantState
 from motm_twin.sim.solids import Scenery
 
 
-def _towards(now: float, wanted: float, factor: float, largest: float) -> float:
-    change = factor * (wanted - now)
+def _towards(now: float, desired: float, factor: float, largest: float) -> float:
+    change = factor * (desired - now)
     return now + min(largest, max(-largest, change))
 
 
@@ -75,10 +75,10 @@ def _follow(q: Array, dq: Array, command: Array, factor: float, dt: float) -> tu
     new_q, new_dq = np.empty_like(q), np.empty_like(dq)
     for i in range(q.shape[0]):
         a, old = DDQ_MAX[i], dq[i]
-        wanted = old + factor * (min(DQ_MAX[i], max(-DQ_MAX[i], command[i])) - old)
-        wanted = min(wanted, _stoppable(Q_MAX[i] - q[i], old, a, dt))
-        wanted = max(wanted, -_stoppable(q[i] - Q_MIN[i], -old, a, dt))
-        new_dq[i] = old + min(a * dt, max(-a * dt, wanted - old))
+        desired = old + factor * (min(DQ_MAX[i], max(-DQ_MAX[i], command[i])) - old)
+        desired = min(desired, _stoppable(Q_MAX[i] - q[i], old, a, dt))
+        desired = max(desired, -_stoppable(q[i] - Q_MIN[i], -old, a, dt))
+        new_dq[i] = old + min(a * dt, max(-a * dt, desired - old))
         new_q[i] = min(Q_MAX[i], max(Q_MIN[i], q[i] + 0.5 * (old + new_dq[i]) * dt))
     return new_q, new_dq
 

@@ -133,12 +133,12 @@ def printed_outcomes(
     if len(missing) < len(items):
         console.print(f"  {len(items) - len(missing)} of {len(items)} are known")
     for done, (index, outcome) in enumerate(outcomes(call, missing, local_pool(workers)), 1):
-        said = f"  {done}/{len(missing)} {about(missing[index])}"
+        progress = f"  {done}/{len(missing)} {about(missing[index])}"
         if isinstance(outcome, Lost):
-            console.print(f"{said}: lost, {outcome.reason}", style="red", markup=False)
+            console.print(f"{progress}: lost, {outcome.reason}", style="red", markup=False)
         else:
             kept.add(about(missing[index]), outcome)
-            console.print(f"{said}: {verdict(outcome)}", markup=False)
+            console.print(f"{progress}: {verdict(outcome)}", markup=False)
     return [kept.results[name] for name in names if name in kept.results]
 
 

@@ -59,8 +59,8 @@ class Store:
             fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError as error:
             self._file.close()
-            said = f"{self.path}: another run writes to it now; wait for it, or give another --out"
-            raise ValueError(said) from error
+            message = f"{self.path}: another run writes to it now; wait for it, or give another --out"
+            raise ValueError(message) from error
         data = self.path.read_bytes()
         if data and not data.endswith(b"\n"):  # a truncated line
             self._file.truncate(data.rfind(b"\n") + 1)

@@ -80,11 +80,11 @@ def documentation(path: str) -> Response | None:
         return None
     if (place := _documentation_folder()) is not None:
         folder = place[0].resolve()
-        wanted = (folder / (unquote(path.removeprefix(PATH)) or "index.html")).resolve()
-        if wanted.is_relative_to(folder) and wanted.is_file():
-            known = mimetypes.guess_type(wanted.name)[0] or "application/octet-stream"
-            kind = PLAIN if wanted.suffix == ".md" else known
-            return response(http.HTTPStatus.OK, wanted.read_bytes(), {"Content-Type": kind, **CHECKED})
+        file = (folder / (unquote(path.removeprefix(PATH)) or "index.html")).resolve()
+        if file.is_relative_to(folder) and file.is_file():
+            known = mimetypes.guess_type(file.name)[0] or "application/octet-stream"
+            kind = PLAIN if file.suffix == ".md" else known
+            return response(http.HTTPStatus.OK, file.read_bytes(), {"Content-Type": kind, **CHECKED})
     return response(http.HTTPStatus.NOT_FOUND, b"no such page", CHECKED)
 
 

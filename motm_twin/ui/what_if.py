@@ -239,8 +239,10 @@ class WhatIf:
             )
             self._process = process
         assert process.stdout is not None and process.stderr is not None
-        said: deque[bytes] = deque(maxlen=ERROR_LINES)
-        listener = threading.Thread(target=said.extend, args=(process.stderr,), name="what if, errors", daemon=True)
+        stderr_end: deque[bytes] = deque(maxlen=ERROR_LINES)
+        listener = threading.Thread(
+            target=stderr_end.extend, args=(process.stderr,), name="what if, errors", daemon=True
+        )
         listener.start()
         try:
             self._read(job, process.stdout)
@@ -249,7 +251,7 @@ class WhatIf:
         finally:
             _end(process)
         if self._set(job) and self.state.busy:
-            last = said[-1].decode(errors="replace").strip() if said else f"exit code {process.returncode}"
+            last = stderr_end[-1].decode(errors="replace").strip() if stderr_end else f"exit code {process.returncode}"
             self._set(job, phase="failed", text=f"the comparison ended early: {last}")
 
     def _read(self, job: int, lines: Iterable[bytes]) -> None:

@@ -52,6 +52,22 @@ def show(view, tick, scene=SCENE):
     view.draw(shown, 0.03, slow=True)
 
 
+def test_a_run_of_another_seed_keeps_floor_and_furniture_as_they_are(view, tick):
+    """A browser showed an empty room until it had read the same meshes again."""
+
+    def handles():
+        table = view._server.scene._handle_from_node_name
+        return {name: handle for name, handle in table.items() if name.startswith(("/scene/", "/furniture/"))}
+
+    show(view, tick)
+    before = handles()
+    show(view, tick, replace(SCENE, seed=SCENE.seed + 1))
+    assert handles() == before
+    higher = tuple(replace(solid, z_max=solid.z_max + 0.1) for solid in SCENE.solids)
+    show(view, tick, replace(SCENE, solids=higher))
+    assert not any(before.get(name) is handle for name, handle in handles().items())
+
+
 def nodes(view):
     """Names of all nodes that are drawn."""
     table = view._server.scene._handle_from_node_name

@@ -190,10 +190,10 @@ def release_point(centre: Array, yaw: float, half: float, mount: Array, radii: A
     """
     away = centre[:2] - mount[:2]
     distance = norm(away)
-    wanted = -away * max(0.0, 1.0 - radii[0] / max(distance, 1e-6))
+    desired = -away * max(0.0, 1.0 - radii[0] / max(distance, 1e-6))
     c, s = math.cos(yaw), math.sin(yaw)
-    x = min(max(c * wanted[0] + s * wanted[1], -half), half)
-    y = min(max(-s * wanted[0] + c * wanted[1], -half), half)
+    x = min(max(c * desired[0] + s * desired[1], -half), half)
+    y = min(max(-s * desired[0] + c * desired[1], -half), half)
     if taken.shape[0]:
         origin = np.array([-c * away[0] - s * away[1], s * away[0] - c * away[1]])
         x, y = _freest(x, y, half, origin, radii[1], _along(centre, c, s, taken))

@@ -373,8 +373,8 @@ def _transit_rotation(arm: Arm, way: _Way, planar: float, parameters: Numbers) -
         tilt = max(tilt, _look_tilt(arm, outward, parameters))
     tilt = min(tilt, n.stow_tilt + n.tilt_room * max(0.0, near - n.stow_radius))
     outward += planar * wrap_angle(own - outward)
-    wanted = way.yaw if pick and not math.isnan(way.yaw) else own
-    return tool_rotation(wanted + planar * wrap_angle(own - wanted), tilt, outward)
+    desired = way.yaw if pick and not math.isnan(way.yaw) else own
+    return tool_rotation(desired + planar * wrap_angle(own - desired), tilt, outward)
 
 
 @njit(cache=True)

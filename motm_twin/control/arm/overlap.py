@@ -63,8 +63,8 @@ class ArmOverlap:
         base, dt = self._profile.base, inputs.dt
         leaving = self._inside_base(arm.pose, inputs.obstacles.points)
         limits = np.array([base.linear_acceleration, base.yaw_acceleration]) * dt
-        wanted = inputs.base_twist if leaving else np.zeros(2)
-        after = np.clip(wanted, twist - limits, twist + limits)
+        desired = inputs.base_twist if leaving else np.zeros(2)
+        after = np.clip(desired, twist - limits, twist + limits)
         way = self._stow - arm.q
         joints = np.zeros(7)
         if withdraws and not leaving and float(np.abs(way).max()) > _STOWED:

@@ -120,20 +120,20 @@ class ArmProgram:
         are kept near the motion of the robot, in case another program commanded it.
         """
         swinging, arm, base = state.phase in _SWINGING, view.arm, self._constants.base
-        anchor(state.twist, state.rates, (arm.wanted, arm.dq), base, inputs.dt, self._lag)
+        anchor(state.twist, state.rates, (arm.desired, arm.dq), base, inputs.dt, self._lag)
         around = self._around(view, state, inputs, relaxing)
         found = [(limit.rows(arm, around), first, limit.soft) for limit, first in self._limits]
         found = [one for one in found if len(one[0].h)]
         G, h, which = stacked(found, view.beta, arm.measured)
         cost = self._weights[swinging, state.holding or motion.crosses]
         c, A, b, lower, upper = _program(
-            arm, motion.velocity, self._brakable(arm.wanted, found), state.twist,
+            arm, motion.velocity, self._brakable(arm.desired, found), state.twist,
             *self._joints(state.rates, inputs.stuck_joint), cost, (view.manipulability, view.beta, inputs.dt, swinging),
         )  # fmt: skip
         program = Program(P=cost, c=c, A=A, b=b, G=G, h=h, lower=lower, upper=upper, slack=_SLACKS)
         return program, ActiveRows(self._names, self._hard, which, *_limiter(around.gripper))
 
-    def _brakable(self, wanted: Array, found: Sequence[tuple[Rows, int, bool]]) -> Array:
+    def _brakable(self, desired: Array, found: Sequence[tuple[Rows, int, bool]]) -> Array:
         """The base twist (2,), slowed where the base could not brake before it carried the arm into furniture.
 
         Only elbow and forearm count: the hand keeps its place whatever the base does, but elbow and forearm must follow
@@ -142,8 +142,8 @@ class ArmProgram:
         share = 1.0
         for rows, first, _ in found:
             of = self._carried[first + rows.name]
-            share = min(share, brakable_share(rows, of, wanted, self._braking, self._slope))
-        return share * wanted
+            share = min(share, brakable_share(rows, of, desired, self._braking, self._slope))
+        return share * desired
 
     def _joints(self, rates: Array, stuck: int | None) -> tuple[Array, _Constants]:
         """Arm rates commanded last and constants; a ``stuck`` joint gets `STUCK_RATE`, and the others do its work."""
@@ -261,14 +261,14 @@ def stacked(limits: Sequence[tuple[Rows, int, bool]], beta: float, measured: Arr
 
 
 @njit(cache=True)
-def brakable_share(rows: Rows, of: NDArray[np.bool_], wanted: Array, braking: float, slope: float) -> float:
+def brakable_share(rows: Rows, of: NDArray[np.bool_], desired: Array, braking: float, slope: float) -> float:
     """Largest share of a base twist (2,) with which no row marked in ``of`` (k,) is approached too fast to brake.
 
     ``braking`` [m/s^2]: of the base; ``slope`` [s]: room over speed of the rows' damper line.
     """
     share = 1.0
     for k in range(rows.h.shape[0]):
-        carried = rows.G[k, 0] * wanted[0] + rows.G[k, 1] * wanted[1]
+        carried = rows.G[k, 0] * desired[0] + rows.G[k, 1] * desired[1]
         if of[k] and carried > STANDSTILL[0]:
             fastest = max(STANDSTILL[0], math.sqrt(2.0 * braking * slope * max(rows.h[k], 0.0)))
             share = min(share, fastest / carried)
@@ -305,7 +305,7 @@ def weights(parameters: QpParameters, *, swinging: bool, kept: bool) -> Array:
 
 @njit(cache=True)
 def _program(
-    arm: Arm, velocity: Array, wanted: Array, twist: Array, rates: Array, constants: _Constants, cost: Array,
+    arm: Arm, velocity: Array, desired: Array, twist: Array, rates: Array, constants: _Constants, cost: Array,
     now: tuple[float, float, float, bool],
 ) -> tuple[Array, Array, Array, Array, Array]:  # fmt: skip
     """Linear cost, rows A x = b and bounds; ``twist``, ``rates``: commanded last, ``cost`` from `weights`.
@@ -320,7 +320,7 @@ def _program(
     azimuth = polar(arm.p, arm.pose, arm.base_mount)[1]
     error = posture_error(arm.q, azimuth, more * n.posture_gain, more * n.posture_rate)
     for k in range(2):
-        c[k] = -n.base_weight * wanted[k]
+        c[k] = -n.base_weight * desired[k]
     for k in range(7):
         c[2 + k] = cost[2 + k] * error[k] - n.manipulability_weight * gradient[k]
     c[LIDAR_ELASTIC] = c[FURNITURE_ELASTIC] = n.elastic_weight
@@ -351,13 +351,13 @@ def _hand_rows(arm: Arm, velocity: Array, beta: float) -> tuple[Array, Array]:
 def anchor(twist: Array, rates: Array, near: tuple[Array, Array], base: Numbers, dt: float, lag: float) -> None:
     """Clamp, in place, the last base twist (2,) near the wanted one and the last arm rates (7,) near the measured ones.
 
-    ``near``: wanted twist and measured rates. Rates may differ by what joints change in ``lag`` [s] and three steps.
+    ``near``: desired twist and measured rates. Rates may differ by what joints change in ``lag`` [s] and three steps.
     """
-    wanted, dq = near
+    desired, dq = near
     limits, follow = base[0], lag + 3.0 * dt
     room_v, room_w = 2.0 * dt * limits.linear_acceleration, 2.0 * dt * limits.yaw_acceleration
-    twist[0] = _clipped(twist[0], wanted[0] - room_v, wanted[0] + room_v)
-    twist[1] = _clipped(twist[1], wanted[1] - room_w, wanted[1] + room_w)
+    twist[0] = _clipped(twist[0], desired[0] - room_v, desired[0] + room_v)
+    twist[1] = _clipped(twist[1], desired[1] - room_w, desired[1] + room_w)
     for k in range(7):
         room = DDQ_MAX[k] * follow
         rates[k] = _clipped(_clipped(rates[k], dq[k] - room, dq[k] + room), -DQ_MAX[k], DQ_MAX[k])

@@ -67,7 +67,7 @@ class Arm(NamedTuple):
     dq: Array  # [rad/s], shape (7,)
     pose: Array  # of the base, shape (3,)
     measured: Array  # base twist now, shape (2,)
-    wanted: Array  # base twist that its planner wants, shape (2,)
+    desired: Array  # base twist that its planner wants, shape (2,)
     expected: Array  # base twist expected while the commanded arm rates act, shape (2,)
     T_odom_world: Array  # planar pose of the world frame, shape (3,)
     base_mount: Array  # [m] of the arm, base frame, shape (3,)
@@ -186,7 +186,7 @@ class StepReport(NamedTuple):
     dq: Array
     pose: Array
     measured: Array
-    wanted: Array
+    desired: Array
     T_odom_world: Array
     base_mount: Array
     position: Array  # [m] of the goal, shape (3,)
@@ -222,7 +222,7 @@ def _look(
     ``radii`` as in `release_point`.
     """
     t = report
-    q, pose, measured, wanted = t.q.copy(), t.pose.copy(), t.measured.copy(), t.wanted.copy()
+    q, pose, measured, desired = t.q.copy(), t.pose.copy(), t.measured.copy(), t.desired.copy()
     T = fk_arm(q)
     jacobian, p, R, J = point_jacobian(T, 7, T[TCP, :3, 3]), np.empty(3), np.empty((3, 3)), np.empty((6, 9))
     hand_of(T, jacobian, pose, t.base_mount, p, R, J)
@@ -236,16 +236,16 @@ def _look(
         target[0], target[1], target[2] = mount[0] + 1.0, mount[1], mount[2]
     expected, root = np.empty(2), np.empty((6, 6))
     for k in range(2):
-        expected[k] = measured[k] + beta * (wanted[k] - measured[k])
+        expected[k] = measured[k] + beta * (desired[k] - measured[k])
     radius, azimuth = polar(target, pose, t.base_mount)
     distance = hypot(p[0] - target[0], p[1] - target[1])
     dexterity = factor(jacobian, root)
     arm = Arm(
-        q=q, dq=t.dq.copy(), pose=pose, measured=measured, wanted=wanted, expected=expected,
+        q=q, dq=t.dq.copy(), pose=pose, measured=measured, desired=desired, expected=expected,
         T_odom_world=t.T_odom_world.copy(), base_mount=t.base_mount.copy(), mount=mount, T=T, jacobian=jacobian, p=p,
         R=R, J=J, factor=root, target=target,
     )  # fmt: skip
-    total = q.sum() + t.dq.sum() + pose.sum() + measured.sum() + wanted.sum() + t.T_odom_world.sum()
+    total = q.sum() + t.dq.sum() + pose.sum() + measured.sum() + desired.sum() + t.T_odom_world.sum()
     total += t.position.sum() + t.yaw + _sum_of_rows(points) + _sum_of_rows(plan_poses)
     return arm, radius, azimuth, distance, dexterity, nearest_distance(p, points), total
 

@@ -320,9 +320,9 @@ def origin(records: Iterable[Record], command: str) -> Origin:
     notes = [record.made_with for record in records] or [{**current_origin(), PLAN: "no trials", COMMAND: command}]
     names = [*dict.fromkeys(name for note in notes for name in note), PLAN, COMMAND, MACHINE, SOURCE]
     counts = {name: Counter(note.get(name, NOT_RECORDED) for note in notes) for name in names}
-    said = {name: _counted(values) for name, values in counts.items()}
-    apart = {name: said.pop(name) for name in (PLAN, COMMAND, MACHINE)}
-    return Origin(sources=tuple(counts[SOURCE]), plans=tuple(counts[PLAN]), made_with=said, **apart)
+    stamps = {name: _counted(values) for name, values in counts.items()}
+    apart = {name: stamps.pop(name) for name in (PLAN, COMMAND, MACHINE)}
+    return Origin(sources=tuple(counts[SOURCE]), plans=tuple(counts[PLAN]), made_with=stamps, **apart)
 
 
 def current_origin() -> dict[str, str]:
@@ -358,10 +358,10 @@ def keys(experiments: Iterable[Experiment]) -> Keys:
     return {each.name: {job.key(source): job.spec for job in jobs_of(each.specs)} for each in experiments}
 
 
-def of_plan(out: Path, wanted: Keys) -> Records:
+def of_plan(out: Path, planned: Keys) -> Records:
     """Records of these trials, each once and in order: from the current source, or else the newest one."""
     found: Records = {}
-    for name, trials in wanted.items():
+    for name, trials in planned.items():
         records = Trials(out / name).read()
         newest = _newest(records.values())
         these = (records.get(key) or newest.get(_text(spec)) for key, spec in trials.items())
@@ -369,22 +369,22 @@ def of_plan(out: Path, wanted: Keys) -> Records:
     return found
 
 
-def write_completed(out: Path, wanted: Keys) -> None:
+def write_completed(out: Path, planned: Keys) -> None:
     """Write `results.jsonl` with all stored results of these trials: a partial run has written only its own."""
-    for name, trials in wanted.items():
+    for name, trials in planned.items():
         records = Trials(out / name).read()
         Trials(out / name).write_results([records[key].result for key in trials if key in records])
 
 
-def missing(out: Path, wanted: Keys, *, retry_failed: bool = False) -> tuple[list[TrialSpec], int]:
+def missing(out: Path, planned: Keys, *, retry_failed: bool = False) -> tuple[list[TrialSpec], int]:
     """The trials that still have to be run, and the total number of these trials."""
     done = {
         record.key
-        for name in wanted
+        for name in planned
         for record in Trials(out / name).read().values()
         if record.result["success"] or not retry_failed
     }
-    every = {key: spec for trials in wanted.values() for key, spec in trials.items()}
+    every = {key: spec for trials in planned.values() for key, spec in trials.items()}
     return [spec for key, spec in every.items() if key not in done], len(every)
 
 

@@ -195,13 +195,13 @@ def stale(origin: Origin) -> list[str]:
 
 def _lead(record: dict, warnings: Sequence[str], notes: Sequence[str]) -> str:
     failed, drawn = len(record["without_success"]), record["drawn"]
-    said = (
+    lines = (
         f"motm_twin {record['version']}, source {record['source']}; {record['trials']} trials, {failed} of them "
         f"without success; plan: {record['plan']}; {record['machine']}."
     )
     return (
         paragraphs(warnings, "missing")
-        + paragraphs([said, *notes])
+        + paragraphs([lines, *notes])
         + f'<p class="about">The trials were run by <code>{text(record["command"])}</code>; drawn '
         f"{drawn['written']} by <code>{text(drawn['command'])}</code>, source {drawn['source']}.</p>"
     )
@@ -221,9 +221,9 @@ def _sections(context: Context, parts: dict[str, Part], record: dict) -> Iterato
 
 def _numbers(context: Context) -> str:
     rows = goal_rows(context.store)
-    said = "motm is the paper's method, fast our own. A verdict needs 50 trials; with fewer it says 'so far'."
+    lines = "motm is the paper's method, fast our own. A verdict needs 50 trials; with fewer it says 'so far'."
     return (
-        paragraphs([said])
+        paragraphs([lines])
         + table(GOAL_HEADER, rows)
         + paragraphs(missed(rows))
         + '<p class="about">Fifty trials of each: <code>'
@@ -257,15 +257,15 @@ def _made(record: dict, parts: dict[str, Part]) -> str:
         for name, each in record["experiments"].items()
     ]
     missing = [part.title for part in parts.values() if isinstance(part, Missing)]
-    said = [
+    lines = [
         "Cite the version, the source hash, the command, and the machine: results.json beside this file has them with "
         "all parameters and seeds, and EXPERIMENT/results.jsonl has every trial. The same source, seeds and versions "
         "of the numeric libraries give the same trials, bit for bit.",
     ]
     if missing:
-        said.append(f"Not in this report: {', '.join(missing)}.")
+        lines.append(f"Not in this report: {', '.join(missing)}.")
     header = ("Experiment", "Trials", "Methods", "Scenes", "Seeds")
-    return paragraphs(said) + table(header, experiments) + table(("What", "Ran the trials", "Drew this"), rows)
+    return paragraphs(lines) + table(header, experiments) + table(("What", "Ran the trials", "Drew this"), rows)
 
 
 def _range(seeds: list[int]) -> str:

@@ -99,8 +99,8 @@ def shown(slower: Estimate) -> bool:
 
 def verdict(slower: Estimate, results: list[Result]) -> str:
     """Verdict of the trials on a modification, in a few words."""
-    placed, wanted = data.placed(results)
-    harm = f"without it {wanted - placed} of {wanted} objects are not placed; " if placed < wanted else ""
+    placed, places = data.placed(results)
+    harm = f"without it {places - placed} of {places} objects are not placed; " if placed < places else ""
     hits = data.contacts(results)
     harm += f"without it {hits} contact(s); " if hits else ""
     if slower.n < 2:
@@ -112,16 +112,16 @@ def verdict(slower: Estimate, results: list[Result]) -> str:
 
 def _line_of(found: Ablation) -> Line:
     method, group, results, slower = found
-    placed, wanted = data.placed(results)
+    placed, places = data.placed(results)
     row = {
         "method": method, "experiment": group,
         "slower_s": slower.value, "low_s": slower.low, "high_s": slower.high, "pairs": slower.n,
-        "placed": placed, "wanted": wanted, "contacts": data.contacts(results),
+        "placed": placed, "wanted": places, "contacts": data.contacts(results),
         "all_contacts": touches(results), "verdict": verdict(slower, results),
     }  # fmt: skip
     cells = {
         "Without": found.title, "Paper": METHODS[method].source if method in METHODS else "", "Experiment": group,
-        "Slower by, mean [95 % CI] [s]": slower.text(1), "Pairs": str(slower.n), "Objects placed": f"{placed}/{wanted}",
+        "Slower by, mean [95 % CI] [s]": slower.text(1), "Pairs": str(slower.n), "Objects placed": f"{placed}/{places}",
         "Contacts, caused": f"{touches(results)}, {data.contacts(results)}", "What it shows": row["verdict"],
     }  # fmt: skip
     return row, cells
@@ -163,10 +163,10 @@ def _of_scene(store: Store, experiment: str, name: str, scene: str) -> list[dict
     rows = []
     for value, results in sorted(found.items()):
         slower = statistics.paired_difference(data.times(results), ours)
-        placed, wanted = data.placed(results)
+        placed, places = data.placed(results)
         rows.append(
             {"parameter": name, "scene": scene, "value": value, "slower_s": slower.value, "low_s": slower.low,
-             "high_s": slower.high, "pairs": slower.n, "placed": placed, "wanted": wanted}
+             "high_s": slower.high, "pairs": slower.n, "placed": placed, "wanted": places}
         )  # fmt: skip
     return rows
 
@@ -308,7 +308,7 @@ def draw_grasp_delay(store: Store) -> Part:
 def success_notes(results: list[Result]) -> list[str]:
     """Success of each method over all errors and levels, and its loss against the first method, paired by seed."""
     shares: dict[str, dict[int, float]] = {}  # method: share of success by seed
-    said = []
+    sentences = []
     for method in dict.fromkeys(result["method"] for result in results):
         these = [each for each in results if each["method"] == method and any(varied(each).values())]
         by_seed = {seed: [each for each in these if each["seed"] == seed] for seed in {each["seed"] for each in these}}
@@ -320,8 +320,8 @@ def success_notes(results: list[Result]) -> list[str]:
         less = statistics.paired_difference(shares[first], shares[method])
         points = data.percent(less).replace(" %", " percentage points", 1)
         beside = "" if method == first else f", by seed {points} less than {data.title(first)}"
-        said.append(f"{data.title(method)}: {done} of {len(these)} trials with an error end with success{beside}.")
-    return said
+        sentences.append(f"{data.title(method)}: {done} of {len(these)} trials with an error end with success{beside}.")
+    return sentences
 
 
 def _draw_errors(store: Store, name: str, label: str, caption: str, *, success: bool) -> Part:

@@ -94,18 +94,18 @@ def _published(row: TableRow) -> Line:
 
 def _result(name: str, method: str, results: list[Result]) -> Line:
     time, median = data.mean_time(results), statistics.median(list(data.times(results).values()))
-    share, (placed, wanted) = successes(results), data.placed(results)
+    share, (placed, places) = successes(results), data.placed(results)
     row = {
         "experiment": name, "method": method, "published": False, "mean_s": time.value, "mean_low_s": time.low,
         "mean_high_s": time.high, "median_s": median.value, "median_low_s": median.low, "median_high_s": median.high,
         "trials": len(results), "completed": time.n, "success": share.value, "success_low": share.low,
-        "success_high": share.high, "placed": f"{placed}/{wanted}", "contacts": data.contacts(results),
+        "success_high": share.high, "placed": f"{placed}/{places}", "contacts": data.contacts(results),
         "all_contacts": touches(results),
     }  # fmt: skip
     interval = f"[{100 * share.low:.0f}, {100 * share.high:.0f}] %"
     cells = (
         name, data.title(method), time.text(1), f"{median.value:.1f}" if median.n else "-",
-        f"{time.n} of {len(results)}", f"{round(share.value * share.n)}/{share.n} {interval}", f"{placed}/{wanted}",
+        f"{time.n} of {len(results)}", f"{round(share.value * share.n)}/{share.n} {interval}", f"{placed}/{places}",
         f"{touches(results)}, {data.contacts(results)}",
     )  # fmt: skip
     return row, dict(zip(HEADER, cells, strict=True))
@@ -205,7 +205,7 @@ class Found(NamedTuple):
     """Measured value of a goal."""
 
     good: bool
-    said: str  # the value with its interval, as text
+    measured: str  # the value with its interval, as text
     n: int  # number of trials
     final: bool = False  # no further trial can change the verdict
 
@@ -214,7 +214,7 @@ class Goal(NamedTuple):
     """A number to reach, and its computation from the trials of a method."""
 
     name: str
-    wanted: str
+    required: str
     trials: tuple[tuple[str, str], ...]  # (scene, variant) of the judged trials, then of those to compare with
     measure: Callable[..., Found | None]  # computed from these trials; None: not measured in them
 
@@ -227,8 +227,8 @@ def goal_rows(store: Store) -> list[tuple[str, ...]]:
 def missed(rows: Iterable[tuple[str, ...]]) -> list[str]:
     """One sentence for each goal that is missed."""
     return [
-        f"{verdict[0].upper()}{verdict[1:]} by {method}: {name}: {said}, wanted {wanted} (n = {n})."
-        for name, wanted, method, said, n, verdict in rows
+        f"{verdict[0].upper()}{verdict[1:]} by {method}: {name}: {measured}, wanted {required} (n = {n})."
+        for name, required, method, measured, n, verdict in rows
         if verdict.endswith("missed")
     ]
 
@@ -237,23 +237,24 @@ def _goal_row(goal: Goal, store: Store, method: str) -> tuple[str, ...]:
     trials = [store.of(scene, method=method, variant=variant) for scene, variant in goal.trials]
     found = goal.measure(*trials) if trials[0] else None
     if found is None:
-        return (goal.name, goal.wanted, method, "not measured", "0", "")
+        return (goal.name, goal.required, method, "not measured", "0", "")
     early = "" if found.n >= SEEDS or found.final else "so far "
-    return (goal.name, goal.wanted, method, found.said, str(found.n), early + ("reached" if found.good else "missed"))
+    verdict = early + ("reached" if found.good else "missed")
+    return (goal.name, goal.required, method, found.measured, str(found.n), verdict)
 
 
 def _placed(results: list[Result]) -> Found:
-    placed, wanted = data.placed(results)
-    said = f"{placed}/{wanted}, {data.percent(statistics.proportion(placed, wanted), 1)}"
-    return Found(placed == wanted, said, len(results), placed < wanted)
+    placed, places = data.placed(results)
+    measured = f"{placed}/{places}, {data.percent(statistics.proportion(placed, places), 1)}"
+    return Found(placed == places, measured, len(results), placed < places)
 
 
 def _never(count: Callable[[list[Result]], int], results: list[Result], beside: str = "") -> Found:
     """Goal that the count is 0 in every trial; ``beside``: text after the count."""
     trials = sum(count([result]) > 0 for result in results)
     share = data.percent(statistics.proportion(trials, len(results)), 1)
-    said = f"{count(results)}{beside}, in {trials} of {len(results)} trials, {share}"
-    return Found(trials == 0, said, len(results), trials > 0)
+    measured = f"{count(results)}{beside}, in {trials} of {len(results)} trials, {share}"
+    return Found(trials == 0, measured, len(results), trials > 0)
 
 
 def _over_line(results: list[Result]) -> Found | None:
@@ -268,8 +269,8 @@ def _over_line(results: list[Result]) -> Found | None:
 def _mean_at_most(limit: float, results: list[Result]) -> Found | None:
     time = data.mean_time(results)
     good = time.value <= limit
-    said = f"{time.text(_decimals(time.value, limit, good=good))} s{_over(results, time.n)}"
-    return Found(good, said, len(results)) if time.n else None
+    measured = f"{time.text(_decimals(time.value, limit, good=good))} s{_over(results, time.n)}"
+    return Found(good, measured, len(results)) if time.n else None
 
 
 def _longer_at_most(limit: float, results: list[Result], others: list[Result]) -> Found | None:
@@ -278,8 +279,8 @@ def _longer_at_most(limit: float, results: list[Result], others: list[Result]) -
     longer = statistics.paired_ratio(data.times(results), _renamed(data.times(others), results))
     good = longer.value <= limit
     decimals = _decimals(100.0 * longer.value, 100.0 * limit, good=good)
-    said = f"{data.percent(longer, decimals)}{_over(results, longer.n)}"
-    return Found(good, said, len(results)) if longer.n else None
+    measured = f"{data.percent(longer, decimals)}{_over(results, longer.n)}"
+    return Found(good, measured, len(results)) if longer.n else None
 
 
 def _decimals(value: float, limit: float, *, good: bool) -> int:

@@ -202,8 +202,8 @@ class Panel:
         aiming = driving and bool(shown.view.placing or shown.view.sending)
         says = "" if shown.tick is None else headline(shown.tick, shown.scene)
         time = None if shown.tick is None else shown.tick.time
-        said = status_card(shown.state, shown.status, self._note(shown), time=time, live=shown.live, says=says)
-        self._status.content = TOP + said + (CROSSHAIR if aiming else "")
+        status_html = status_card(shown.state, shown.status, self._note(shown), time=time, live=shown.live, says=says)
+        self._status.content = TOP + status_html + (CROSSHAIR if aiming else "")
         if driving != self._driving:
             self._driving = driving
             for block in self._blocks:
@@ -247,12 +247,12 @@ def status_card(
 
 
 def _speed(state: str, status: StatusMessage) -> str:
-    wanted = f"{status.speed:g}&times;"
+    commanded = f"{status.speed:g}&times;"
     known = state == "playing" and status.actual_speed > 0.0
     if not known or abs(status.actual_speed - status.speed) < AS_WANTED * status.speed:
-        return wanted
+        return commanded
     capped = f' <b style="color:{AMBER}">(all it can)</b>' if status.capped else ""
-    return f"{wanted}, in fact {status.actual_speed:.2f}&times;{capped}"
+    return f"{commanded}, in fact {status.actual_speed:.2f}&times;{capped}"
 
 
 class Wheel(Block):

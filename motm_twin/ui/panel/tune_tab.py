@@ -58,7 +58,7 @@ class TuneTab(Block):
                 self.send(command)
             self._show(self._values.follow(status.parameters))
         self._summary.content = summary(self._values, method, live=shown.live)
-        follow(self._preset, next((name for name in PRESETS if self._values.preset(name) == self._values.wanted), OWN))
+        follow(self._preset, next((name for name in PRESETS if self._values.preset(name) == self._values.chosen), OWN))
 
     def _group(self, group: str, entries: list[Parameter], *, opened: bool) -> None:
         with self.gui.add_folder(group, expand_by_default=opened):
@@ -101,12 +101,12 @@ class TuneTab(Block):
 
     def _show(self, names: list[str]) -> None:
         for name in names:
-            self._widgets[name].value = self._values.wanted[name]
+            self._widgets[name].value = self._values.chosen[name]
             self._relabel(name)
 
     def _relabel(self, name: str) -> None:
         values = self._values
-        self._widgets[name].label = title(parameter(name), values.wanted[name] != values.shipped[name])
+        self._widgets[name].label = title(parameter(name), values.chosen[name] != values.shipped[name])
 
 
 def summary(values: "TuningValues", method: str = "", *, live: bool = True) -> str:
@@ -116,10 +116,10 @@ def summary(values: "TuningValues", method: str = "", *, live: bool = True) -> s
     """
     count = len(values.changed())
     of = f" with {text(method)}" if method else ""
-    said = f"<b>{count}</b> of {len(PARAMETERS)} changed" if count else f"All as shipped{of}"
+    state = f"<b>{count}</b> of {len(PARAMETERS)} changed" if count else f"All as shipped{of}"
     where = "acts at once" if live else "looking back: acts on the running twin, not on what is shown"
     where = "for the comparison only" if values.apart else where
-    return card(said, f' <span class="mu">&middot; {where}</span>', style="line-height:1.4;padding:2px 12px 6px 12px")
+    return card(state, f' <span class="mu">&middot; {where}</span>', style="line-height:1.4;padding:2px 12px 6px 12px")
 
 
 class TuningValues:
@@ -128,7 +128,7 @@ class TuningValues:
     def __init__(self, now: Callable[[], float] = time.monotonic) -> None:
         self._now = now
         self.shipped: Values = dict(DEFAULTS)  # with the driving method
-        self.wanted: Values = dict(DEFAULTS)  # as the widgets show them
+        self.chosen: Values = dict(DEFAULTS)  # as the widgets show them
         self.running: Values = {}  # the twin's values that differ from the defaults
         self.apart = False  # the widgets are for a comparison only
         self._pending: dict[str, ParameterValue | None] = {}
@@ -143,7 +143,7 @@ class TuningValues:
 
     def move(self, name: str, value: ParameterValue) -> None:
         """Take a value that a person has set with a widget."""
-        self.wanted[name] = value
+        self.chosen[name] = value
         self._touched[name] = self._now()
         if not self.apart:
             self._pending[name] = value
@@ -152,7 +152,7 @@ class TuningValues:
         """Set these parameters to their shipped values, or to those given in ``values``."""
         for name in names:
             value = (self.shipped if values is None else values)[name]
-            if not value == self.wanted[name] == self._run(name):
+            if not value == self.chosen[name] == self._run(name):
                 self.move(name, value)
 
     def preset(self, name: str) -> Values:
@@ -174,8 +174,8 @@ class TuningValues:
             return []
         now = self._now()
         free = [name for name in NAMES if name not in self._pending and now - self._touched.get(name, -1e9) > HOLD]
-        changed = [name for name in free if self._run(name) != self.wanted[name]]
-        self.wanted |= {name: self._run(name) for name in changed}
+        changed = [name for name in free if self._run(name) != self.chosen[name]]
+        self.chosen |= {name: self._run(name) for name in changed}
         return changed
 
     def part(self, apart: bool) -> None:
@@ -186,17 +186,17 @@ class TuningValues:
 
     def changed(self) -> Values:
         """Values of the widgets that differ from the shipped ones."""
-        return {name: value for name, value in self.wanted.items() if value != self.shipped[name]}
+        return {name: value for name, value in self.chosen.items() if value != self.shipped[name]}
 
     def compared(self) -> Values:
         """All values of a comparison: those that differ from the shipped ones here or in the running twin."""
         return {
-            name: value for name, value in self.wanted.items() if not value == self.shipped[name] == self._run(name)
+            name: value for name, value in self.chosen.items() if not value == self.shipped[name] == self._run(name)
         }
 
     def differs(self) -> bool:
         """True when the widgets differ from the twin."""
-        return any(value != self._run(name) for name, value in self.wanted.items())
+        return any(value != self._run(name) for name, value in self.chosen.items())
 
     def _run(self, name: str) -> ParameterValue:
         """The value that the twin has."""
@@ -315,9 +315,9 @@ def result(state: State, earlier: str = "") -> str:
         rows.append(("forecast", *("no" if begin is None else f"from {begin:.1f} s" for begin in begins)))
     names = [f"{parameter(name).title}: {_shown(value)}" for name, value in state.values.items()]
     what = ", ".join(names[:MOST_NAMED]) + (f", and {len(names) - MOST_NAMED} more" if len(names) > MOST_NAMED else "")
-    said = f'<div class="mu">changed: {text(what)}</div>' if what else ""
+    changes = f'<div class="mu">changed: {text(what)}</div>' if what else ""
     of_before = f'<div style="color:{AMBER}">of the run before the {earlier}</div>' if earlier else ""
-    return card(of_before, table(rows), said, _verdict(state, before, after), style="padding:0 12px 6px")
+    return card(of_before, table(rows), changes, _verdict(state, before, after), style="padding:0 12px 6px")
 
 
 def _time(state: State, run: str) -> str:

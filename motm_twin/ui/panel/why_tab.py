@@ -129,8 +129,8 @@ def held_up(tick: bus.TickMessage, scene: Scene | None = None) -> str:
 
 def _reasons(tick: bus.TickMessage, scene: Scene | None) -> list[tuple[str, bool]]:
     """Reasons of `explain.waiting`, without one that the headline of an ended run already gives."""
-    said = explain.doing(tick).lower() if tick.done else ""
-    return [(why, holds) for why, holds in explain.waiting(tick, limited_by(tick, scene)) if why.lower() != said]
+    current = explain.doing(tick).lower() if tick.done else ""
+    return [(why, holds) for why, holds in explain.waiting(tick, limited_by(tick, scene)) if why.lower() != current]
 
 
 def now_card(tick: bus.TickMessage, scene: Scene | None = None, status: bus.StatusMessage | None = None) -> str:

@@ -185,7 +185,7 @@ class Cameras:
         """
         now = time.monotonic()
         clients = self._server.get_clients()
-        wanted: dict[int, tuple[View, float, bool]] = {}
+        views: dict[int, tuple[View, float, bool]] = {}
         with self._lock:
             self._base, self._hand, self._target = pose, hand, target
             for number, eye in self._eyes.items():
@@ -193,10 +193,10 @@ class Cameras:
                     continue
                 view = self._view(eye, clients[number], now, dt)
                 if view is not None and (ride or eye.mode not in RIDES or eye.ease_from is not None):
-                    wanted[number] = view, self._fov(eye, clients[number], now), eye.drawn
+                    views[number] = view, self._fov(eye, clients[number], now), eye.drawn
                     eye.sent.append(view[0])
                     eye.look_at, eye.drawn = view[1], False
-        for number, ((position, look_at), fov, again) in wanted.items():
+        for number, ((position, look_at), fov, again) in views.items():
             client = clients[number]
             with client.atomic():
                 if again:  # Viser sends no equal value twice, and only the last one of its queue
@@ -259,8 +259,8 @@ class Cameras:
         if eye.mode != "Gripper":
             return place + R @ position, place + R @ look_at
         way = np.zeros(3) if self._target is None else self._target - place
-        wanted = 0.5 * way if np.linalg.norm(way) < FRAMED else np.zeros(3)
-        eye.aside = eye.aside + (wanted - eye.aside) * min(1.0, SWING * dt)
+        aim = 0.5 * way if np.linalg.norm(way) < FRAMED else np.zeros(3)
+        eye.aside = eye.aside + (aim - eye.aside) * min(1.0, SWING * dt)
         span = 2.0 * float(np.linalg.norm(eye.aside))  # [m] between hand and target, which must both be visible
         return place + eye.aside + (1.0 + span / UNFRAMED) * (R @ position), place + eye.aside + R @ look_at
 

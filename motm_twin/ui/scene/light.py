@@ -107,9 +107,9 @@ def _greys() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     return on_screen(np.repeat(linear[:, None], 3, axis=1))[:, 0], code
 
 
-def before_tone_curve(wanted: NDArray[np.float64]) -> NDArray[np.uint8]:
+def before_tone_curve(desired: NDArray[np.float64]) -> NDArray[np.uint8]:
     """Pixel values of an unlit picture that look like ``wanted`` after the tone curve (sRGB 0-255, near grey)."""
-    return np.round(np.interp(wanted, *_greys())).astype(np.uint8)
+    return np.round(np.interp(desired, *_greys())).astype(np.uint8)
 
 
 # Shadows

@@ -288,11 +288,11 @@ def delivery(tasks: Sequence[TaskMessage], cube: str, box: str) -> list[Command]
 
     If the cube already waits in the list, its job is redirected to this bin; no command when that is its bin already.
     """
-    wanted, planned = (Pick(object=cube), Place(bin=box)), waiting_job(tasks, cube)
+    added, planned = (Pick(object=cube), Place(bin=box)), waiting_job(tasks, cube)
     if planned is None:
-        return [InsertTask(tasks=wanted)]
+        return [InsertTask(tasks=added)]
     index, before = planned
-    return [] if before == box else [RemoveTask(index=index), InsertTask(tasks=wanted, index=index)]
+    return [] if before == box else [RemoveTask(index=index), InsertTask(tasks=added, index=index)]
 
 
 def waiting_job(tasks: Sequence[TaskMessage], cube: str) -> tuple[int, str] | None:

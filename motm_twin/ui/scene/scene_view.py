@@ -344,14 +344,22 @@ class SceneView:
         self._map.update(shown.grid)
 
     def _show_scene(self, scene: Scene) -> None:
+        moved_in = self._scene is None or _room(scene) != _room(self._scene)
         self._scene, self._drawn = scene, None
         self._surroundings = self._drag.surroundings = Surroundings(scene)
-        show_fixed(self._server.scene, scene)
-        for part in (self._furniture, self._bodies, self.cameras):
+        if moved_in:  # else a browser would show an empty room until it has read the same meshes again
+            show_fixed(self._server.scene, scene)
+            self._furniture.show(scene)
+        for part in (self._bodies, self.cameras):
             part.show(scene)
         self._robot.kinematics = self._ghosts.kinematics = self._others.kinematics = Frankie(scene.robot)
         self._hub.view.picked, self._hub.view.selected = None, ""
         self._hub.view.aim_at_nothing()
+
+
+def _room(scene: Scene) -> tuple:
+    """Everything of a scene that floor and furniture are drawn from."""
+    return scene.bounds, scene.solids, scene.bins, scene.bumps
 
 
 def hits(scan: ScanMessage, height: float) -> Array:
