@@ -98,8 +98,8 @@ def met_in_stop(
 
     ``commanded``: twist [m/s, rad/s] for one more period; then the command falls as fast as it may, and the base
     follows it with its lag. ``movers``: x, y [m], velocity [m/s], radius [m], shape (k, 5 or more), ``time`` [s] before
-    this state; ``arm``: its `overhang`. ``kind`` of stop: with `HOLDS_TURN` the turn brakes only after the speed is zero, with
-    `HOLDS_SPEED` the speed brakes only after the turn has ended: a base that backs away in a turn keeps backing away.
+    this state; ``arm``: its `overhang`. ``kind`` of stop: with `HOLDS_TURN` the turn brakes only after the speed is
+    zero, with `HOLDS_SPEED` the speed only after the turn has ended: a base that backs away in a turn keeps doing so.
     An obstacle that approaches a base at rest, or a base that moves away from it, does not count.
     """
     x, y, heading, v, w = state
