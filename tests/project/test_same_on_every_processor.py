@@ -80,7 +80,12 @@ def test_a_run_is_the_same_with_every_kernel_of_blas_and_any_number_of_threads()
         {"OPENBLAS_CORETYPE": "Prescott", "OPENBLAS_NUM_THREADS": "4", "OMP_NUM_THREADS": "4"} | without_avx512(),
         {},  # as the processor has it
     )
-    states = [state_of(run) for run in [started(**one) for one in settings]]  # at the same time
+    runs = [started(**one) for one in settings]  # at the same time
+    try:
+        states = [state_of(run) for run in runs]
+    finally:
+        for run in runs:
+            run.kill()
     assert len(states[0]) == 64
     assert len(set(states)) == 1, dict(zip(map(str, settings), states, strict=True))
 
