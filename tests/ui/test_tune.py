@@ -46,10 +46,10 @@ def test_the_last_value_wins_and_five_a_second_are_sent(values, clock):
 
 def test_sliders_follow_what_others_set(values):
     assert values.follow({"xi": 0.9}) == ["xi"]
-    assert values.wanted["xi"] == 0.9 and values.due() == []
+    assert values.chosen["xi"] == 0.9 and values.due() == []
     assert values.follow({"xi": 0.9}) == []
     assert values.follow({}) == ["xi"]
-    assert values.wanted["xi"] == parameter("xi").default
+    assert values.chosen["xi"] == parameter("xi").default
 
 
 def test_a_slider_under_the_hand_is_left_alone_and_a_refused_one_goes_back(values, clock):
@@ -58,7 +58,7 @@ def test_a_slider_under_the_hand_is_left_alone_and_a_refused_one_goes_back(value
     assert values.follow({}) == []
     clock.now += tune_tab.HOLD + 0.1
     assert values.follow({}) == ["xi"]
-    assert values.wanted["xi"] == parameter("xi").default
+    assert values.chosen["xi"] == parameter("xi").default
 
 
 def test_apart_from_the_twin_nothing_is_sent_or_followed(values, clock):
@@ -116,16 +116,16 @@ class TestMethod:
     def test_a_method_that_nobody_has_changed_is_as_shipped(self, fast):
         assert fast.changed() == fast.compared() == {} and not fast.differs()
         assert "All as shipped with MotM, fast" in summary(fast, "MotM, fast")
-        assert fast.preset("As shipped") == fast.wanted != fast.preset("The paper's words")
+        assert fast.preset("As shipped") == fast.chosen != fast.preset("The paper's words")
 
     def test_reset_brings_back_the_values_of_the_method(self, fast):
         everything = [entry.name for entry in PARAMETERS]
         fast.reset(everything)
         assert fast.due() == []
         fast.reset(everything, fast.preset("The paper's words"))
-        assert fast.wanted["bezier_offset"] == parameter("bezier_offset").default
+        assert fast.chosen["bezier_offset"] == parameter("bezier_offset").default
         fast.reset(["bezier_offset"])
-        assert fast.wanted["bezier_offset"] == 0.1
+        assert fast.chosen["bezier_offset"] == 0.1
         fast.reset(everything)
         assert fast.changed() == {}
 
