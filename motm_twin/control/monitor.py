@@ -210,7 +210,10 @@ class Monitor(Stateful[MonitorState]):
         elif world is not None:
             twist, slower = self._in_seen_world(twist, world, observation, dt)
             reason = reason or slower  # a failing sensor is the cause of floor that it does not see
-        return self._let_through(actuation, twist, rates, reason)
+        verdict = self._let_through(actuation, twist, rates, reason)
+        if trust.lag > 0.0:  # what goes beyond zero makes up for the lag: nothing is to begin from there
+            self._state.twist = np.where(twist * observation.twist < 0.0, 0.0, twist)
+        return verdict
 
     def _let_through(self, asked: Actuation, twist: Array, rates: Array, reason: Reason | None) -> Verdict:
         self._state.twist = twist
@@ -365,7 +368,7 @@ class Monitor(Stateful[MonitorState]):
         most = np.minimum(dt * np.array([base.linear_acceleration, base.yaw_acceleration]), speed)
         slower = speed - most / lag_share(base.velocity_lag + lag, dt)
         hard = np.where(speed > _STANDS, way * np.minimum(slower, np.maximum(way * ramp, 0.0)), 0.0)
-        hard[0] = max(hard[0], -base.reverse_speed)
+        hard[0] = min(max(hard[0], -base.reverse_speed), base.forward_speed)
         hard[1] = ramp[1] if turn != 0.0 else min(max(hard[1], -base.yaw_rate), base.yaw_rate)
         return hard
 

@@ -379,6 +379,19 @@ def test_a_base_whose_lag_ends_while_it_stops_does_not_drive_the_other_way():
     assert np.all(stop.back < [0.5 * DT + 0.002, 1.8 * DT + 0.002])
 
 
+def test_a_base_whose_lag_has_ended_goes_on_from_zero():
+    """Its command had gone beyond zero; a ramp from there would drive it the other way first."""
+    profile = RobotProfile()
+    monitor = Monitor(profile)
+    monitor.begin_from(np.array([0.3, 0.0]))
+    seen = observation(twist=(0.2, 0.0))
+    late = Reason(kind=Kind.BASE_LATE, subject="wheels", value=0.5, limit=0.1, unit="s")
+    trust = Trust(base=0.0, reason=Reason(kind=Kind.STOPPED, subject="wheels", cause=late), lag=0.5)
+    braking = monitor.check(asking(0.3), seen, DT, scan_stamp=seen.scan.stamp, trust=trust)
+    assert braking.actuation.twist[0] < -0.05
+    assert check(monitor, asking(0.3), seen).actuation.twist[0] > 0.0
+
+
 class LateStop(NamedTuple):
     way: np.ndarray  # driven forward [m] and turned [rad]
     back: np.ndarray  # largest speeds [m/s, rad/s] against the motion
