@@ -355,9 +355,9 @@ def _announce(given: PaperSettings, planned: data.Keys, console: Console) -> Non
 
 def _begun(given: PaperSettings) -> bool:
     """True when the folder has trials of this plan, run with the current source."""
-    planned = (given.plan, made_with()[SOURCE])
+    current = (given.plan, made_with()[SOURCE])
     notes = (record.made_with for these in data.stored(given.out).values() for record in these)
-    return any((note.get(data.PLAN), note.get(SOURCE)) == planned for note in notes)
+    return any((note.get(data.PLAN), note.get(SOURCE)) == current for note in notes)
 
 
 def _write(given: PaperSettings, plan: data.Plan, records: data.Records, console: Console) -> Path:

@@ -15,7 +15,7 @@ from .made_results import SCENE
 
 ray = pytest.importorskip("ray", reason="Ray is not installed: pip install 'motm-twin[cluster]'")
 
-DRIVES = Experiment("drives", "Half a metre", tuple(TrialSpec(SCENE, None, seed) for seed in range(4)))
+DRIVES = Experiment("drives", "Half a metre", tuple(TrialSpec(SCENE, None, seed) for seed in range(6)))
 NODE = {"num_cpus": 1, "object_store_memory": 80 * 2**20}
 SOON = {  # a machine that is lost is noticed within seconds, one that is only slow is kept
     "health_check_initial_delay_ms": 0,
@@ -64,7 +64,7 @@ def test_a_sweep_that_loses_a_machine_gives_the_same_as_one_process_bit_for_bit(
     finally:
         ended.set()
     assert lost.is_set(), "the machine was not lost before the end of the sweep"
-    assert results.computed == 4
+    assert results.computed == 6
     assert all(result["success"] for result in results.of("drives"))
     wait_for(lambda: sum(node["Alive"] for node in ray.nodes()) == 1, 60.0, "sign that Ray has noticed it")
     there, here = (tmp_path / name / "drives" / "results.jsonl" for name in ("ray", "here"))

@@ -111,8 +111,6 @@ def test_a_method_is_chosen_by_mouse_and_named_and_the_next_click_on_the_floor_i
         visitor.tab("Why")
         driven_by(visitor, "no_bezier")
 
-        page.keyboard.press("Space")  # while a twin runs on a busy machine, a key may be refused for want of an answer
-        until(lambda: client.status().state == "paused", SHOWN, "it does not pause")
         middle = [0.3 * LITTLE["width"], 0.5 * LITTLE["height"]]
         assert page.evaluate(POINTER, middle) != "crosshair"
         page.mouse.move(*middle)

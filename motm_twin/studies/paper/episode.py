@@ -219,9 +219,9 @@ def _stretch(each: dict[str, Any]) -> dict[str, str]:
 def _gaps(distance: Array) -> str:
     """The caption's explanation of gaps in the line."""
     above, none = float(np.mean(distance > SHOWN)), float(np.mean(np.isnan(distance)))
-    line = f"Distances above {SHOWN:g} m are cut off ({100 * above:.0f} % of the time)"
-    line += f", and where no obstacle is seen there is no line ({100 * none:.0f} %)" if none else ""
-    return line + f"; the line is broken where it jumps by more than {JUMP} m, because another one comes into view."
+    note = f"Distances above {SHOWN:g} m are cut off ({100 * above:.0f} % of the time)"
+    note += f", and where no obstacle is seen there is no line ({100 * none:.0f} %)" if none else ""
+    return note + f"; the line is broken where it jumps by more than {JUMP} m, because another one comes into view."
 
 
 def _line(episode: Episode) -> str:

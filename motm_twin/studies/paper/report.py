@@ -195,13 +195,13 @@ def stale(origin: Origin) -> list[str]:
 
 def _lead(record: dict, warnings: Sequence[str], notes: Sequence[str]) -> str:
     failed, drawn = len(record["without_success"]), record["drawn"]
-    lines = (
+    summary = (
         f"motm_twin {record['version']}, source {record['source']}; {record['trials']} trials, {failed} of them "
         f"without success; plan: {record['plan']}; {record['machine']}."
     )
     return (
         paragraphs(warnings, "missing")
-        + paragraphs([lines, *notes])
+        + paragraphs([summary, *notes])
         + f'<p class="about">The trials were run by <code>{text(record["command"])}</code>; drawn '
         f"{drawn['written']} by <code>{text(drawn['command'])}</code>, source {drawn['source']}.</p>"
     )
@@ -221,9 +221,9 @@ def _sections(context: Context, parts: dict[str, Part], record: dict) -> Iterato
 
 def _numbers(context: Context) -> str:
     rows = goal_rows(context.store)
-    lines = "motm is the paper's method, fast our own. A verdict needs 50 trials; with fewer it says 'so far'."
+    remark = "motm is the paper's method, fast our own. A verdict needs 50 trials; with fewer it says 'so far'."
     return (
-        paragraphs([lines])
+        paragraphs([remark])
         + table(GOAL_HEADER, rows)
         + paragraphs(missed(rows))
         + '<p class="about">Fifty trials of each: <code>'
