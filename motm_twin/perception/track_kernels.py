@@ -81,6 +81,32 @@ def share_out(points, beams, ranges, sensor, owner, cuts, tracks, limits):
 
 
 @njit(cache=True)
+def keep_one_body(points, sensor, owner, cuts, tracks, width):
+    """Leave a track only its segment of most points where all its segments are wider than one body: changes ``owner``.
+
+    ``width``: half the largest width of a body [m]. Returns a mask of the tracks that have lost points, (tracks,).
+    """
+    lost = np.zeros(tracks, np.bool_)
+    for k in range(tracks):
+        own = owner == k
+        if not own.any() or seen_width(points[own], sensor) <= width:
+            continue
+        best, most, count = -1, 0, 0
+        for s in range(cuts.shape[0] - 1):
+            of_this = own[cuts[s] : cuts[s + 1]].sum()
+            count += of_this > 0
+            if of_this > most:
+                best, most = s, of_this
+        if count < 2:
+            continue
+        lost[k] = True
+        for i in range(points.shape[0]):
+            if own[i] and not cuts[best] <= i < cuts[best + 1]:
+                owner[i] = -1
+    return lost
+
+
+@njit(cache=True)
 def goes_on_hidden(beams: NDArray[np.int64], ranges: Array, gap: float) -> bool:
     """True when a segment (its beams in order) ends at something nearer by ``gap`` [m], on one of its sides."""
     for end, step in ((0, -1), (beams.shape[0] - 1, 1)):

@@ -32,6 +32,7 @@ from motm_twin.perception.track_kernels import (
     correct,
     ends_off_furniture,
     is_hidden,
+    keep_one_body,
     passed,
     predict,
     segments,
@@ -279,9 +280,12 @@ class DynamicTracker(Stateful[TrackState]):
         alone, partly = share_out(
             points.at, points.beam, scan.ranges, scan.origin, owner, cuts, len(state.tracks), limits
         )
+        lost = keep_one_body(points.at, scan.origin, owner, cuts, len(state.tracks), p.radius_max)
         for k, track in enumerate(state.tracks):
             own = owner == k
             if np.count_nonzero(own) >= p.points:
+                if lost[k]:
+                    self._begin_anew(track, points.at[own], scan.origin)
                 self._correct(track, points.at[own], scan, alone[k], partly[k])
                 track.static = _most(points.static[own])
                 self._judge(track, Place(points.at[own], look), scan.stamp)
@@ -312,6 +316,13 @@ class DynamicTracker(Stateful[TrackState]):
             if all(math.dist(track.state[:2], other.state[:2]) > self.parameters.merges for other in kept):
                 kept.append(track)
         self._state.tracks = kept
+
+    def _begin_anew(self, track: Track, own: Array, sensor: Array) -> None:
+        """Move a track that held several bodies onto the one with these points (n, 2); its velocity is uncertain."""
+        p = self.parameters
+        track.radius = min(max(seen_width(own, sensor), p.radius_min), p.radius_max)
+        track.state = np.array([*front_circle(own, sensor, track.radius), *track.state[2:].tolist()])
+        track.covariance = np.diag([p.noise**2, p.noise**2, p.first_speed**2, p.first_speed**2])
 
     def _correct(self, track: Track, own: Array, scan: CheckedScan, alone: np.bool_, partly: np.bool_) -> None:
         """Correct a track with its points (n, 2); see `correct`."""

@@ -152,6 +152,25 @@ def test_a_track_covers_all_points_that_are_seen_of_it():
         assert math.dist(row[:2], (x - 0.4 * maps[-1].stamp, y)) < row[RADIUS] + 0.01
 
 
+@pytest.mark.parametrize("speeds", [((-0.3, 0.2), (-0.3, -0.2)), ((0.0, 0.4), (-0.4, 0.0)), ((0.0, 0.5), (0.0, -0.5))])
+def test_two_who_were_one_track_are_two_when_they_part(speeds):
+    """The one track stayed for both, 1.7 m wide at last; its speed jumped by 0.9 m/s though both drove steadily."""
+    together = np.array([-0.4, 0.0])
+
+    def way(start, later):
+        return lambda time: np.array(start) + min(time, 1.0) * together + max(time - 1.0, 0.0) * np.array(later)
+
+    ways = [way((3.0, 0.2), speeds[0]), way((3.2, -0.2), speeds[1])]
+    maps, _ = follow(3.0, *((one, (0.0, 0.0), 0.2) for one in ways))
+    assert [len(world.tracks) for world in maps[20:24]] == [1, 1, 1, 1]
+    assert [len(world.tracks) for world in maps[40:]] == [2] * 20
+    for world in maps[40:]:
+        rows = sorted(world.tracks, key=lambda row: -row[1])
+        for row, one, speed in zip(rows, ways, speeds, strict=True):
+            assert math.dist(row[:2], one(world.stamp)) < 0.06
+            assert math.dist(row[2:4], speed) < 0.12
+
+
 def test_a_track_on_the_near_side_of_its_points_goes_behind_them():
     """The arc that is seen of somebody fits circles on both sides; who passes over the lidar leaves the wrong one."""
 
