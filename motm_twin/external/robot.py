@@ -155,10 +155,10 @@ class CommandGuard:
             return Actuation(twist=np.zeros(2), joint_velocity=np.zeros(7), gripper=gripper, opening=opening)
         twist, rates = np.array(acting.twist), np.array(acting.joint_velocity)
         over = now - acting.act_at - acting.lifetime
-        told = Actuation(twist=twist, joint_velocity=rates, gripper=gripper, opening=opening)
+        command = Actuation(twist=twist, joint_velocity=rates, gripper=gripper, opening=opening)
         if over >= -SLACK:
-            return expired(told, max(0.0, over))
-        return msgspec.structs.replace(told, gripper=acting.gripper, opening=acting.opening)
+            return expired(command, max(0.0, over))
+        return msgspec.structs.replace(command, gripper=acting.gripper, opening=acting.opening)
 
     def heard(self) -> list[tuple[int, float]]:
         """Numbers and times [s] of arrival of the commander's commands since the last call.

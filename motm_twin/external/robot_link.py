@@ -93,8 +93,8 @@ def _require_bounded(value: Any, name: str = "") -> None:
     if isinstance(value, float | int):
         most = LARGEST if isinstance(value, float) else MOST
         if not abs(value) <= most:
-            said = f"{value:g}" if isinstance(value, float) else f"a whole number of {value.bit_length()} bits"
-            raise RefusedMessage(f"{name} has {said}: {most:g} at most can be")
+            shown = f"{value:g}" if isinstance(value, float) else f"a whole number of {value.bit_length()} bits"
+            raise RefusedMessage(f"{name} has {shown}: {most:g} at most can be")
     elif isinstance(value, msgspec.Struct):
         for field in value.__struct_fields__:
             if field != "ranges":
@@ -185,7 +185,7 @@ class RobotLink:
         with self.changed:
             silent = max(self.last_sign, self._since) + SILENCE
             lives = self._aside.items()
-            return next((life for life, said in lives if any(at >= silent for _, at in said.values())), "")
+            return next((life for life, messages in lives if any(at >= silent for _, at in messages.values())), "")
 
     @property
     def intruder(self) -> str:
@@ -287,8 +287,8 @@ class RobotLink:
         """Keep a message of another life, which intrudes while this life is heard."""
         if received - max(self.last_sign, self._since) < SILENCE:
             self._other = message.life, received
-        said = self._aside.pop(message.life, {})
-        self._aside[message.life] = said | {name: (message, received)}  # the newest at the end
+        messages = self._aside.pop(message.life, {})
+        self._aside[message.life] = messages | {name: (message, received)}  # the newest at the end
         if len(self._aside) > OTHERS:
             del self._aside[next(iter(self._aside))]
         self.changed.notify_all()
@@ -340,10 +340,10 @@ class Obedience:
 
     def text(self, now: float) -> str:
         """Clause about refused or forged commands; "" when there are none."""
-        said = ""
+        clause = ""
         if now - self._refused_at < TOLD_FOR:
-            said = f"; it refuses commands, {self._count} so far: {self._reason[:_LONGEST]}"
-        return said + ("; somebody else commands in this twin's name" if now - self._forged_at < TOLD_FOR else "")
+            clause = f"; it refuses commands, {self._count} so far: {self._reason[:_LONGEST]}"
+        return clause + ("; somebody else commands in this twin's name" if now - self._forged_at < TOLD_FOR else "")
 
 
 BUCKET = 0.5  # [s] over which the best bound is kept

@@ -210,8 +210,8 @@ def _reply(query: zenoh.Query, key: str, payload: bytes, kind: Any, answer: Answ
         request = None if kind is None else msgspec.json.decode(payload, type=kind)
         if request is not None and request.version != VERSION:
             raise ValueError(f"version {request.version!r}: this robot reads {VERSION!r}")
-        told = answer(request)
+        reply = answer(request)
     except (ValueError, RecursionError) as error:
-        told = PlantAnswer(version=VERSION, ok=False, reason=str(error))
+        reply = PlantAnswer(version=VERSION, ok=False, reason=str(error))
     with suppress(zenoh.ZError), query:
-        query.reply(key, encode(told), encoding=zenoh.Encoding.APPLICATION_JSON)
+        query.reply(key, encode(reply), encoding=zenoh.Encoding.APPLICATION_JSON)

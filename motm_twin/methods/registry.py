@@ -93,7 +93,7 @@ class IgnoreFarMovers:
     def __init__(self, parts: PlannerParts, quick: float = math.inf) -> None:
         """``quick`` [m/s]: faster tracks go on and are predicted; slower ones that are in the map yield."""
         self._tracks, self._quick = parts.tracks, quick
-        self.standing = FilteredMap(parts.known)
+        self.without_far = FilteredMap(parts.known)
         self.still = StaticMap(parts.known, self._tracks)  # without the near dynamic obstacles, too
 
     def of(self, problem: BaseProblem) -> BaseProblem:
@@ -101,17 +101,19 @@ class IgnoreFarMovers:
         world = problem.world
         gone = world.movers[world.movers[:, 5] == 0.0][:, :5]
         if self._quick == math.inf:
-            kept = self.standing.keep(world, stationary_points(world, gone, self._tracks))
+            kept = self.without_far.keep(world, stationary_points(world, gone, self._tracks))
             return problem if kept is world else msgspec.structs.replace(problem, world=kept)
         speed = np.hypot(world.tracks[:, VX], world.tracks[:, VY])
         go_on, yields = world.tracks[speed >= self._quick], world.tracks[(speed >= GOES) & (speed < self._quick)]
-        kept = self.standing.keep(world, stationary_points(world, np.concatenate((gone, go_on[:, :5])), self._tracks))
+        kept = self.without_far.keep(
+            world, stationary_points(world, np.concatenate((gone, go_on[:, :5])), self._tracks)
+        )
         kept = msgspec.structs.replace(kept, tracks=frozen(go_on))
         return msgspec.structs.replace(problem, world=kept, yielding=yields)
 
     def memory(self) -> dict[str, HasState]:
         """Both maps."""
-        return {"standing": self.standing, "still": self.still}
+        return {"standing": self.without_far, "still": self.still}
 
 
 def expect_tracks(parts: PlannerParts) -> IgnoreFarMovers:

@@ -284,8 +284,8 @@ def check_document(document: Document) -> tuple[Scene, ...]:
         scenes.append(scene_of(document, variant, None))
         root, chosen = with_variant(document, variant)
         with _naming(document, chosen):
-            for drawn in Resolver(root, None).draws():
-                check_scene(Resolver(root, None, drawn).scene(document.name, chosen), root)
+            for slots in Resolver(root, None).draws():
+                check_scene(Resolver(root, None, slots).scene(document.name, chosen), root)
     return tuple(scenes)
 
 

@@ -22,9 +22,9 @@ _SLOT_STREAM = 0x510750  # separates the draw of slots from other uses of the sc
 class Resolver:
     """Resolves one variant; every refusal names the place in the file that caused it."""
 
-    def __init__(self, root: Node, seed: int | None, drawn: list[str] | None = None) -> None:
-        """``drawn``: slots to use instead of those that the seed draws."""
-        self.root, self.drawn = root, drawn
+    def __init__(self, root: Node, seed: int | None, chosen_slots: list[str] | None = None) -> None:
+        """``chosen_slots``: to use instead of those that the seed draws."""
+        self.root, self.chosen_slots = root, chosen_slots
         plain = {key: value for key, value in root.plain().items() if key not in ("extends", "default_variant")}
         self.keep = plain.pop("keep_agents", None)
         self.file = msgspec.convert(plain, fmt.SceneFile)
@@ -158,8 +158,8 @@ class Resolver:
         if isinstance(chosen, fmt.RandomSlots):
             if chosen.random > len(slots):
                 raise node.at("slots", "random").error(f"there are only {len(slots)} slots, got {chosen.random}")
-            if self.drawn is not None:
-                return self.drawn
+            if self.chosen_slots is not None:
+                return self.chosen_slots
             rng, names = np.random.default_rng([self.seed, _SLOT_STREAM]), list(slots)
             return [names[i] for i in rng.permutation(len(names))[: chosen.random]]
         for index, name in enumerate(chosen):

@@ -285,10 +285,10 @@ class RobotFuzzer:
 
     def messages(self, count: int, keys: PlantKeys) -> Iterator[tuple[str, bytes]]:
         """``count`` keys and payloads."""
-        told = [keys.command, keys.grant, *(getattr(keys, name) for name in NAMES)]
+        topics = [keys.command, keys.grant, *(getattr(keys, name) for name in NAMES)]
         makers = (self._other_life, self._cut_off, self._mistyped, self._random)
         for _ in range(count):
-            key = self._draw.choice(told)
+            key = self._draw.choice(topics)
             like = self._heard.get(key) or next(iter(list(self._heard.values())))
             yield key, self._draw.choice(makers)(like)
 

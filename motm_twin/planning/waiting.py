@@ -46,12 +46,12 @@ def best_wait(state: Array, path: Array, limits: BaseLimits, among: Among, begin
     times = np.arange(1, round(AHEAD / LOOK) + 1) * LOOK
     stands = min(0.5 * v * v / a, float(length[-1]))
     going = _along(path, length, gone(v, top, a, times))
-    standing = _along(path, length, stands + gone(0.0, top, a, times))
+    after_stop = _along(path, length, stands + gone(0.0, top, a, times))
     here = np.array([*(np.interp(stands, length, column) for column in path.T), state[2]])
     best = Wait(0.0, _cost(here, *going, begins + times, 0.0, *among), -1)
     for delay in np.arange(WAIT_STEP, LONGEST + 0.5 * WAIT_STEP, WAIT_STEP).tolist():
         again = 0.5 * top / a  # [s] lost by setting off
-        cost = delay + again + _cost(here, *standing, begins + times, delay, *among)
+        cost = delay + again + _cost(here, *after_stop, begins + times, delay, *among)
         if cost < best.cost:
             best = Wait(delay, cost, 0)
     if best.delay == 0.0:

@@ -313,8 +313,8 @@ def _robot_of(recording: Recording, run: Run) -> RecordedPlant | None:
         raise SessionError(problem) from error
     if robot.ready():
         return robot
-    told = "nothing of what that saw" if first is None else f"what that saw only from period {first.index} on"
-    raise SessionError(f"its robot was in another program, and the file tells {told}")
+    rest = "nothing of what that saw" if first is None else f"what that saw only from period {first.index} on"
+    raise SessionError(f"its robot was in another program, and the file tells {rest}")
 
 
 def _from_the_start(messages: Iterable[ObservationsMessage]) -> Iterator[ObservationsMessage]:
@@ -330,8 +330,10 @@ def _known_end(session: Session, robot: RecordedPlant | None) -> tuple[int, str]
     unknown = [(session.periods, "some before them are missing in the file")]
     if robot is not None:
         unknown.append((robot.periods, f"what the robot saw in period {robot.periods} is missing in the file"))
-        told = (entry.index for entry in session.edits if isinstance(entry.edit, Announce))
-        unknown += [(index, "where announced furniture stood is known to the robot's program only") for index in told]
+        announced = (entry.index for entry in session.edits if isinstance(entry.edit, Announce))
+        unknown += [
+            (index, "where announced furniture stood is known to the robot's program only") for index in announced
+        ]
     return min(unknown, key=lambda end: end[0])
 
 

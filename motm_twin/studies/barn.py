@@ -85,9 +85,9 @@ def worlds(names: Sequence[str], methods: Sequence[str], profile: str | None) ->
 
 def optimal_time(scene: Scene, text: str = "") -> float:
     """OT [s]: from a comment of the scene file, else from the shortest path of the inscribed disc."""
-    said = _OPTIMAL.search(text)
-    if said:
-        return float(said[1])
+    found = _OPTIMAL.search(text)
+    if found:
+        return float(found[1])
     body = scene.robot.footprint
     graph = build_graph(
         tuple(outline(solid.shape) for solid in scene.solids), 0.5 * min(body.length, body.width), scene.bounds

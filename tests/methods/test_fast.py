@@ -49,7 +49,7 @@ def test_the_map_of_the_planner_has_near_movers_and_no_far_ones(temis):
     stands = stationary_points(tick.map, far, TrackParameters())
     seen = tick.map.seen_points[~stands]
     assert len(seen) and (np.hypot(*(seen - tick.observation.pose[:2]).T) > 1.5).all()
-    world = planner.view.standing.keep(tick.map, stands)
+    world = planner.view.without_far.keep(tick.map, stands)
     assert len(world.seen_points) == stands.sum() and len(world.polygons) < len(tick.map.polygons)
     assert (world.distance >= tick.map.distance - 1e-6).all()
 

@@ -281,26 +281,26 @@ def _damper_rows(
 @njit(cache=True)
 def _link_rows(arm: Arm, balls: Balls, points: Array, static: NDArray[np.bool_], avoidance: Numbers) -> Rows:
     moving = _rows_of_seen(arm, balls, points, static, np.bool_(False), avoidance)
-    standing = _rows_of_seen(arm, balls, points, static, np.bool_(True), avoidance)
+    at_rest = _rows_of_seen(arm, balls, points, static, np.bool_(True), avoidance)
     return Rows(
-        np.concatenate((moving.G, standing.G)),
-        np.concatenate((moving.h, np.maximum(standing.h, 0.0))),
-        np.concatenate((moving.name, standing.name)),
+        np.concatenate((moving.G, at_rest.G)),
+        np.concatenate((moving.h, np.maximum(at_rest.h, 0.0))),
+        np.concatenate((moving.name, at_rest.name)),
     )
 
 
 @njit(cache=True)
 def _rows_of_seen(
-    arm: Arm, balls: Balls, points: Array, static: NDArray[np.bool_], standing: bool, avoidance: Numbers
+    arm: Arm, balls: Balls, points: Array, static: NDArray[np.bool_], at_rest: bool, avoidance: Numbers
 ) -> Rows:
     """Rows of the static points, if ``standing``, or of the moving ones."""
     a = avoidance[0]
-    d_s, d_i = (_SEEN_D_S, a.furniture_d_i) if standing else (a.link_d_s, a.link_d_i)
+    d_s, d_i = (_SEEN_D_S, a.furniture_d_i) if at_rest else (a.link_d_s, a.link_d_i)
     near = np.empty(points.shape)
     count = 0
     for k in range(points.shape[0]):
         dx, dy = points[k, 0] - arm.mount[0], points[k, 1] - arm.mount[1]
-        if static[k] == standing and dx * dx + dy * dy < _REACH * _REACH:
+        if static[k] == at_rest and dx * dx + dy * dy < _REACH * _REACH:
             near[count, 0], near[count, 1] = points[k, 0], points[k, 1]
             count += 1
     if count == 0:
@@ -371,22 +371,22 @@ def lidar_limits(
     a = avoidance[0]
     count = 0
     near = np.empty(points.shape)
-    standing = np.empty(points.shape[0], dtype=np.bool_)
+    at_rest = np.empty(points.shape[0], dtype=np.bool_)
     if a.enabled:
         for i in range(points.shape[0]):
             if _near(points[i], gripper, targets):
-                near[count, 0], near[count, 1], standing[count] = points[i, 0], points[i, 1], static[i]
+                near[count, 0], near[count, 1], at_rest[count] = points[i, 0], points[i, 1], static[i]
                 count += 1
     if count == 0:
         none = np.empty(0)
-        return LidarLimits(near[:0], none, none, none, standing[:0])
+        return LidarLimits(near[:0], none, none, none, at_rest[:0])
     d_s = np.full(count, a.d_s)
     if targets.shape[0]:
         distances = np.full(count, np.inf)
-        label_target_distance(near[:count], standing[:count], targets, _LINK, distances)
+        label_target_distance(near[:count], at_rest[:count], targets, _LINK, distances)
         for i in range(count):
             d_s[i] = max(0.0, min(d_s[i], distances[i] - a.static_margin))
-    seen, still = near[:count], standing[:count]
+    seen, still = near[:count], at_rest[:count]
     reach, x, y = a.d_i + a.lead, gripper[0], gripper[1]
     picked = np.concatenate((
         _nearest_per_sector(seen, ~still, reach, x, y, a.moving_sectors),
@@ -399,9 +399,9 @@ def lidar_limits(
         dx, dy = near[i, 0] - gripper[0], near[i, 1] - gripper[1]
         distance[k], chosen[k] = math.hypot(dx, dy), d_s[i]
         normal[k, 0], normal[k, 1] = dx / max(distance[k], 1e-6), dy / max(distance[k], 1e-6)
-        room = distance[k] - (0.0 if standing[i] else a.moving_margin)
+        room = distance[k] - (0.0 if at_rest[i] else a.moving_margin)
         allowed[k] = damper_line(room, chosen[k], a.d_i, a.xi)
-    return LidarLimits(normal, distance, chosen, allowed, standing[picked])
+    return LidarLimits(normal, distance, chosen, allowed, at_rest[picked])
 
 
 @njit(cache=True)

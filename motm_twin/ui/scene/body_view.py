@@ -63,9 +63,9 @@ class BodyView:
 
     def update(self, tick: TickMessage) -> None:
         """Draw the bodies of a tick; a body that a visitor drags is drawn under the pointer."""
-        drawn = {f"object/{_part(item.name)}": item for item in tick.objects}
-        drawn |= {f"body/{_part(body.name)}": body for body in (*tick.agents, *tick.obstacles)}
-        for name, body in drawn.items():
+        bodies = {f"object/{_part(item.name)}": item for item in tick.objects}
+        bodies |= {f"body/{_part(body.name)}": body for body in (*tick.agents, *tick.obstacles)}
+        for name, body in bodies.items():
             held, cube = self._drag.held(body.name), name.startswith("object/")
             x, y, z = (*body.position[:2], body.position[2] if cube else 0.0)
             yaw = body.yaw
@@ -73,15 +73,15 @@ class BodyView:
                 x, y, z = held.x, held.y, held.z + body.size[0] / 2 if cube else 0.0
                 yaw = yaw if held.heading is None else held.heading
             self._place(name, body, (x, y, z, yaw), tick.time)
-        for name in set(self._bodies) - set(drawn):
+        for name in set(self._bodies) - set(bodies):
             self._remove(name)
 
     def update_trails(self) -> None:
         """Redraw the trails behind the Temis."""
         pieces, tones = [], []
-        for drawn in self._bodies.values():
-            if len(drawn.trail) > 1:
-                points = np.array([(x, y, 0.012) for x, y in drawn.trail])
+        for body in self._bodies.values():
+            if len(body.trail) > 1:
+                points = np.array([(x, y, 0.012) for x, y in body.trail])
                 pieces.append(np.stack([points[:-1], points[1:]], axis=1))
                 fade = np.linspace(0.0, 0.9, len(points) - 1)[:, None]
                 tone = colours.linear(np.array(colours.PEOPLE) * fade + FLOOR * (1.0 - fade))
