@@ -230,7 +230,7 @@ class ControlLoop(Stateful[LoopState]):
     def _watch_task(
         self, observation: Observation, target: Target | None, placement: Placement, plan: BasePlan
     ) -> list[Event]:
-        """Events of the active task: reached, in reach too long, taken, outside the map, or a base without progress."""
+        """Events of the active task: arrived, in reach too long, blocked, outside the map, base without progress."""
         waits = placement.mode == Mode.CLOSEST and plan.status == PlanStatus.IDLE
         blocked = "" if not waits else "no way to it" if Rejection.NO_PATH in placement.rejected else "not free"
         outside = (waits or placement.chosen < 0) and self._outside(target)
@@ -346,13 +346,13 @@ class ControlLoop(Stateful[LoopState]):
         return tuple(events)
 
     def _let_go(self, name: str, goal: ArmGoal, observation: Observation) -> None:
-        """Believe a placed object on the floor of its bin."""
+        """Move the belief about a placed object to the floor of its bin."""
         low = self.targets.bins[goal.name].floor_z + 0.5 * self.targets.objects[name].side
         place = np.array([goal.position[0], goal.position[1], low])
         self.tracker.move_belief(name, place, observation, self.settings.parameters.objects.bin_sd)
 
     def _lose(self, name: str, hand: Array, observation: Observation, T_odom_world: Array) -> None:
-        """Believe a lost object on the furniture below the hand, or else back where it was picked."""
+        """Move the belief about a lost object to the furniture below the hand, or else back to its pick place."""
         top = self.targets.top_below(to_frame(T_odom_world, hand))
         place = self.tracker.belief(name, observation)[0]
         if top is not None:
@@ -379,6 +379,7 @@ class ControlLoop(Stateful[LoopState]):
             obstacles=obstacles,
             T_odom_world=T_odom_world,
             stuck_joint=self.self_check.stuck_joint,
+            slips_since=self.self_check.slips_since,
         )
 
 

@@ -97,7 +97,7 @@ class SelfCheck(Stateful[SelfCheckState]):
         return self._state.findings
 
     def observed(self, now: Observation, held: str | None) -> Observation:
-        """The part of an observation that can be relied on, at the pose that the map in sight agrees with."""
+        """The trustworthy part of an observation, at the pose at which the scan fits the map."""
         if not _finite(now):
             return now  # the monitor stops the robot, and says so
         state, settings, robot = self._state, self._settings, self._known.robot
@@ -163,8 +163,13 @@ class SelfCheck(Stateful[SelfCheckState]):
 
     @property
     def stuck_joint(self) -> int | None:
-        """The joint that does not follow its commands, or has just left them, counted from 0."""
+        """The joint that does not follow its commands, or lately went astray, counted from 0; None: all follow."""
         return motion_check.failing_joint(self._state.motion)
+
+    @property
+    def slips_since(self) -> float:
+        """Time [s] at which the wheels were found to slip; -inf while they grip."""
+        return localisation_check.slips_since(self._state.localisation)
 
     @property
     def astray(self) -> Array:

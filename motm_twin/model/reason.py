@@ -157,6 +157,7 @@ class Kind(StrEnum):
     # the arm
     WAITS_FOR_SIGHT = "waits_for_sight", "waiting to see {subject}"
     WAITS_FOR_STATE = "waits_for_state", "waiting for the robot to report where its hand is"
+    WAITS_FOR_GRIP = "waits_for_grip", "the hand stays above {subject} while the base moves on slipping wheels"
     IMPRECISE = "imprecise", "{subject} is only known to within {value:.0f} mm"
     NO_ROOM = "no_room", "no room for the fingers beside {subject}: {other} is in the way"
     NOTHING_ACHIEVED = "nothing_achieved", "no progress at {subject} for a while: starting over from the stow pose"
@@ -209,7 +210,7 @@ class Reason(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
         return sentence(self)
 
     def about(self, *kinds: Kind) -> "Reason | None":
-        """The first of this reason and the causes behind it that is of one of these kinds; None without one."""
+        """The first reason of one of these kinds, from this one along its causes; None without one."""
         if self.kind in kinds:
             return self
         return None if self.cause is None else self.cause.about(*kinds)

@@ -102,15 +102,15 @@ class LocalisationState:
     localised: Array = field(default_factory=lambda: np.zeros(3))  # as reported last
     mode: str = ""  # "" | suspect | doubt | off | slip
     since: float = 0.0  # [s] start of the mode
-    within: float | None = None  # [s] time since which localisation is near the dead-reckoned pose again
+    within: float | None = None  # [s] since when localisation has been near the dead-reckoned pose again
     leaps: list[tuple[float, float, float]] = field(default_factory=list)  # recent: [s], and leap [m], [rad]
     leapt: bool = False  # localisation departed in one leap
     votes: list[float] = field(default_factory=list)  # of each sweep: fit at localisation less that at dead reckoning
-    slipped: float = 0.0  # [m] by which localisation was away when slip was decided
+    slipped: float = 0.0  # [m] of localisation from dead reckoning when slip was decided
     way: float = 0.0  # [m] driven by odometry alone
-    before: Array = field(default_factory=lambda: np.zeros(3))  # the world in odometry when the wheels began to slip
-    notice: Finding | None = None  # told until ...
-    until: float = 0.0  # [s] this time
+    before: Array = field(default_factory=lambda: np.zeros(3))  # the world in the odometry frame when slip was decided
+    notice: Finding | None = None  # reported before `until`
+    until: float = 0.0  # [s]
 
 
 def correct(
@@ -178,6 +178,11 @@ def finding(state: LocalisationState, settings: LocalisationSettings, limit: flo
     return state.notice
 
 
+def slips_since(state: LocalisationState) -> float:
+    """Time [s] at which the wheels were found to slip; -inf while they grip."""
+    return state.since if state.mode == "slip" else -math.inf
+
+
 def limit_of(base: BaseLimits, settings: LocalisationSettings, now: Observation | None = None) -> float:
     """Distance [m] of localisation from dead reckoning that noise may explain; more if the report ``now`` is late."""
     late = 0.0 if now is None else now.ahead + now.age
@@ -187,7 +192,7 @@ def limit_of(base: BaseLimits, settings: LocalisationSettings, now: Observation 
 def _odometry(
     state: LocalisationState, now: Observation, dt: float, base: BaseLimits, settings: LocalisationSettings
 ) -> Array:
-    """Follow odometry, but for jumps that no wheel can make; returns the motion since the last observation, (3,)."""
+    """Follow odometry, except for jumps that no wheel can make; returns the motion since the last observation, (3,)."""
     way = compose(inverse(state.raw), now.odometry)
     same = np.array_equal(state.odometry, state.raw)
     late = now.ahead + now.age

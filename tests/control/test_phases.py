@@ -28,6 +28,7 @@ def over_cube(tilt: float, above: float, side: float) -> SimpleNamespace:
     return SimpleNamespace(
         time=1.0, radius=0.5, distance=0.01, p=CUBE + np.array([0.0, 0.0, above]), target=CUBE, R=R, tilt=tilt,
         velocity=np.zeros(3), width=0.08, goal=goal, seen=lambda _: True, sure=lambda _: True,
+        slides=lambda _: False, slips_since=-math.inf,
     )  # fmt: skip
 
 
@@ -56,6 +57,16 @@ def test_a_hand_that_is_tilted_too_much_to_close_does_not_come_down():
     at, tilted = (_point(state, over_cube(tilt, 0.03, 0.045), P)[2] for tilt in (P.close_tilt, math.radians(30.0)))
     edge = 0.1  # [m] from the middle of the palm
     assert tilted - at > edge * math.sin(math.radians(30.0) - P.close_tilt)
+
+
+@pytest.mark.parametrize(("speed", "since", "stays"), [(0.3, 0.5, False), (0.3, -0.5, True), (0.01, 0.5, True)])
+def test_a_hand_that_came_down_before_the_wheels_slipped_goes_up_again(speed, since, stays):
+    """It followed the base's measured speed, 0.2 m/s more than the true one, and a finger went into the cube."""
+    view, state = over_cube(0.0, 0.03, 0.04), ManipulatorState(phase=Phase.FINAL, since=0.0)
+    view.slips_since, view.slides = since, lambda p: speed > p.close_speed
+    _, why = phases._approach(state, view, SimpleNamespace(parameters=P, reach=lambda _: 0.8))
+    assert state.phase == (Phase.FINAL if stays else Phase.RETRY)
+    assert (why is None) == stays
 
 
 def test_after_a_miss_the_hand_goes_straight_up_whatever_becomes_of_its_target():

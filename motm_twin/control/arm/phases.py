@@ -243,6 +243,8 @@ def _arrive(state: ManipulatorState, view: View, inputs: ArmInputs, rules: Phase
     state.narrowing_since = None
     if out > 0.0 or view.distance > p.approach_distance:
         return NOTHING
+    if view.slides(p):
+        return "", Reason(kind=Kind.WAITS_FOR_GRIP, subject=view.goal.name)
     if view.goal.kind == "place":
         state.anchor = view.target.copy()
         enter(state, Phase.RELEASE, view.time)
@@ -293,11 +295,11 @@ def _wait_for_opening(state: ManipulatorState, view: View, p: ArmParameters) -> 
 
 
 def choose_yaw(state: ManipulatorState, view: View, inputs: ArmInputs, rules: PhaseRules) -> None:
-    """Choose the faces of the cube for the fingers, and keep them: rounding every step would flip them in a swing.
+    """Choose the faces of the cube for the fingers, and keep them: a new choice each step would flip them in a swing.
 
-    The hand's yaw is natural (joint 7 in its middle) half a dwell after arrival, when the base is nearest. The faces
-    nearest to that are taken, unless there is little room beside them and more beside the others. When
-    neither pair leaves enough room, the fingers open only as far as this object needs.
+    The natural yaw of the hand has joint 7 in its middle `mid_dwell` after arrival, when the base is about nearest. The
+    faces nearest to it are taken, unless there is little room beside them and more beside the others. When neither pair
+    leaves enough room, the fingers open only as far as this object needs.
     """
     goal, p = view.goal, rules.parameters
     ahead = view.time_to_range + p.mid_dwell
@@ -332,6 +334,9 @@ def _approach(state: ManipulatorState, view: View, rules: PhaseRules) -> Outcome
     if view.radius > rules.reach("pick") + p.reach_slack or view.distance > 2.0 * p.approach_distance:
         enter(state, Phase.TRANSIT, view.time)
         return "", Reason(kind=Kind.OUT_OF_REACH, subject=view.goal.name)
+    if state.since < view.slips_since and view.slides(p):  # else it came down since, from a base that stood
+        _rise(state, view)
+        return "", Reason(kind=Kind.WAITS_FOR_GRIP, subject=view.goal.name)
     if not view.seen(p):
         return "", Reason(kind=Kind.WAITS_FOR_SIGHT, subject=view.goal.name)
     if not view.sure(p):

@@ -1,5 +1,6 @@
 """Inputs and answer of one step of the arm (100 Hz or faster)."""
 
+import math
 from enum import StrEnum
 from typing import NamedTuple, Protocol
 
@@ -37,7 +38,7 @@ class ArmObstacles(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
     points: Array  # [m], shape (m, 2)
     static: NDArray[np.bool_]  # in the same place for 3 s, at rest for 12 s if it was seen to move, shape (m,)
-    expected: Array = NO_POINTS  # predicted points of moving ones, to keep from; nothing is there yet, shape (k, 2)
+    expected: Array = NO_POINTS  # predicted points of moving ones, where nothing is yet, shape (k, 2)
 
     @classmethod
     def of(cls, world: WorldMap, T_odom_world: Array, ahead: float = 0.0) -> "ArmObstacles":
@@ -52,7 +53,7 @@ class ArmObstacles(msgspec.Struct, frozen=True, kw_only=True, eq=False):
         )  # fmt: skip
 
     def kept_from(self) -> tuple[Array, NDArray[np.bool_]]:
-        """Points (m, 2) that the arm keeps from, and which of them are static (m,)."""
+        """Points (m, 2) that the arm keeps away from, and which of them are static (m,)."""
         if not len(self.expected):
             return self.points, self.static
         moving = np.zeros(len(self.expected), dtype=bool)
@@ -89,6 +90,7 @@ class ArmInputs(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     obstacles: ArmObstacles
     T_odom_world: Array  # planar pose of the world frame in the odometry frame, for mapped furniture, shape (3,)
     stuck_joint: int | None = None  # a joint that does not follow its commands, counted from 0
+    slips_since: float = -math.inf  # [s] when the wheels were found to slip, and the base twist wrong; -inf: they grip
 
 
 class Phase(StrEnum):

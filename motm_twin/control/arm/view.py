@@ -54,9 +54,9 @@ class ManipulatorState:
     tight_tries: int = field(default=0, metadata=LATER)  # failed tries with such faces
     no_room_since: float | None = field(default=None, metadata=LATER)  # [s] no faces can be taken; inf: not seen yet
     inside_since: float | None = field(default=None, metadata=LATER)  # [s] since when the arm overlaps an obstacle
-    inside: Overlap | None = field(default=None, metadata=LATER)  # the newest overlap ...
-    glimpsed: float | None = field(default=None, metadata=LATER)  # [s] since when only a single cell shows it
-    inside_at: float = field(default=-math.inf, metadata=LATER)  # ... and the time [s] of it
+    inside: Overlap | None = field(default=None, metadata=LATER)  # the newest overlap
+    glimpsed: float | None = field(default=None, metadata=LATER)  # [s] since when only a single cell shows an overlap
+    inside_at: float = field(default=-math.inf, metadata=LATER)  # [s] time of `inside`
     late: float = field(default=0.0, metadata=LATER)  # [s] by which recent closings took longer than they should
 
 
@@ -97,6 +97,7 @@ class View(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     width: float
     gripper_moving: bool
     age: float  # [s] of the robot's last report
+    slips_since: float  # [s] when the wheels were found to slip; -inf: they grip
     tilt: float  # of the tool axis from straight down [rad]
     manipulability: float
     nearest: float  # horizontal, of the tool centre point from the nearest seen obstacle [m], inf when there is none
@@ -145,6 +146,10 @@ class View(msgspec.Struct, frozen=True, kw_only=True, eq=False):
         """Test that the robot's last report is recent enough to grip or release; an old one may miss newer commands."""
         return self.age <= parameters.sure_age
 
+    def slides(self, parameters: ArmParameters) -> bool:
+        """Test that the base moves on slipping wheels: the hand follows a twist that is wrong by up to its speed."""
+        return self.slips_since > -math.inf and math.hypot(*self.arm.measured) > parameters.close_speed
+
 
 def look(inputs: ArmInputs, base_mount: Array, beta: float, parameters: ArmParameters) -> View:
     """The view of one step; ``base_mount`` (3,) [m] of the arm in the base frame, beta from `lag_factor`."""
@@ -173,6 +178,7 @@ def look(inputs: ArmInputs, base_mount: Array, beta: float, parameters: ArmParam
         width=observation.gripper_width,
         gripper_moving=observation.gripper_moving,
         age=observation.age,
+        slips_since=inputs.slips_since,
         tilt=tilt_of(arm.R),
         manipulability=dexterity,
         nearest=nearest,
