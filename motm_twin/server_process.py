@@ -61,7 +61,7 @@ def make_external_twin(
 
 
 def reference_tour(scene: Scene) -> float:
-    """Lower bound [s] of the time for the tasks of a scene."""
+    """Time [s] of the reference tour of a scene: for comparison, not a bound."""
     from motm_twin.measures.references import reference_tour_s
 
     return reference_tour_s(scene)

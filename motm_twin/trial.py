@@ -185,7 +185,7 @@ def failure(twin: Twin, tick: Tick, completed: bool, caused: int, failures: tupl
 
 
 def objection(tick: Tick, completed: bool, caused: int) -> str:
-    """Reason why ground truth does not count a run as a success that the robot believes to be one; "" for none.
+    """Reason why ground truth contradicts a success that the robot believes in; "" for none.
 
     ``caused``: number of contacts caused by the robot.
     """

@@ -188,7 +188,7 @@ def _plant(scene: Scene | None = None) -> None:
 
 
 def _perception() -> None:
-    """Run perception in a round room with a slowly driving base and two moving discs of different size, later one."""
+    """Run perception in a round room: the base drives slowly, two discs of different size move, later only one."""
     known = known_world(load_scene("exp2"))
     mapper, tracks, tracker = Mapper(known), DynamicTracker(known), ObjectTracker(known)
     monitor = Monitor(known.robot)

@@ -68,7 +68,7 @@ class _When(msgspec.Struct):
 
 
 class TwinClient:
-    """Reads and commands one twin. State is latest-value: a slow reader skips, and is never served an old pose."""
+    """Reads and commands one twin. It keeps the newest state: a slow reader skips some and never gets an old pose."""
 
     def __init__(self, endpoint: str, twin: str = "frankie", sender: str | None = None) -> None:
         self.keys, self.endpoint = Keys(twin), endpoint
@@ -94,7 +94,7 @@ class TwinClient:
 
     @property
     def alive(self) -> bool:
-        """True when the server has shown a recent sign of life."""
+        """True when a status came in the last `LOST_AFTER`, and the liveliness token has not gone since."""
         return time.monotonic() - self._slots[self.keys.status].at < LOST_AFTER
 
     def tick(self) -> messages.TickMessage | None:
@@ -110,7 +110,7 @@ class TwinClient:
         return self._loaded()[0]
 
     def of_scene(self, tick: messages.TickMessage) -> bool:
-        """False for a tick of a run before `scene` was loaded; the newest tick is one while a scene loads."""
+        """False for a tick from before `scene` was loaded, such as the newest tick while a scene loads."""
         return tick.run >= self._loaded()[1]
 
     def grid(self) -> Grid | None:
@@ -219,7 +219,7 @@ class TwinClient:
         return [answer.payload.to_bytes() for answer in answers(replies, key)]
 
     def close(self) -> None:
-        """Leave; closing twice is fine."""
+        """Disconnect; closing twice is fine."""
         if self.closed:
             return
         with self._changed:
@@ -249,7 +249,7 @@ class TwinClient:
         return leave
 
     def _on_sample(self, sample: zenoh.Sample, unless_after: int | None = None) -> None:
-        """Keep a sample, unless more than ``unless_after`` of its key came before."""
+        """Keep a sample, unless more than ``unless_after`` samples of its key have arrived before it."""
         key, attachment = str(sample.key_expr), sample.attachment
         if key not in self._slots:  # sent to a wildcard: not by the twin
             return
@@ -304,7 +304,7 @@ class TwinClient:
     def _fetch_all(self) -> None:
         """Fetch the last value of every followed key, for late joiners.
 
-        A value that arrives in the meantime is kept, except for the scene, which is fetched in any case.
+        A value that arrives in the meantime is not overwritten; only the scene is taken in any case.
         """
         for key, slot in list(self._slots.items()):
             if self.closed:

@@ -7,7 +7,7 @@ A command is a query on ``motm/<twin>/cmd/<type>`` whose payload is an `Envelope
 ``expires`` is on the clock of the server (``server_time`` of every status and tick; on one machine with a steady clock
 this is Unix time). The answer is an `Answer` as JSON.
 
-One person or program at a time drives, for as long as its lease; bodies that it holds are let go at the end.
+One person or program at a time drives, for as long as its lease runs; bodies that it holds are released at the end.
 """
 
 import math
@@ -216,7 +216,7 @@ def command_name(command: Command) -> str:
 
 MAX_SENDERS = 1000
 MAX_LIFETIME = 60.0  # [s] a later expiry would not bound replay attacks
-ORDER = 16  # a number less than this below the sender's last one is refused, even if it is new
+ORDER = 16  # a number that trails the sender's last one by less than this comes too late, even if it is new
 MAX_SEEN = 4096  # numbers of one sender that have not expired
 
 
@@ -314,7 +314,7 @@ class Lease:
             self._until = max(self._until, now + SILENCE)
 
     def give(self, to: str, name: str, now: float) -> None:
-        """Make a sender the driver ("": nobody), after `require`: it has acted, or was handed the wheel."""
+        """Make a sender the driver ("": nobody), after `require`: it has acted, or was handed the lease."""
         until = now + SILENCE if to else 0.0
         self._until = max(self._until, until) if to and to == self.driver else until
         self.driver, self.name = to, (name.strip() or to)[:NAME_MAX] if to else ""
@@ -369,7 +369,7 @@ class Wheel:
             self.turn(envelope, now)
 
     def look_after(self, now: float) -> None:
-        """Release held bodies, and the wheel, after silence."""
+        """Release bodies that were not moved for `HELD_FOR`, and end the lease of a silent driver."""
         for release in self.holds.expired(now):
             self._release(release)
         self._expire(now)

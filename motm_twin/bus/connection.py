@@ -293,7 +293,7 @@ def free_port(host: str = LOOPBACK) -> int:
 
 
 def direct(callback: Callable[[Any], None]) -> zenoh.handlers.Callback:
-    """A callback in Zenoh's own thread: with a thread in Python, a program that forgets to close would never end."""
+    """A callback in Zenoh's own thread: a Python thread would keep a program that forgets to close from ending."""
     return zenoh.handlers.Callback(callback, indirect=False)
 
 

@@ -1,4 +1,4 @@
-"""From Ticks and observations to messages on the bus; reports of an external robot, from which a run is repeated."""
+"""Conversion of Ticks, observations and the reports that repeat an external robot's run to messages on the bus."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -253,7 +253,7 @@ class RobotEncoder:
 
 
 class ObservationEncoder:
-    """Makes the messages of a run, in order."""
+    """Makes the messages of a robot's reports, in order; unchanged scans and detections are left out."""
 
     def __init__(self) -> None:
         self._run = -1

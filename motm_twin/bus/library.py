@@ -1,6 +1,6 @@
 """The scenes and methods that a server offers: the shipped ones, and the files it was started with.
 
-No command names other files.
+A command can name no other file.
 """
 
 from collections.abc import Callable
@@ -203,5 +203,5 @@ class TwinSetup:
     hold: bool = False  # a run waits at its start until a page shows it
     again: bool = False  # after a run that nobody drives, the next seed starts
     methods: MethodLibrary | None = None  # None: the shipped ones
-    reference_tour: Callable[[Scene], float] | None = None  # [s] lower bound of a scene
+    reference_tour: Callable[[Scene], float] | None = None  # [s] reference time of a scene
     plant: str = "simulated"  # simulated, zenoh or mirror, as the twins that ``make_twin`` makes will be

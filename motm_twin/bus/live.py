@@ -83,7 +83,7 @@ def tasks_previewed(
     message: TickMessage, loop: "ControlLoop", edits: Sequence[InsertTask | RemoveTask | MoveTask]
 ) -> TickMessage:
     """The message with the task list after these waiting edits."""
-    from motm_twin.control.task_list import edited, kind_of, name_of  # as above
+    from motm_twin.control.task_list import edited, kind_of, name_of  # slow to import: only once the server listens
 
     now = loop.sequence.listed()
     for edit in edits:

@@ -124,7 +124,7 @@ class TwinLoop:
             raise commands.Refused("too many commands are waiting") from None
 
     def _until_due(self) -> float:
-        """Seconds until the next period; infinite while paused."""
+        """Seconds until the next period is due; infinite when none is to be computed."""
         if self._state == "playing":
             return 0.0 if self._live.real_time else self._pacer.wait(time.monotonic())
         return 0.0 if self._state == "paused" and (self._steps > 0 or self._first_due) else math.inf
@@ -214,7 +214,7 @@ class TwinLoop:
                     self._set_state("playing", "")
             case _ if isinstance(command, commands.Edit):
                 self._edit(command)
-        return None  # the remaining commands concern the wheel only
+        return None  # the remaining commands concern the lease only
 
     def _require_scene(self) -> None:
         if self._live.twin is None:

@@ -325,7 +325,7 @@ class StatusMessage(msgspec.Struct, frozen=True, kw_only=True):
     oldest: int = 0  # first period that `branch` can go back to
     aside: MaybeNumber = None  # [s] end of the run that `undo_branch` brings back; null: there is none
     recorded: int = 0  # edits in the log of this run
-    reference_tour: MaybeNumber = None  # [s] lower bound of this scene's task, see measures.reference_tour
+    reference_tour: MaybeNumber = None  # [s] reference time of this scene, see measures.reference_tour
     plant: str = "simulated"  # simulated | zenoh (external, commanded) | mirror (external, only shown) | recording
     plant_text: str = ""  # one sentence about the external robot or the recording; "" for a simulated one
     recording: str = ""  # file that the server writes now; "" when it writes none
@@ -498,7 +498,7 @@ class MetricsMessage(msgspec.Struct, frozen=True, kw_only=True):
     min_base_clearance: MaybeNumber  # [m] so far
     min_arm_clearance: MaybeNumber  # [m] so far
     min_ee_obstacle: MaybeNumber  # [m] so far
-    reference_tour: MaybeNumber  # [s] lower bound of the time for this scene
+    reference_tour: MaybeNumber  # [s] reference time of this scene
     memory_mb: float  # resident memory of the server process
 
 

@@ -8,7 +8,7 @@ from motm_twin.model.plant import PERIOD
 MAX_LAG = 0.25  # [s] real time; a greater lag is not made up
 WINDOW = 1.0  # [s] over which the actual factor is measured
 FEWEST = 5
-CAPPED_BELOW = 0.95  # share of the wanted factor
+CAPPED_BELOW = 0.95  # share of the requested factor
 PRIORITY = 20  # of 1 to 99: below the threads of the kernel (50)
 
 

@@ -83,7 +83,7 @@ def _kept(path: Path) -> str:
 
 
 def keep_fresh() -> None:
-    """Touch the private files: systems delete old files from the folder for temporary files."""
+    """Touch the private files: systems delete old files from their temporary folder."""
     with suppress(OSError):
         for path in folder().iterdir():
             with suppress(OSError):  # deleted in the meantime
@@ -91,7 +91,7 @@ def keep_fresh() -> None:
 
 
 def note(running: Running) -> Path:
-    """Write the file of a `serve`; remove it at the end."""
+    """Write the file of a `serve`; the caller removes it at the end."""
     path = folder() / f"{running.pid}.json"
     path.write_bytes(msgspec.json.encode(running))
     return path

@@ -40,7 +40,7 @@ class Outbox:
     """Does work in its own thread. With ``size`` pieces waiting, further ones are dropped."""
 
     def __init__(self, name: str, size: int) -> None:
-        # Posting to a SimpleQueue keeps the interpreter: with a lock, the poster waited for the thread that it woke.
+        # Posting to a SimpleQueue does not yield the interpreter; with a lock, the poster waited for the other thread.
         self._queue: queue.SimpleQueue[Work | None] = queue.SimpleQueue()
         self._size, self._closed = size, False
         self._thread = threading.Thread(target=self._run, name=name, daemon=True)
@@ -73,7 +73,7 @@ class RobotStream:
     """Spreads the samples of a period over the wall time until the next, without blocking the caller."""
 
     def __init__(self, send: Send, speed: Callable[[], float]) -> None:
-        """``send`` is called in the thread of this stream, ``speed`` is the wanted real-time factor."""
+        """``send`` is called in the thread of this stream, ``speed`` gives the requested real-time factor."""
         self._send, self._speed = send, speed
         self._waiting: deque[tuple[float, Observation, int]] = deque(maxlen=KEPT)  # due [s], sample, run
         self._changed, self._closed = threading.Condition(), False

@@ -23,7 +23,7 @@ from motm_twin.bus.connection import Keys, direct
 from motm_twin.bus.schemas import names, schema
 
 WAITING = 1024  # queries that may wait per key; more would block their link
-PATIENCE = 0.05  # [s] that queries wait for the end of a period: a whole period
+PATIENCE = 0.05  # [s] that queries wait at most for the end of a period: as long as a period
 TOGETHER = 32  # queries that share this patience
 
 

@@ -1,4 +1,4 @@
-"""The twin server: runs the twin in real time, its state on Zenoh, commands only as checked queries.
+"""The twin server: runs the twin in real time, publishes its state on Zenoh, takes commands only as checked queries.
 
 `server_process` is its program.
 """

@@ -12,7 +12,7 @@ from motm_twin.bus.messages import StatusMessage
 from motm_twin.bus.private_folder import all_running
 
 TIMEOUT = 2.0  # [s]
-AGAIN = 0.05  # [s] between two questions
+AGAIN = 0.05  # [s] between two queries
 BEHIND = 'behind a router, MOTM_ZENOH_CONFIG must say mode "client" (docs/scale.md)'
 OPTIONS = "--twin or --endpoint"  # command-line options that choose a twin
 T = TypeVar("T")
@@ -29,7 +29,7 @@ class Found(msgspec.Struct, frozen=True, kw_only=True):
     endpoint: str
     page_port: int | None = None  # on this machine
     page: str = ""  # its address there, with the token
-    alive: bool = False  # whether its server answers
+    alive: bool = False  # its server answers
     state: str = ""
     scene: str = ""
     time: float = 0.0  # [s] simulated

@@ -33,7 +33,7 @@ class AnnouncementsState:
 
 
 class Announcements(Stateful[AnnouncementsState]):
-    """Announcements in one run of a scene, and the knowledge of the robot with them."""
+    """Announcements in one run of a scene, and the robot's knowledge after them."""
 
     def __init__(self, scene: Scene, parameters: dict[str, ParameterValue]) -> None:
         self.scene = scene
@@ -97,7 +97,7 @@ class Announcements(Stateful[AnnouncementsState]):
         return relative(rigid(piece, before), rigid(piece, pose))
 
     def on_piece(self, name: str) -> Callable[[Array], bool]:
-        """Test that a point (3,) [m], world, is on a piece as the robot knows it, or in a bin on it."""
+        """A test that a point (3,) [m], world, is on a piece as the robot knows it, or in a bin on it."""
         piece = pieces(self.scene)[name]
         now = moved_scene(self.scene, self._state.furniture, ())
         solids = [solid for solid in now.solids if solid.name in piece.solids]

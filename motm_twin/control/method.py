@@ -91,7 +91,7 @@ class Materials(NamedTuple):
 
 
 class Policies(NamedTuple):
-    """Policies of a base controller: what it keeps of earlier plans, and how it reacts to obstacles that come near."""
+    """Policies of a base controller: keeping earlier plans, and evading dynamic obstacles that come near."""
 
     commitment: Commitment
     evasion: Evasion
@@ -134,7 +134,7 @@ def staa_control(materials: Materials, policies: Policies) -> BaseController:
 
 @dataclass(frozen=True, kw_only=True)
 class BaseChoices:
-    """Choices that make up the planner of a method: a table to compare methods line by line.
+    """Choices that make up the planner of a method, listed so that methods compare line by line.
 
     The defaults are the paper's. Differences in numbers only (termination, penalty, Bezier heuristic, ...) are in
     `Method.parameters`.

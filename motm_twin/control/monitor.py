@@ -38,10 +38,10 @@ from motm_twin.model.state import Stateful
 from motm_twin.perception.floor import STALE, UNSEEN, Floor
 from motm_twin.perception.world_map import WorldMap
 
-_MARGIN_OF_REACH = 0.1  # [m] beyond the stopping way and the footprint: nothing further off can be met
+_MARGIN_OF_REACH = 0.1  # [m] beyond the stopping distance and the footprint: nothing further off can be met
 _SAME_BODY = 0.15  # [m] between the points of neighbouring beams that show the same body
 _ROUNDING = 1e-6  # [m] more than the rounding error of sums of lengths
-_STANDS = 0.01  # [m/s], [rad/s] below which the braked one of speed and yaw rate is 0, and the held one is braked, too
+_STANDS = 0.01  # [m/s], [rad/s] below which the braked one of speed and yaw rate counts as 0: the held one brakes next
 _NOISE = 0.004  # [m/s], [rad/s] of a measured twist: a stop does not react to it
 _SENSORS = Reason(kind=Kind.NOT_FINITE, subject="sensors are")
 _NO_SCAN = Scan(
@@ -83,7 +83,7 @@ class _Beams(NamedTuple):
 
 
 class _InWay(NamedTuple):
-    """Size of the footprint, and margin and number of scan points that are in its way."""
+    """Size of the footprint; margin and number of scan points from which its way counts as blocked."""
 
     corner: float  # [m] the furthest from the base's centre
     margin: float  # [m]
@@ -211,7 +211,7 @@ class Monitor(Stateful[MonitorState]):
             twist, slower = self._in_seen_world(twist, world, observation, dt)
             reason = reason or slower  # a failing sensor is the cause of floor that it does not see
         verdict = self._let_through(actuation, twist, rates, reason)
-        if trust.lag > 0.0:  # what goes beyond zero makes up for the lag: nothing is to begin from there
+        if trust.lag > 0.0:  # a command beyond zero only makes up for the lag: the next starts from zero
             self._state.twist = np.where(twist * observation.twist < 0.0, 0.0, twist)
         return verdict
 

@@ -95,7 +95,7 @@ class MotionState:
     commanded: Array = field(default_factory=lambda: np.zeros(2))  # twist commanded last
     rates: Array = field(default_factory=lambda: np.zeros(JOINTS))  # joint rates commanded last [rad/s]
     recent: list[tuple[float, Array]] = field(default_factory=list)  # times [s] and joint rates of recent commands
-    astray: Array = field(default_factory=lambda: np.zeros(JOINTS))  # [rad/s] by which joints are outside of those
+    astray: Array = field(default_factory=lambda: np.zeros(JOINTS))  # [rad/s] by which rates are outside of those
     time: float | None = None
     standing: float = 0.0  # [s] that the base has stood although it should move
     moving: float = 0.0  # [s] that the base has moved as it should
@@ -230,7 +230,7 @@ def check_joints(state: MotionState, now: Observation, dt: float, settings: Moti
 
 
 def failing_joint(state: MotionState) -> int | None:
-    """The stuck joint, or, before one is found, the joint that last left its commands; counted from 0."""
+    """The stuck joint, or, before one is found, the joint that last went astray, counted from 0; None: neither."""
     joint = state.joint if state.joint >= 0 else state.doubted
     return None if joint < 0 else joint
 

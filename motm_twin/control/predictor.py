@@ -25,7 +25,7 @@ FARTHEST = 0.6  # [s] longest prediction
 
 
 class Motion(msgspec.Struct, frozen=True, kw_only=True, eq=False):
-    """Moving parts of the robot."""
+    """State of the robot's moving parts."""
 
     stamp: float  # [s]
     pose: Array

@@ -1,8 +1,8 @@
 """The progress clock of a task: the time since the remaining way last became shorter, and what is tried then.
 
 The robot never waits or circles for ever. Without progress it first waits, then backs off, turns to look where its
-lidar does not see, plans with less room down to the true footprint, goes for another place (and backs off once more if
-it stands although there is a path). In the end the sequence does another task first, or gives the task up.
+lidar does not see, plans with less and less clearance, goes for another place (and backs off once more if it stands
+although there is a path). In the end the sequence does another task first, or gives the task up.
 """
 
 import math
@@ -63,7 +63,7 @@ class ProgressState:
 
     task: int = -1
     goal: Array | None = None
-    best: float = math.inf  # [s] shortest remaining way so far
+    best: float = math.inf  # [s] least time left on the way so far
     relocations: int = 0
     since: float = 0.0  # [s] of the last progress
     hardest: float = 0.0  # [s] length of the last hold-up that ended by planning with less room, or for another place
@@ -71,7 +71,7 @@ class ProgressState:
     avoid: tuple[Array, ...] = ()  # places that the base failed to get to
     rest: Array | None = None  # pose at which the base has stood ...
     rests: float = 0.0  # ... since this time [s]
-    attempt: int = 0  # number of the way to back off that is tried; 0: the base did not stand when it was to back off
+    attempt: int = 0  # number of the way to back off being tried; 0: none
     tried: float = 0.0  # [s] time since when that way is tried
 
     def restart(self, task: int, time: float) -> None:
@@ -80,7 +80,7 @@ class ProgressState:
 
 
 class Progress:
-    """Watches one task after the other. Its state lives in the loop's."""
+    """The progress clock of one task after the other; its state is a part of the loop's."""
 
     def __init__(self, state: ProgressState, period: float, parameters: ProgressParameters | None = None) -> None:
         """``period`` [s] of control."""

@@ -144,7 +144,7 @@ class Response(Stateful[ResponseState]):
         return msgspec.structs.replace(self._profile, base=lagging)
 
     def _watch(self, now: Observation) -> None:
-        """Compare the robot with its models once more."""
+        """Update the models and their misfits with a new observation."""
         state = self._state
         dt, state.time = 0.0 if state.time is None else now.time - state.time, now.time
         if not _finite(now):

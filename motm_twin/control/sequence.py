@@ -69,7 +69,7 @@ class SequenceState:
     attempts: list[int] = field(default_factory=list)
     held: str = ""  # object that the gripper believes it holds
     in_reach_since: float | None = None
-    waits: dict[tuple[str, ...], tuple[int, Reason]] = field(default_factory=dict)  # since then: counts by reason
+    waits: dict[tuple[str, ...], tuple[int, Reason]] = field(default_factory=dict)  # counts by reason to wait
     out_of_reach_since: float | None = None
     outside_since: float | None = None
     failures: list[str] = field(default_factory=list)

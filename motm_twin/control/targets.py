@@ -27,7 +27,7 @@ from motm_twin.planning.types import Target
 BESIDE = 0.25  # [m] objects this near may be in the way of a hand that grasps
 OVER_TARGET = 0.13  # [m] furniture higher than this above a target is a wall: the hand may not get over it
 TALL_TARGET = 0.35  # [m] tall walls, which the arm never reaches over, are higher than this above a target
-TALL_MOUNT = 0.55  # [m] and than this above the arm's mount: the shoulder, at 0.33, reaches down over lower walls
+TALL_MOUNT = 0.55  # [m] and higher than this above the arm's mount: the shoulder, at 0.33, reaches over lower ones
 STRETCHED = 0.02  # [m] that the hand reaches further in the grasp itself than where it hovers
 LET_GO_NEARER = 0.06  # [m] nearer than over a bin's centre, where the hand lets go if the bin is wide enough
 NEAR = 1.5  # [m] the mount of an arm is never further from its target
@@ -48,7 +48,7 @@ class Furniture:
         )
 
     def near(self, position: Array, within: float, which: NDArray[np.bool_]) -> list[int]:
-        """Indices of those ``which`` (n,) of which the bounding box is within a distance [m] of a position (2,)."""
+        """Indices of solids in the mask ``which`` (n,) whose bounding box is within a distance [m] of a point (2,)."""
         low, high = self._bounds[:, :2] - within, self._bounds[:, 2:] + within
         return np.flatnonzero(which & (low < position).all(axis=1) & (position < high).all(axis=1)).tolist()
 
@@ -61,7 +61,7 @@ class Walls(NamedTuple):
 
     edges: Array
     tall: Array  # edges of walls that the arm never reaches over
-    reach_over: float  # [m] of a hand that comes over low walls beside the target: it stays high until past them
+    reach_over: float  # [m] reach of a hand that passes over low walls beside the target: it stays high until past them
 
 
 def _edges(polygon: shapely.Polygon) -> Array:
@@ -188,7 +188,7 @@ class Targets:
         )
 
     def _others(self, observation: Observation, without: Collection[str]) -> Array:
-        """Objects seen near the robot, as neighbours of an `ArmGoal`."""
+        """Objects seen near the robot, as rows of `ArmGoal.others`; ``without``: names to leave out."""
         x, y, _ = observation.odometry.tolist()
         found = [
             (*position.tolist(), yaw, self.objects[name].side, 1.0)

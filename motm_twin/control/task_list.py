@@ -1,4 +1,4 @@
-"""Edits of the task list while it is worked through: tasks that may be inserted, removed and moved, and their place.
+"""Edits of the task list while it is worked through: which tasks may be inserted, removed or moved, and where to.
 
 Tasks that have ended stay. A pick and its place belong together, with any drive between them. The task that the arm is
 at work on (final approach to lift, release) is finished first: a task put before it comes after it instead.
@@ -61,7 +61,7 @@ def titled(task: Task) -> str:
 
 
 def homeless(tasks: tuple[Task, ...], index: int, held: str) -> bool:
-    """Test that the gripper holds an object, and the next task but drives does not place it."""
+    """Test that the gripper holds an object, and the next task that is not a drive does not place it."""
     if not held:
         return False
     following = next((task for task in tasks[index:] if not isinstance(task, DriveTo)), None)

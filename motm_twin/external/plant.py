@@ -73,7 +73,7 @@ def _request(link: RobotLink, edit: WorldEdit, *, check: bool, before: tuple[Wor
 
 
 class ZenohPlant:
-    """Drives one robot. As a ``mirror`` it only shows it: no command is ever sent, only the question for `Info`."""
+    """Drives one robot. As a ``mirror`` it only shows it: no command is ever sent, only the query for `Info`."""
 
     def __init__(self, link: RobotLink, scene: Scene, *, sender: str = "twin") -> None:
         """A robot that can be reset is reset to the start of the scene before it is driven."""
@@ -84,7 +84,7 @@ class ZenohPlant:
         self._seq = time.time_ns() // 1000  # rises also across restarts of this program
         self._newest_sent = -1  # number of the newest command to this robot
         self._predictor = Predictor(scene.robot, plant_messages.HOLD)
-        self._clock_sets = 0  # of the link, when the robot was taken up
+        self._clock_sets = 0  # of the link, when the robot was adopted
         self._origin: float | None = None  # robot's clock at time 0 of the run
         self._to_odometry: Array | None = None  # `T_run_odometry` of a restarted robot
         self._clock = ClockOffset()
@@ -140,7 +140,7 @@ class ZenohPlant:
             raise NotPossible(f"{name}: its world can not be changed from here: move the real things")
 
     def ready(self) -> bool:
-        """True when a robot can be observed now; takes up a new one. Call it between periods."""
+        """True when a robot can be observed now; a new one is adopted. Call it between periods."""
         if self._same() and self._origin is not None and not self._replaced():
             return self._fresh()
         return self._take_up()
@@ -156,7 +156,7 @@ class ZenohPlant:
         return False
 
     def _same(self) -> bool:
-        """True when the link listens to the robot that was taken up, and its clock was not set since."""
+        """True when the link listens to the adopted robot, whose clock was not set since."""
         return self._info is not None and self._is_taken_up(self.link.life)
 
     def _is_taken_up(self, life: str) -> bool:
@@ -300,7 +300,7 @@ class ZenohPlant:
         self._latest, self._interrupted = None, False
 
     def _on_state(self, state: plant_messages.RobotState, received: float) -> None:
-        """Take in a state, in Zenoh's thread; ignored from a robot not taken up: its clock is not that of the run."""
+        """Process a state, in Zenoh's thread; one of a robot that is not adopted is ignored: its clock is another."""
         if not self._is_taken_up(state.life):
             return
         self._clock.state(state.stamp, received)
@@ -333,7 +333,7 @@ class ZenohPlant:
         return self._scan[1]
 
     def _newest_picture(self) -> tuple[tuple[Detection, ...], float | None]:
-        """Detections of the newest picture, and its stamp [s]; None: no picture has come yet."""
+        """Detections of the newest camera frame, and its stamp [s]; None: no frame has come yet."""
         data, origin = self.link.newest("detections"), self._origin
         assert origin is not None
         if data is not None and data is not self._detections[0]:
@@ -378,7 +378,7 @@ class ZenohPlant:
         return now - self.link.last_sign < GONE
 
     def _take_up(self) -> bool:
-        """Take up the robot that is there now; True when it can be observed."""
+        """Adopt the robot that is there now; True when it can be observed."""
         if not self._same() or self.link.successor or self.link.newest("state") is None:
             info = self.link.info()
             if info is None:
@@ -392,7 +392,7 @@ class ZenohPlant:
         return self._settle()
 
     def _adopt(self, info: plant_messages.Info) -> None:
-        """Take up another robot, or the same one after a restart or a set clock; forget the one before."""
+        """Adopt another robot, or the same one after a restart or a set clock; forget the one before."""
         self.link.live(info.life)
         self._info, self._clock_sets = info, self.link.clock_sets
         self._predictor.clear()
@@ -423,7 +423,7 @@ class ZenohPlant:
             clock = self.link.newest("clock")
             self._at = 0.0 if clock is None else clock.stamp
             if clock is None:
-                self.link.grant(0.0)  # asks for its state
+                self.link.grant(0.0)  # requests its state
             for _ in range(FIRST_STATES):
                 if self._shown() or self._silent_since:
                     break

@@ -254,7 +254,7 @@ class ReferenceRobot:
         self._up: Link[bytes] = Link(self._spec, 0)
         self._down: Link[tuple[str, bytes]] = Link(self._spec, 1)
         self._steps = 0
-        self._sent: tuple[Scan | None, object] = (None, None)  # scan, and picture, sent last
+        self._sent: tuple[Scan | None, object] = (None, None)  # scan and camera frame that were sent last
 
     @property
     def time(self) -> float:

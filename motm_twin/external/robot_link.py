@@ -349,7 +349,7 @@ class Obedience:
 BUCKET = 0.5  # [s] over which the best bound is kept
 BUCKETS = 20  # 10 s: a drift of 100 ppm is 1 ms in that time
 JUMP = 0.05  # [s] by which bounds contradict each other when a clock has jumped; less is rounding to steps
-ARRIVALS = 200  # commands over which the longest delay counts: 2 s
+ARRIVALS = 200  # commands whose delays count: the last 2 s
 SENT_KEPT = 500  # commands without a reported arrival that are remembered
 IN_TIME = 0.98  # share of the commands that must be there in time; a late one acts when it arrives
 MAX_LEAD = 0.3  # [s]

@@ -21,7 +21,7 @@ MAX_REQUEST = 1024 * 1024  # bytes
 MAX_GRANT = 1.0  # [s] of shared time in one grant
 KEPT = 0.25  # [s] that a grant which overtook its command waits for it; the command may be lost
 CATCH_UP = 1.0  # [s] that a real clock may fall behind before it skips the missed time
-IDLE = 0.1  # [s] between looks at the stop event
+IDLE = 0.1  # [s] between checks of the stop event
 Answer = Callable[[Any], msgspec.Struct]  # to a request
 SENT = ("state", "scan", "detections", "truth", "clock")
 

@@ -30,7 +30,7 @@ class Dial:
     cubes: int
     drives: int  # tasks to drive somewhere
     clutter: int  # pieces of furniture without tasks
-    boxes: int  # more of these, outside the map: only the lidar sees them
+    boxes: int  # further ones, outside the map: only the lidar sees them
     agents: int  # they drive about and yield
     gap: float  # [m] least width between any two pieces
     doorway: float  # [m] width of a doorway, if there is one

@@ -10,9 +10,9 @@ connected part of that free space it can therefore drive, turning on the spot at
 narrower than the disc: the strip of places on its axis, along which the robot drives straight with `BESIDE` to spare on
 either side, joins the parts that its ends lie in.
 
-A target is served from a standing pose in the part of the start: the robot faces it there, and the arm's mount is then
-at most `STAND` less the mount's distance away, within the reach of every pick and release. Heights of targets are
-those at which the arm reaches that far (`HIGHEST`, `LOWEST`).
+A target is served from a standing pose in the part that contains the start: the robot faces it there, and the arm's
+mount is then at most `STAND` less the mount's distance away, within the reach of every pick and release. Heights of
+targets are those at which the arm reaches that far (`HIGHEST`, `LOWEST`).
 """
 
 import dataclasses
@@ -275,7 +275,7 @@ def _way_is_free(layout: Layout, points: list[list[float]]) -> bool:
 
 
 PREFIX = "generated:"
-DIFFICULTY = 0.5  # unless said
+DIFFICULTY = 0.5  # default
 DIGITS = 4  # of the difficulty after the point
 ATTEMPTS = 400
 GROWTH = 1.01  # factor of the floor's area, per attempt: in the end everything fits

@@ -47,7 +47,7 @@ class Forecast:
         self._staa = parameters.staa
 
     def motion(self, pose: Array, twist: Array, desired: Array) -> tuple[Array, Array]:
-        """Times [s] from now, shape (31,), and x, y, heading, v, w then, shape (31, 5), if ``wanted`` is kept."""
+        """Times [s] from now, shape (31,), and x, y, heading, v, w then, shape (31, 5), if ``desired`` is kept."""
         poses, (dv, dw) = np.empty((STEPS + 1, 5)), (self._limits.accelerations * STEP).tolist()
         follow(*(np.asarray(one, dtype=float) for one in (pose, twist, desired)), dv, dw, poses)
         return frozen(STEP * np.arange(STEPS + 1)), poses

@@ -213,7 +213,7 @@ class _Before:
 
     line: Array  # x, y and course
     gap: float  # [m] between base and strip
-    crossed: Array | None  # line of the agent whose strip the base entered by its own motion, and is still crossing
+    crossed: Array | None  # the agent's line when the base entered by its own motion; None: not crossing
 
 
 @dataclass
@@ -312,7 +312,7 @@ def time_to_collision(body: Body, pose: Array, twist: tuple[float, float], agent
 
 @dataclass
 class _Counterfactual:
-    """A predicted conflict: the actual gap, and those if base or agent had kept its motion of ``time``."""
+    """A predicted conflict: the actual gap, and the gaps had base or agent kept its motion at ``time``."""
 
     time: float
     pose: Array
@@ -324,7 +324,7 @@ class _Counterfactual:
     agent_alone: float = math.inf  # [m] the same, had the base kept its motion
 
     def add(self, body: Body, time: float, pose: Array, agent: tuple[float, float, float]) -> None:
-        """Take the places of both into account."""
+        """Update the gaps with the present places of both."""
         (x, y, radius), since = agent, time - self.time
         kept_x, kept_y = (self.agent[:2] + since * self.agent[2:]).tolist()
         kept = np.array(arc(*self.pose.tolist(), *self.twist, since))

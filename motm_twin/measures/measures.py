@@ -36,7 +36,7 @@ class Neighbour:
 
 @dataclass
 class Rest:
-    """Time that an agent has been in the same place; the loop's rule of static obstacles, applied to the truth.
+    """Time that an agent has been in the same place; the loop's rule of static obstacles, applied to ground truth.
 
     An agent that has never moved is static after 3 s, one that has moved after `TrackParameters.rests`. It moves when
     it is `CREEPS` away from its place of rest. The loop knows only what it has seen: an agent that moved out of sight

@@ -133,7 +133,7 @@ def all_rings_in_time(materials: Materials) -> InTime:
 
 
 def keep_plans(materials: Materials) -> KeepPlans:
-    """A plan is kept until a better one is found."""
+    """Commitment that keeps a plan until a better one is found."""
     return KeepPlans(materials.parts.parameters.commitment)
 
 

@@ -141,7 +141,7 @@ def manipulability_gradient(q: Array) -> Array:
 
 @njit(cache=True)
 def factored_gradient(J: Array, L: Array, m: float) -> Array:
-    """The same from the results of `factor`: L and the measure m.
+    """`manipulability_gradient` from the results of `factor`: L and the measure m.
 
     dm/dq_i = m trace((dJ/dq_i) P) with P = J^T (J J^T)^-1 the pseudo-inverse, and the columns of dJ/dq_i by cross
     products of the columns of J: w_i x (v_j, w_j) for i <= j, (w_j x v_i, 0) for i > j.

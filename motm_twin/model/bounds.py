@@ -3,8 +3,8 @@
     seconds: Annotated[float, Between(0.05, 60.0, unit="s")]
 
 `problem` checks a struct against its annotations; schemas, documents and tests read them with `bounds_of`. They are
-not `msgspec.Meta`, which refuses while it decodes and in terms of types: a command is first decoded and then refused
-with the sentence of the bound. A scene file, which is refused while it is read, takes the bound as `Between.meta`.
+not `msgspec.Meta`, which refuses during decoding and in terms of types: a command is decoded first, then refused with
+the sentence of its bound. A scene file is checked while it is read, and takes the bound as `Between.meta`.
 """
 
 import abc

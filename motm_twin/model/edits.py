@@ -48,7 +48,7 @@ class MoveBody(msgspec.Struct, frozen=True, kw_only=True, tag="move_body", forbi
     name: Name
     x: Coordinate
     y: Coordinate
-    heading: Heading | None = None  # None keeps it. Furniture: turned this far from how the scene has it
+    heading: Heading | None = None  # None: unchanged. Furniture: turn from its pose in the scene
     held: bool = True
 
 

@@ -147,7 +147,7 @@ class FaultFields(msgspec.Struct, frozen=True, kw_only=True):
     joint: Annotated[int, JOINT] = USUAL_JOINT  # joint_stuck only
 
     def conflict(self) -> str:
-        """Why this kind of fault cannot have this amount, in one sentence; "" when it can."""
+        """Reason why this kind of fault cannot have this amount, in one sentence; "" when it can."""
         kind = KINDS[self.fault]
         if self.amount is None:
             return ""

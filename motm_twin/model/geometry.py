@@ -62,7 +62,7 @@ def from_frame(pose_a_b: Array, points_b: Array) -> Array:
 
 
 def rectangle(pose: Sequence[float], size: Sequence[float], offset_x: float = 0.0) -> Array:
-    """Corners of a rectangle of a size [m] centred at ``(offset_x, 0)`` of a pose, counter-clockwise, shape (4, 2)."""
+    """Corners of a rectangle [m] centred at ``(offset_x, 0)`` in a pose's frame, counter-clockwise, shape (4, 2)."""
     a, b = 0.5 * size[0], 0.5 * size[1]
     corners = np.array([[offset_x - a, -b], [offset_x + a, -b], [offset_x + a, b], [offset_x - a, b]])
     return from_frame(np.array(pose, dtype=float), corners)

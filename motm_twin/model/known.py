@@ -22,7 +22,7 @@ class KnownWorld(msgspec.Struct, frozen=True, kw_only=True):
     robot: RobotProfile
     start: PlanarPose
     solids: tuple[Solid, ...]  # mapped furniture with true heights
-    objects: tuple[SceneObject, ...]  # believed positions, wrong by slot_error_until_seen
+    objects: tuple[SceneObject, ...]  # believed positions, with errors of slot_error_until_seen
     object_sd: float  # [m] per axis
     bins: tuple[Bin, ...]
     tasks: tuple[Task, ...]

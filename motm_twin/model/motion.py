@@ -39,7 +39,7 @@ def arc(x: float, y: float, heading: float, v: float, w: float, dt: float) -> tu
 def step(
     x: float, y: float, heading: float, v: float, w: float, v_end: float, w_end: float, dt: float
 ) -> tuple[float, float, float]:
-    """Pose after dt [s] in which v and w change linearly to v_end and w_end: straight in the mean direction.
+    """Pose after dt [s] in which v and w change linearly to v_end and w_end, taken as straight in the mean direction.
 
     For steps of up to 0.3 s, as in plans. The heading is not wrapped.
     """

@@ -3,8 +3,8 @@
 The rule is that of Bouraine, Fraichard and Salhi (Autonomous Robots 32, 2012): a state is safe when braking from it
 leads to rest before a collision. Every dynamic obstacle goes on straight at the velocity that the lidar has measured,
 for as long as the base needs to stop: no prediction is needed beyond that. The margin grows with time, to allow for
-turns. The arm counts where it reaches over the footprint in its present posture. A stop is predicted with the full lag
-of the base, but driven with a slightly reversed last command (`braked`), so the base stops sooner than predicted.
+turns. The arm counts where it reaches beyond the footprint in its present posture. A stop is predicted with the full
+lag of the base, but driven with a slightly reversed last command (`braked`), so the base stops sooner than predicted.
 """
 
 import math
@@ -36,7 +36,7 @@ class Stop(NamedTuple):
 
     linear: float  # deceleration [m/s^2]
     turning: float  # [rad/s^2]
-    share: float  # of the gap to its command, closed by the base in a period: a first-order lag
+    share: float  # of the gap between speed and command, closed by the base in a period: first-order lag
     half_length: float  # of the footprint [m]
     half_width: float
     offset: float  # of its centre [m]
@@ -54,7 +54,7 @@ def stop_of(robot: RobotProfile, margin: float) -> Stop:
 
 
 def braked(commanded: float, speed: float, most: float, back: float, share: float) -> float:
-    """Next command of a stop, after ``commanded``; command and speed change by at most ``most`` at a time.
+    """Next command of a stop, after ``commanded``; command and speed change by at most ``most`` per period.
 
     A base that closes a ``share`` of the gap to its command in each period creeps on for long after a command of zero.
     So the command goes beyond zero, by at most ``back``: as far as it can return from by the time the base stands.
@@ -146,7 +146,7 @@ def _farthest(arm: Array, stop: Stop) -> float:
 
 @kernel
 def _gap(px: float, py: float, x: float, y: float, heading: float, arm: Array, stop: Stop) -> float:
-    """Distance [m] from a point to footprint and arm at a pose; inside the footprint minus that to the nearest side."""
+    """Distance [m] from a point to footprint and arm at a pose; inside footprint: minus that to its nearest side."""
     c, s = math.cos(heading), math.sin(heading)
     dx, dy = px - x, py - y
     ahead, left = c * dx + s * dy, c * dy - s * dx

@@ -134,7 +134,7 @@ class CutIn(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
     time: float  # [s]
     agent: str
-    gap: float  # [m] between them then
+    gap: float  # [m] between the two at that time
     stopping_way: float  # [m] of the agent: reaction and braking
     speed: float  # [m/s] of the agent
 
@@ -155,7 +155,7 @@ class GraspTruth(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
     object: str
     time: float  # [s] of the command
-    firm: float  # [s] after it, when both pads held the object firmly
+    firm: float  # [s] from the command until both pads held the object firmly
     shift: float  # [m] that the fingers shifted the object by while they closed
     speed: float  # [m/s] largest of the tool centre point while they closed
     slip: float  # [m] largest in the hand since then
@@ -196,7 +196,7 @@ class Truth(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     plant_faults: tuple[str, ...]  # limits that the plant itself broke: must stay empty
     furniture: tuple[BodyTruth, ...] = ()  # pieces that were moved: reference point, yaw = turn from the scene's pose
     removed: tuple[str, ...] = ()  # pieces, loose solids and agents of the scene that a person took away
-    faults: tuple[str, ...] = ()  # injected faults that last, one phrase each: "lidar off for 0.6 s"
+    faults: tuple[str, ...] = ()  # active injected faults, one phrase each: "lidar off for 0.6 s"
     path_length: float = 0.0  # [m] driven by the base so far (pushes by a person not counted)
     cut_ins: tuple[CutIn, ...] = ()  # so far
     dropped: tuple[str, ...] = ()  # objects that fell by the robot's doing and were not picked up and placed since
@@ -204,7 +204,7 @@ class Truth(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
 
 class WorldRehearsal(Protocol):
-    """Tries waiting edits, one after another."""
+    """Tries queued edits, one after another, before they are applied."""
 
     def accept(self, edit: WorldEdit) -> None:
         """Accept an edit after the earlier ones. Raises ValueError when the world refuses it."""

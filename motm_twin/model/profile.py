@@ -124,7 +124,7 @@ class RobotProfile(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
 
     @property
     def driving_top(self) -> float:
-        """The same while it drives, with the arm in its carrying posture."""
+        """`top` while the robot drives, with the arm in its carrying posture."""
         return self.arm.mount_z + CARRIED if self.has_arm else self.footprint.height + OVER
 
 

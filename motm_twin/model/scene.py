@@ -106,7 +106,7 @@ class Agent(msgspec.Struct, frozen=True, kw_only=True):
     behaviour: str = "yield"  # one of `BEHAVIOURS`
     kind: str = "temi"  # temi | person: how it is drawn
     sees_robot: bool = True  # False: it reacts to everything else
-    acceleration: float = TEMI_ACCELERATION  # [m/s^2] in which it starts and stops, and turns when it walks
+    acceleration: float = TEMI_ACCELERATION  # [m/s^2] with which it starts and stops, and turns when it walks
     pause: float = 0.0  # [s] that it stands at every waypoint
 
 
@@ -144,7 +144,7 @@ class Noise(msgspec.Struct, frozen=True, kw_only=True):
     localisation_heading_sd: float = 0.5 * 3.141592653589793 / 180.0  # [rad]
     localisation_correlation_time: float = 5.0  # [s]
     lidar_range_sd: float = 0.01  # [m]
-    slot_error_until_seen: float = 0.03  # [m] sd per axis of what is believed of an object before it is seen
+    slot_error_until_seen: float = 0.03  # [m] sd per axis of an object's believed position before it is seen
     camera_position_sd_at_1m: float = 0.02  # [m], linear in distance between the two
     camera_position_sd_at_01m: float = 0.002  # [m]
     base_speed_scale_sd: float = 0.0  # share by which the base is faster than commanded, fixed for one seed
@@ -195,8 +195,8 @@ class Mismatch(msgspec.Struct, frozen=True, kw_only=True):
     base_lag: float = 0.0  # [s] additional lag of the base's velocity loop
     base_scale: float = 0.0  # share by which the base drives and turns faster than commanded
     arm_lag: float = 0.0  # [s] additional lag of the arm's velocity loop
-    hand_eye: float = 0.0  # [m] by which the camera is elsewhere on the hand; direction of the seed
-    map_offset: float = 0.0  # [m] by which map, bins and first ideas of the objects are off; direction of the seed
+    hand_eye: float = 0.0  # [m] by which the camera is displaced on the hand, in a direction drawn from the seed
+    map_offset: float = 0.0  # [m] by which map, bins and believed objects are off, in a direction drawn from the seed
     table_height: float = 0.0  # [m] by which furniture with objects on it is higher than the map says
 
 
@@ -213,13 +213,13 @@ class TimedFault(FaultFields, frozen=True, kw_only=True):
 class Faults(msgspec.Struct, frozen=True, kw_only=True):
     """Grasp failures, moved cubes, and timed faults. The robot is not told."""
 
-    grasp_misses: int = 0  # of each object, the first so many grasps: the fingers close on nothing
-    grasp_slips: int = 0  # of each object, so many after those: it slips when it is lifted
+    grasp_misses: int = 0  # number of first grasps of each object in which the fingers close on nothing
+    grasp_slips: int = 0  # number of grasps of each object, after those, in which it slips when lifted
     grasp_failure_probability: float = 0.0  # of any grasp after those: the fingers close on nothing
-    grasp_delay: float = 0.0  # [s] that the fingers take longer to a firm hold
-    grasp_delay_spread: float = 0.0  # [s] and up to so much more, drawn anew for each grasp
-    only_object: int = 0  # only the so-many-th object that is grasped, counted from 1; 0: every one
-    cube_moved_by: float = 0.0  # [m] that somebody moves each cube, on what it stands on, before it is picked
+    grasp_delay: float = 0.0  # [s] added to the time that the fingers take to a firm hold
+    grasp_delay_spread: float = 0.0  # [s] largest further delay, drawn anew for each grasp
+    only_object: int = 0  # only the n-th object grasped is affected, counted from 1; 0: every one
+    cube_moved_by: float = 0.0  # [m] by which somebody moves each cube on its support before it is picked
     cube_moved_within: float = 1.0  # [m] from the robot's base, which is on its way to the cube, when that happens
     inject: tuple[TimedFault, ...] | None = None  # sensors and parts of the robot that fail; None: nothing does
 

@@ -292,7 +292,7 @@ def _arm_points(scene: Scene) -> list[tuple[float, float, float]]:
 
 
 def check_agents(scene: Scene, root: Node) -> None:
-    """Agents start apart, and their discs pass no furniture on their ways."""
+    """Agents start apart, and their discs touch no furniture on their paths."""
     for index, agent in enumerate(scene.agents):
         node = root.at("agents", agent.name)
         for other in scene.agents[:index]:

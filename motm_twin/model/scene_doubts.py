@@ -1,4 +1,4 @@
-"""Doubts about a scene that can run, but probably not as its author meant: printed, not refused."""
+"""Doubts (warnings) about a scene that can run, but probably not as its author meant: printed, not refused."""
 
 import itertools
 import math
@@ -67,7 +67,7 @@ def about_scene(scene: Scene, root: Node) -> Iterator[SceneError]:
 
 
 def about_support(scene: Scene, root: Node) -> Iterator[SceneError]:
-    """Bins that float: nothing under their middle supports them."""
+    """Bins that float: nothing under their centre supports them."""
     for item in scene.bins:
         under = [s for s in scene.solids if s.z_max <= item.floor_z + TOUCH and covers(s.shape, item.centre)]
         highest = max(under, key=lambda solid: solid.z_max, default=None)
@@ -129,7 +129,7 @@ def about_fingers(scene: Scene, root: Node) -> Iterator[SceneError]:
 
 
 def about_look_alikes(scene: Scene, root: Node) -> Iterator[SceneError]:
-    """Cubes without markers for different bins, too near to be told apart at the certainty of their places."""
+    """Cubes without markers for different bins, too close to tell apart given the uncertainty of their places."""
     apart = LIKELY_SWAPPED * math.sqrt(2.0) * scene.noise.slot_error_until_seen
     if scene.detections == "named":
         return
@@ -154,7 +154,7 @@ def about_look_alikes(scene: Scene, root: Node) -> Iterator[SceneError]:
 
 
 def _beside_faces(scene: Scene, item: SceneObject, others: Iterable[SceneObject], beside: float) -> list[str]:
-    """Per pair of faces: name of a body within ``beside`` [m] at the height of the cube's middle, or ""."""
+    """Per pair of faces: name of a body within ``beside`` [m] at the height of the cube's centre, or ""."""
     x, y, z = item.position
     solids = [*scene.solids, *map(bin_solid, scene.bins)]
     bodies = [(s.name, outline(s.shape), s.z_min, s.z_max) for s in solids]
@@ -171,7 +171,7 @@ def _beside_faces(scene: Scene, item: SceneObject, others: Iterable[SceneObject]
 
 
 def about_slots(document: Document) -> list[SceneError]:
-    """Slots that could hold a cube in no variant: not on their surface, in a bin, or under something."""
+    """Slots that cannot hold a cube in any variant: not on their surface, in a bin, or under something."""
     good, wrong = set(), {}
     for variant in document.variants() or [None]:
         root, chosen = with_variant(document, variant)

@@ -231,12 +231,12 @@ class TimedFaultFile(Part, frozen=True, kw_only=True):
 class FaultsFile(Part, frozen=True, kw_only=True):
     """Grasps that fail or take longer although the fingers stand well, cubes that are moved, and what fails when."""
 
-    grasp_misses: Tries | None = None  # of each object, the first so many grasps close on nothing
-    grasp_slips: Tries | None = None  # of each object, so many after those slip when lifted
+    grasp_misses: Tries | None = None  # number of first grasps of each object that close on nothing
+    grasp_slips: Tries | None = None  # number of grasps, after those, that slip when lifted
     grasp_failure_probability: Annotated[float, Meta(ge=0, le=1)] | None = None  # of any grasp after those
     grasp_delay: Annotated[float, Meta(ge=0, le=60, description="[s]")] | None = None
-    grasp_delay_spread: Annotated[float, Meta(ge=0, le=60, description="[s]")] | None = None  # up to so much more
-    only_object: Tries | None = None  # only the so-many-th object that is grasped; 0: every one
+    grasp_delay_spread: Annotated[float, Meta(ge=0, le=60, description="[s]")] | None = None  # at most
+    only_object: Tries | None = None  # only the n-th object grasped is affected; 0: every one
     cube_moved_by: Annotated[float, Meta(ge=0, le=0.5, description="[m]")] | None = None
     cube_moved_within: Annotated[float, Meta(gt=0, le=10, description="[m] of the base from the cube")] | None = None
     inject: Annotated[tuple[TimedFaultFile, ...], Meta(max_length=100)] | None = None

@@ -147,7 +147,7 @@ class Resolver:
         return _cube(f"cube_{slot_name}", slot, top, self.file.deliver or fmt.DeliverFile())
 
     def draws(self) -> list[list[str]]:
-        """Lists of slots to check: all in one if several are drawn, else one each; none when slots are named."""
+        """Lists of slots to check: one with all slots if several are drawn, else one per slot; none for named slots."""
         chosen = None if self.file.deliver is None else self.file.deliver.slots
         if not isinstance(chosen, fmt.RandomSlots):
             return []

@@ -24,7 +24,7 @@ _MIN_STEP = 1e-6  # [m] between two points of a lane
 
 
 def rectangle(pose: PlanarPose, size: Point, offset_x: float = 0.0) -> Polygon:
-    """A rectangle of a size, centred at ``(offset_x, 0)`` of a pose."""
+    """A rectangle of this size, centred at ``(offset_x, 0)`` in the frame of a pose."""
     return Polygon(geometry.rectangle(pose, size, offset_x))
 
 
@@ -117,7 +117,7 @@ class Piece(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def pieces(scene: Scene) -> dict[str, Piece]:
-    """All pieces that stand on the floor, by name; walls and other prisms stay where they are."""
+    """All pieces that stand on the floor and can be moved, by name: those without a prism."""
     groups: dict[str, list[Solid]] = {}
     for solid in scene.solids:
         groups.setdefault(solid.group or solid.name, []).append(solid)
@@ -144,7 +144,7 @@ def pieces(scene: Scene) -> dict[str, Piece]:
 
 
 def rigid(piece: Piece, pose: PlanarPose) -> Array:
-    """The planar transform (x, y, turn) that takes the scene's points of a piece to where it stands at ``pose``."""
+    """The planar transform (x, y, turn) that moves a piece from its place in the scene to ``pose``."""
     x, y, turn = pose
     c, s = math.cos(turn), math.sin(turn)
     cx, cy = piece.centre

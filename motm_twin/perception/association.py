@@ -111,17 +111,17 @@ class AssociationState:
     looked: float = -math.inf  # [s] time of the last update
     names: dict[bytes, str] = field(default_factory=dict)  # of its detections, by the bytes of `p_base`; "" for none
     candidates: list[Candidate] = field(default_factory=list)
-    absent: dict[str, float] = field(default_factory=dict)  # [s] time since which an object is in view, not reported
+    absent: dict[str, float] = field(default_factory=dict)  # [s] since when an object has been in view, not reported
     missed: dict[str, Array] = field(default_factory=dict)  # position of the last failed grasp of each object
     lost: list[str] = field(default_factory=list)  # objects not found at their believed positions, and unseen since
-    denied: list[tuple[str, Array]] = field(default_factory=list)  # a name, and a position of a different object
+    denied: list[tuple[str, Array]] = field(default_factory=list)  # a name, and a position where a different object is
 
 
 def names_of(
     state: AssociationState, found: Sequence[Detection], now: float, held: str | None, sight: Sight,
     settings: AssociationSettings,
 ) -> tuple[str, ...]:  # fmt: skip
-    """Names for anonymous detections; "" for one that stays without. ``now``: time of the camera's clock [s]."""
+    """Names for anonymous detections; "" for one that stays unnamed. ``now``: time on the camera's clock [s]."""
     newest = max((one.stamp for one in found), default=-math.inf)
     if found and newest <= state.stamp:
         return tuple(state.names.get(one.p_base.tobytes(), "") for one in found)
@@ -195,7 +195,7 @@ def missed(state: AssociationState, name: str, place: Array, places: Places, set
 
 
 def _with_likely(places: Places, candidates: Sequence[Candidate], now: float) -> Places:
-    """The places, with each never named object at the detection that was likely its own in a picture just before.
+    """The places, with each object never named at its likely detection, if that is at most `LIKELY` [s] old.
 
     Otherwise the first of two look-alikes to be named would be as near to both detections of the next picture.
     """
@@ -257,9 +257,10 @@ class _Picture:
         return left
 
     def ambiguous(self, k: int, i: int, match: dict[int, int], absent: Callable[[str], bool]) -> bool:
-        """True when detection ``k`` may just as well be another object than its match ``i``, one that was never seen.
+        """True when detection ``k`` fits another object, unmatched and never seen, about as well as its match ``i``.
 
-        It is excluded once its place is seen empty. One picture is not enough: the match may not be in view yet.
+        That object is excluded once its place is seen to be empty. One picture is not enough: the match may not be in
+        view yet.
         """
         taken = set(match.values())
         for other in np.flatnonzero(self.possible[k] & np.logical_not(self.places.seen)).tolist():
@@ -319,7 +320,10 @@ def _claim(
     candidates: Sequence[Candidate], picture: _Picture, names: list[str], match: dict[int, int], sight: Sight,
     absent: Callable[[str], bool], lost: Sequence[str],
 ) -> None:  # fmt: skip
-    """Name confirmed candidates after objects that are missing or ``lost``, the nearest pairs first."""
+    """Name confirmed candidates after objects that are missing, ``lost`` or in the same bin.
+
+    Order of the pairs: those with the name from before, those in the same bin, the nearest.
+    """
     places, taken, settings = picture.places, {*match.values()}, picture.settings
     pairs = []
     for k in range(len(names)):

@@ -1,8 +1,8 @@
 """Outlines of seen obstacles: each cluster of cells becomes one convex polygon, or several where one blocks free space.
 
-A hull is too coarse when it blocks a way past the cells after planning has grown it by g, or when the base fits inside
-it, as between the walls of a room. Such a cluster is split until less than `NARROWED` of a way is blocked. Testing only
-the side in sight of the lidar was tried and rejected: posts that the robot had passed then blocked the way between
+A hull is too coarse when, grown by g as in planning, it blocks a passage beside the cells, or when the base fits inside
+it, as between the walls of a room. Such a cluster is split until it narrows passages by at most `NARROWED`. Testing
+only the side in sight of the lidar was tried and rejected: posts that the robot had passed then blocked the way between
 them, and it stood still.
 
 The polygons feed the visibility graph only; collision is decided by the distance field, which keeps every cell.
@@ -17,7 +17,7 @@ from motm_twin.model.geometry import Array
 from motm_twin.model.profile import Footprint
 
 MERGE_CELLS = 6  # 0.3 m: grazing beams leave such gaps on one face; where a base fits through, the cluster is split
-NARROWED = 0.05  # [m] by which a hull may narrow a way beside it
+NARROWED = 0.05  # [m] by which a hull may narrow a passage beside it
 MARGIN = 0.08  # [m] beyond half the width of the base by which planning grows outlines
 SAMPLING = 2.0  # cells between two sample points beside or inside a hull
 MAX_CORNERS = 8
@@ -213,7 +213,7 @@ def _outline_of(cells, resolution, g, origin):
 
 
 def growth_of(footprint: Footprint) -> float:
-    """g [m], the default growth of outlines in planning: half the width of the base, and `MARGIN`."""
+    """g [m], the default growth of outlines in planning: half the width of the base, plus `MARGIN`."""
     return 0.5 * footprint.width + MARGIN
 
 

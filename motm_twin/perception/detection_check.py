@@ -86,10 +86,10 @@ class DetectionState:
 
     good: dict[str, float] = field(default_factory=dict)  # [s] stamp of the newest accepted report of each object
     swapped: dict[str, tuple[float, float]] = field(default_factory=dict)  # [s] first and last report elsewhere
-    taken: dict[str, float] = field(default_factory=dict)  # [s] newest report of another object at the place of each
+    taken: dict[str, float] = field(default_factory=dict)  # [s] newest report of another object at its place
     wrong: Finding | None = None  # the newest about a wrong report
     until: float = 0.0  # [s] time until which it is reported
-    missing: dict[str, float] = field(default_factory=dict)  # [s] time since which an object is in view, not reported
+    missing: dict[str, float] = field(default_factory=dict)  # [s] since when an object has been in view, not reported
     picture: tuple[float, float] = (-math.inf, -math.inf)  # [s] stamp of the newest picture, and when it came
     association: AssociationState = field(default_factory=AssociationState)  # of detections without a name
 
@@ -203,7 +203,7 @@ def _named(
     state: DetectionState, found: Sequence[Detection], now: Observation, beliefs: Beliefs, held: str | None,
     settings: DetectionSettings,
 ) -> tuple[str, ...]:  # fmt: skip
-    """Names for anonymous detections; sets a finding when something is detected repeatedly that is no known object."""
+    """Names for anonymous detections; sets a finding when an unknown object is detected repeatedly."""
     camera = now.time - now.ahead
     names = association.names_of(state.association, found, camera, held, beliefs, settings.association)
     if found and association.unexplained(state.association, beliefs):
@@ -267,7 +267,7 @@ def _seen(eye: tuple[Array, Array], point: Array) -> tuple[float, float]:
 def _ghost(
     one: Detection, now: Observation, eye: tuple[Array, Array], profile: RobotProfile, settings: DetectionSettings
 ) -> Finding | None:
-    """Finding for a detection that the camera cannot see, outside its cone or too far; None for any other."""
+    """Finding for a detection clearly outside the camera's cone or range; None for any other."""
     distance, angle = _seen(eye, one.p_base)
     moved = settings.hand_speed * max(0.0, now.time - one.stamp)
     slack = math.atan2(moved, max(distance, 1e-6))
@@ -302,7 +302,7 @@ def _twice(one: Detection, now: Observation, beliefs: Beliefs, settings: Detecti
 def _swapped(
     state: DetectionState, one: Detection, now: Observation, beliefs: Beliefs, settings: DetectionSettings
 ) -> Finding | None:
-    """Finding for an object reported at another one's place; if it lasts longer than a fault, they were swapped."""
+    """Finding for an object reported at another's place; None once it lasts too long for a fault: they were swapped."""
     own = beliefs.get(one.name)
     if own is None or own[1] > settings.doubtful:
         return None

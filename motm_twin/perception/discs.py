@@ -13,7 +13,7 @@ from motm_twin.perception.world_map import NO_POINTS
 
 FAR_SIDE = np.linspace(-0.5, 0.5, 9) * math.pi  # [rad] bearings of its points from straight behind
 
-Disc = tuple[float, float, float]  # middle x, y and radius [m]
+Disc = tuple[float, float, float]  # centre x, y and radius [m]
 
 
 @njit(cache=True)
@@ -31,7 +31,7 @@ def owners(points: Array, circles: Array, rim: float) -> NDArray[np.int64]:
 
 @njit(cache=True)
 def on_ways(points: Array, discs: Array, trail: float, edge: float) -> NDArray[np.bool_]:
-    """Mask of points (n, 2) within ``edge`` [m] of discs (k, 5), or of their ways in the last ``trail`` [s]; (n,)."""
+    """Mask of points (n, 2) within ``edge`` [m] of discs (k, 5), or of their paths in the last ``trail`` [s]; (n,)."""
     found = np.zeros(points.shape[0], np.bool_)
     for k in range(discs.shape[0]):
         way_x, way_y = trail * discs[k, 2], trail * discs[k, 3]
@@ -46,7 +46,7 @@ def on_ways(points: Array, discs: Array, trail: float, edge: float) -> NDArray[n
 
 @njit(cache=True)
 def fitted_circle(points: Array, start: Array, radius: float) -> Array:
-    """Middle (2,) of the circle of this radius [m] through the points (n, 2), by Gauss-Newton from a start (2,).
+    """Centre (2,) of the circle of this radius [m] through the points (n, 2), by Gauss-Newton from a start (2,).
 
     In a direction that the points do not determine, along the arc, it stays at the start.
     """
@@ -82,7 +82,7 @@ def seen_width(points: Array, sensor: Array) -> float:
 
 @njit(cache=True)
 def front_circle(points: Array, sensor: Array, radius: float) -> Array:
-    """Middle (2,) of the circle of this radius [m] with the points (n, 2) on its side towards the sensor."""
+    """Centre (2,) of the circle of this radius [m] with the points (n, 2) on its side towards the sensor."""
     x, y, nearest = 0.0, 0.0, math.inf
     for i in range(points.shape[0]):
         x, y = x + points[i, 0] - sensor[0], y + points[i, 1] - sensor[1]
@@ -97,7 +97,7 @@ def front_circle(points: Array, sensor: Array, radius: float) -> Array:
 def is_behind(points: Array, middle: Array, sensor: Array, radius: float) -> bool:
     """True when the sensor is outside a fitted circle, and the points (n, 2) are on the far side, which it cannot see.
 
-    The fit is then on the wrong side of the points, after an obstacle was at the sensor's own position.
+    This happens after an obstacle was at the sensor's own position: the fit is on the wrong side of the points.
     """
     dx, dy = middle[0] - sensor[0], middle[1] - sensor[1]
     away, total = math.hypot(dx, dy), 0.0

@@ -11,7 +11,7 @@ class Finding(msgspec.Struct, frozen=True, kw_only=True):
     """One present fault or disturbance, and the share of its speed that the base keeps because of it."""
 
     reason: Reason  # its kind is one of `KINDS`, its subject a sensor or part: lidar, camera, wheels, joint 4, fingers
-    base: float = 1.0  # share of its speed that the base keeps: 0 stands
+    base: float = 1.0  # share of its speed that the base keeps; 0: it stands
 
     @property
     def kind(self) -> Kind:

@@ -12,8 +12,8 @@ from motm_twin.perception.grid import Grid
 from motm_twin.perception.occupancy import NEVER
 
 UNSEEN, STALE, FRESH = 0, 1, 2
-SEEN_LASTS = 5.0  # [s] for which seen floor is fresh: a person may then have walked in from beyond the map's reach
-ROOM = 0.5  # [m] of floor kept beyond the need of a stop at full speed
+SEEN_LASTS = 5.0  # [s] for which seen floor is fresh; later, a person may have walked in from beyond the map's reach
+ROOM = 0.5  # [m] of floor kept beyond the stopping distance at full speed
 
 
 class Floor(msgspec.Struct, frozen=True, kw_only=True, eq=False):
@@ -33,7 +33,7 @@ def sight_radius(robot: RobotProfile) -> float:
 
 
 def floor_round(seen: NDArray[np.int64], grid: Grid, centre: NDArray[np.float64], radius: float, now_ms: int) -> Floor:
-    """The floor in a square of half side ``radius`` [m] about a point (2,), from the times [ms] of its last sight."""
+    """The floor in a square of half side ``radius`` [m] about a point (2,), from the times [ms] it was last seen."""
     low = np.clip(grid.cell_of(centre - radius), 0, grid.shape)
     high = np.clip(grid.cell_of(centre + radius) + 1, 0, grid.shape)
     part = seen[low[0] : high[0], low[1] : high[1]]

@@ -81,7 +81,7 @@ def fading_of(p: MapSettings) -> Fading:
 
 
 def reach_of(robot: RobotProfile) -> float:
-    """Distance [m] that a base must see to stop, turn aside or back: three stopping distances and its own size."""
+    """Distance [m] that a base must see to stop, turn aside or reverse: three stopping distances and its own size."""
     return 3.0 * robot.base.stopping_way + 2.0 * robot.footprint.outer
 
 
@@ -94,7 +94,7 @@ class MapperState:
     static: np.ndarray  # mask of the static ones, shape (m,)
     outlines: tuple[Array, ...]  # of the seen cells
     scan_stamp: float | None
-    refusal: Reason | None  # why the newest scan was refused; None when it was not
+    refusal: Reason | None  # reason why the newest scan was refused; None when it was not
 
 
 class Mapper(Stateful[MapperState]):
@@ -122,7 +122,7 @@ class Mapper(Stateful[MapperState]):
 
     @property
     def refusal(self) -> Reason | None:
-        """Why the newest scan was refused; None when it was used."""
+        """Reason why the newest scan was refused; None when it was not."""
         return self._state.refusal
 
     @property
@@ -204,7 +204,7 @@ class Mapper(Stateful[MapperState]):
         state.cells, state.static = cells, static
 
     def _integrate(self, scan: CheckedScan) -> tuple[np.ndarray, np.ndarray]:
-        """Add hits, then clear free space, then forget; returns the seen cells and the mask of static ones."""
+        """Add hits, clear free space and footprint, then forget; returns the seen cells and a mask of static ones."""
         evidence, settings, body = self._state.evidence, self._settings, self._known.robot.footprint
         now_ms = round(scan.stamp * 1000.0)
         reach = min(self._reach, scan.range_max)

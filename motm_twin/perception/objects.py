@@ -157,7 +157,7 @@ class ObjectTracker(Stateful[TrackerState]):
         )
 
     def seen_places(self) -> Iterator[tuple[str, Array, float]]:
-        """Objects seen, since the hand released them if it did: name, position (3,) [m], yaw [rad]; odometry frame."""
+        """Objects seen (again, if the hand has released them): name, position (3,) [m], yaw [rad]; odometry frame."""
         sure = (0.5 * self._settings.bin_sd) ** 2
         tracks = self._state.tracks.items()
         return ((name, track.position, track.yaw) for name, track in tracks if track.variance <= sure)
@@ -219,7 +219,7 @@ class ObjectTracker(Stateful[TrackerState]):
         self._state.tracks[name] = Track(np.array(position, dtype=float), yaw, sd**2, observation.time)
 
     def forget(self, name: str) -> bool:
-        """Return an object that is not where it was seen to its prior; False when it was never seen."""
+        """Reset to its prior an object that is not where it was seen; False when it has no estimate."""
         return self._state.tracks.pop(name, None) is not None
 
     def exchange(self, one: str, other: str) -> None:

@@ -99,7 +99,7 @@ def clear_rays(
     """Reduce evidence, once per scan, in every cell that a beam passed through before its end.
 
     In the shadow of a hit (``struck``: its range [m], < 0: none), cells that are not static and were not hit for a
-    while are freed: an agent that drives towards the robot hides the cells in which it was seen before.
+    while are freed: an agent that approaches the robot hides the cells in which it was seen before.
     ``occupied``: flat indices of cells with evidence; no beam is followed beyond the last of them in its direction.
     """
     rows, columns = level.shape

@@ -68,7 +68,7 @@ def _numbers_wrong(scan: Scan) -> str:
 
 
 def _beams_wrong(scan: Scan) -> str:
-    """Reason if too many beams, in all or side by side, are nan or negative, without known blind ones; "" if not."""
+    """Reason if too many beams, in total or adjacent, are nan or negative, known blind ones aside; "" if not."""
     ranges, step = scan.ranges, scan.angle_step
     bad = ~(ranges >= 0.0)  # true for nan
     if scan.blind is not None and scan.blind.shape == bad.shape:

@@ -51,7 +51,7 @@ class MatchState:
 
 
 def follow(state: MatchState, now: Observation, settings: MatchSettings) -> None:
-    """Let the correction fade; when localisation leaps from odometry, its covariance is that of the prior again."""
+    """Let the correction fade; when localisation leaps away from odometry, its covariance returns to the prior."""
     prior = _prior(settings)
     if state.pose is None or state.odometry is None or state.covariance is None:
         state.covariance = np.diag(prior * prior)

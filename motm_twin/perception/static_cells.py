@@ -14,7 +14,7 @@ from motm_twin.perception.mapper import MapSettings
 from motm_twin.perception.world_map import WorldMap
 
 JOINED = 2  # cells at most this far apart are connected
-_REMEMBERS = MapSettings().static_after  # [s] without a hit after which a standing cell is one no longer
+_REMEMBERS = MapSettings().static_after  # [s] without a hit after which a cell is no longer a standing one
 
 Mask = NDArray[np.bool_]
 

@@ -20,11 +20,11 @@ from motm_twin.perception.world_map import WorldMap
 class FilteredState:
     """State between maps."""
 
-    outlines: tuple[Array, ...] = ()  # of the seen points that stand
+    outlines: tuple[Array, ...] = ()  # of the seen points kept last
 
 
 class FilteredMap(Stateful[FilteredState]):
-    """Builds the map of a period with only those seen points that stand."""
+    """Builds the map of a period from some of its seen points only."""
 
     def __init__(self, known: KnownWorld) -> None:
         self._known, self._g = known, growth_of(known.robot.footprint)
@@ -71,10 +71,10 @@ class StaticMap(FilteredMap):
         self._parameters = parameters or TrackParameters()
 
     def of(self, world: WorldMap) -> WorldMap:
-        """The map without its movers; the same object when it has none."""
+        """The map without the seen points of its movers; the same object when they have none."""
         return self.keep(world, stationary_points(world, world.movers, self._parameters))
 
     def proximity(self, world: WorldMap) -> np.ndarray:
-        """STAA*'s proximity grid of such a map, shape (rows, columns): `keep` does not change that of the map."""
+        """STAA*'s proximity grid of such a map, shape (rows, columns): `keep` leaves that of the map unchanged."""
         settings = MapSettings()
         return proximity_cost(world.distance, settings.proximity_width, settings.proximity_blur)

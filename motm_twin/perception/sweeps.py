@@ -186,7 +186,7 @@ def _runs(ranges: Array) -> int:
 def scatter(ranges: Array, least: int) -> float:
     """Standard deviation [m] of a range about the line through its neighbours; 0 with fewer than ``least`` triples.
 
-    Second differences of independent noise have sqrt(6) times its sd; the median does not feel edges and corners.
+    Second differences of independent noise have sqrt(6) times its sd; the median is not affected by edges and corners.
     """
     found = np.empty(max(ranges.shape[0] - 2, 0))
     count = 0
@@ -210,7 +210,7 @@ def expected_ranges(
 def seen_edges(
     pose: Array, origin: Array, angle_min: float, step: float, count: int, segments: Array, reach: float
 ) -> tuple[Array, NDArray[np.int64], Array]:
-    """Range [m] of each beam to the nearest segment (s, 4), the index of that, and the position on it (0 to 1).
+    """Range [m] of each beam to the nearest segment (s, 4), its index, and the position on it (0 to 1).
 
     Beyond reach: inf, -1, 0.
     """

@@ -52,7 +52,7 @@ def segments(points: Array, beams: NDArray[np.int64], reach: Array, gap: float) 
 
 @njit(cache=True)
 def share_out(points, beams, ranges, sensor, owner, cuts, tracks, limits):
-    """Assign all of a segment to the only track with points in it, if it may be one body: changes ``owner`` (n,).
+    """Assign a whole segment to the only track with points in it, if it may be one body: changes ``owner`` (n,).
 
     ``cuts``: see `segments`; ``tracks``: their number; ``limits``: a gap, and half the largest width of one body [m].
     Returns masks of tracks that are alone in their segments, and of tracks partly hidden; shape (tracks,) both.
@@ -82,7 +82,7 @@ def share_out(points, beams, ranges, sensor, owner, cuts, tracks, limits):
 
 @njit(cache=True)
 def keep_one_body(points, sensor, owner, cuts, tracks, width):
-    """Leave a track only its segment of most points where all its segments are wider than one body: changes ``owner``.
+    """Reduce a track wider than one body to its segment with the most points: changes ``owner``.
 
     ``width``: half the largest width of a body [m]. Returns a mask of the tracks that have lost points, (tracks,).
     """
@@ -137,8 +137,8 @@ def correct(state, covariance, own, sensor, radius, alone, partly, sizes):
     """Correct a track with its points (n, 2): changes ``state`` (4,) and ``covariance`` (4, 4).
 
     ``alone``: nothing else is in its segment; ``partly``: something nearer hides one side of it. ``sizes``: least
-    and greatest radius [m], share by which a radius shrinks, noise of a middle [m]. Returns the radius [m], and the
-    distance of the farthest point from the middle, less the noise [m].
+    and greatest radius [m], share by which a radius shrinks, noise of a centre [m]. Returns the radius [m], and the
+    distance of the farthest point from the centre, less the noise [m].
     """
     least, most, shrinks, noise = sizes
     middle = fitted_circle(own, state[:2], radius)
@@ -175,7 +175,7 @@ def predict(state: Array, covariance: Array, dt: float, density: float) -> None:
 
 @njit(cache=True)
 def _update(state: Array, covariance: Array, middle: Array, variance: float) -> None:
-    """Correct a track with a measured middle (2,) of this variance [m^2]; both axes are independent."""
+    """Correct a track with a measured centre (2,) of this variance [m^2]; both axes are independent."""
     for axis in range(2):
         i, k = axis, 2 + axis
         pp, pv = covariance[i, i], covariance[i, k]

@@ -125,7 +125,7 @@ class Look(NamedTuple):
     """Ranges of a scan in the world frame, kept to see where its beams passed."""
 
     origin: Array  # of the beams [m], shape (2,)
-    first: float  # [rad] bearing of the first
+    first: float  # [rad] bearing of the first beam
     step: float  # [rad] from one to the next
     ranges: Array  # [m], nan where not known, shape (n,)
 
@@ -154,9 +154,9 @@ class Track:
     state: Array  # x, y [m], velocity [m/s], shape (4,)
     covariance: Array  # shape (4, 4)
     radius: float  # [m] of the circle that is fitted
-    place: Place  # where it was when it was seen first, or seen to move last
+    place: Place  # where it was first seen, or last seen to move
     seen: float  # [s]
-    covers: float = 0.0  # [m] from its middle to the farthest of the points that were last seen of it
+    covers: float = 0.0  # [m] from its centre to the farthest of the points that were last seen of it
     hits: int = 1
     moved: float = -math.inf  # [s] last time that it moved
     static: bool = False  # most of its points are at static cells
@@ -310,7 +310,7 @@ class DynamicTracker(Stateful[TrackState]):
         return Points(at[free], beam[free], scan.ranges[beam[free]], by_static[free])
 
     def _merge(self) -> None:
-        """Keep the older of two tracks whose middles are nearer than those of two bodies can be."""
+        """Keep the older of two tracks whose centres are nearer than those of two bodies can be."""
         kept: list[Track] = []
         for track in self._state.tracks:
             if all(math.dist(track.state[:2], other.state[:2]) > self.parameters.merges for other in kept):

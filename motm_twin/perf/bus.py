@@ -41,7 +41,7 @@ from motm_twin.perf.report import (
 READER = "readers"
 LONGEST = 75.0  # [s] of one measurement: within one run of Experiment 1
 PAUSES = [0.0, 0.02, 0.1, 0.5, 2.0]  # [s] between two reads of the readers for which ages are measured
-READING, STOPPED, FULL = 40, 5, 5  # subscribers that read, in a stopped process, and alive that never read
+READING, STOPPED, FULL = 40, 5, 5  # subscribers that read, that are stopped, and that run but never read
 READERS_EACH = 10  # sessions in one process
 JAM_SPEED, JAM_SECONDS = 8.0, 6.0  # speed factor and time [s] to fill the queues of subscribers that never read
 BODY = "measured"
@@ -51,7 +51,7 @@ COMMAND_EVERY = 0.17  # [s]; no multiple of the period, so that commands arrive 
 
 @dataclass(frozen=True)
 class Measured:
-    """A running twin server, its client, and the difference of its clock to the monotonic one [s]."""
+    """A running twin server, its client, and the offset of its clock from the monotonic one [s]."""
 
     server: Worker
     client: TwinClient

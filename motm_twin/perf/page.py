@@ -94,7 +94,7 @@ def joining(served: Served, report: Report) -> None:
 
 
 def loading(served: Served, report: Report) -> None:
-    """Measure a first load: bytes by websocket until a new visitor has everything, bytes by HTTP, time to picture."""
+    """Measure a first load: bytes by websocket until a visitor has everything and by HTTP, time to final picture."""
     restart(served.client, playing=False)
     with PageReader(served.port, token=served.token) as reader:
         if not reader.wait(_whole, 30.0):

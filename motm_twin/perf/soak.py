@@ -115,7 +115,7 @@ class Attacked:
     """Outcomes of malformed messages."""
 
     def __init__(self) -> None:
-        self.sent, self.counts = Counter[str](), Counter[str]()  # by sort; number of accepted and unanswered ones
+        self.sent, self.counts = Counter[str](), Counter[str]()  # by kind; numbers of accepted and unanswered ones
         self.accepted, self.unanswered = list[str](), list[str]()  # examples
 
     def add(self, answer: dict[str, Any]) -> None:

@@ -3,8 +3,8 @@
 Forces: of the pads on an object, and of the robot on everything else.
 
 Torques: the arm's own controller assumes a base at rest: tau_ext = tau - (M(q) ddq + c(q, dq) + g(q)). So it contains
-accelerations of the base and bumps of the floor besides contacts. Beyond a threshold the Panda stops by a reflex; a
-moving base alone can trip it: a phantom collision.
+the effects of base accelerations and floor bumps, not of contacts alone. Beyond a threshold the Panda stops by a
+reflex; a moving base alone can trip it: a phantom collision.
 """
 
 import xml.etree.ElementTree as ET
@@ -239,7 +239,7 @@ APART = 10  # substeps below a threshold after which passing it counts again
 
 
 def note_reflexes(p: PhysicsState, substep: int, now: float) -> None:
-    """Count the thresholds that the present torque passes; without any contact, that is a phantom collision."""
+    """Note the thresholds that the present torque passes; without any contact, it counts as a phantom collision."""
     most = np.abs(p.torque)
     p.torque_peaks = np.maximum(p.torque_peaks, most)
     joint = int(most.argmax())

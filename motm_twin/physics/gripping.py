@@ -20,7 +20,7 @@ BUILD_UP = 0.06  # [s] from the first touch to that force
 BEYOND = 0.012  # [m] largest lead of the commanded width over the fingers: enough for full force
 PRESSING = 4.0  # factor on the closing speed once the fingers stand, so that the force grows faster
 STANDS = 2e-4  # [m] per substep: slower fingers stand
-STOOD = 4  # substeps so slow, after which the grip is judged
+STOOD = 4  # such slow substeps after which the grip is judged
 LOOSE = 3  # substeps after which an object that is not pressed by both pads is no longer held
 OPEN = 1e-3  # [m] from the open width within which the fingers are open; from 0: closed on nothing
 
@@ -31,7 +31,7 @@ class Fingers:
     def __init__(self, spec: GripperSpec, physics: Physics, sides: list[float], dt: float) -> None:
         """``sides`` [m] of the scene's objects; substeps of dt [s].
 
-        The fingers are as fast as they must be to hold an object of the usual side firmly after the closing time.
+        The fingers are just fast enough to hold an object of mean side firmly after the closing time.
         """
         side = float(np.mean(sides)) if sides else USUAL_SIDE
         self.spec, self._dt = spec, dt

@@ -45,7 +45,7 @@ from motm_twin.sim.solids import Scenery, Solids
 SUBSTEP = 0.01  # [s]
 _STEPS = round(SUBSTEP / TIMESTEP)
 _STATE = mujoco.mjtState.mjSTATE_INTEGRATION
-_SETTLING = 30  # substeps at the start
+_SETTLING = 30  # substeps in which all bodies settle at the start
 _AHEAD = 0.05  # [rad] largest lead of a joint's reference over a joint that is blocked
 _STILL = 2e-6  # [m], [rad] smaller motion of a resting object is ignored
 _EDITED = 1e-9  # [m], [rad] larger differences between state and dynamics are the user's edits

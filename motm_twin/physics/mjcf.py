@@ -304,7 +304,7 @@ Shape = tuple[str, tuple[float, ...], float]  # kind, its numbers [m], height [m
 
 
 class Standing(NamedTuple):
-    """Shape of a solid, and position and yaw of its middle."""
+    """Shape of a solid, and position and yaw of its centre."""
 
     shape: Shape
     place: tuple[float, float, float]  # [m]

@@ -22,7 +22,10 @@ def stopping_clearance(
     x: float, y: float, heading: float, v: float, w: float, a_max: float, b_max: float, needed: float,
     field: Field, body: Body,
 ) -> float:  # fmt: skip
-    """Least clearance [m] while braking fully from speed v and yaw rate w, followed only until it is below `wanted`."""
+    """Least clearance [m] while braking fully from speed v and yaw rate w, followed only until it is below `needed`.
+
+    `needed` itself is returned if the clearance cannot fall below it.
+    """
     dt = _between_looks(v, body)
     least = clearance(x, y, heading, 1.0, field, body)
     if least - (v * v / (2.0 * a_max) + abs(v) * dt) - body.outer * min(math.pi, w * w / (2.0 * b_max)) >= needed:
@@ -49,7 +52,7 @@ def can_stop(
     x: float, y: float, c: float, s: float, heading: float, free: float, v: float, w: float, a_max: float,
     b_max: float, needed: float, field: Field, body: Body,
 ) -> bool:  # fmt: skip
-    """Test that `stopping_clearance` is not below `wanted`; the clearance is looked up only where it could be below.
+    """Test that `stopping_clearance` is not below `needed`; the clearance is looked up only where it could be below.
 
     ``free``: clearance [m] of the pose, inf if not known; c, s: cosine and sine of the heading.
     """

@@ -60,7 +60,7 @@ class PlacementModel:
 
 
 class Survey(NamedTuple):
-    """One period as rules of candidates read it."""
+    """Inputs of a rule of candidates in one period."""
 
     model: PlacementModel
     here: Here
@@ -71,7 +71,7 @@ class Survey(NamedTuple):
 
 
 class Candidates(NamedTuple):
-    """Poses (m, 3) at places (p, 2), and the reason for which each is rejected ("" for none)."""
+    """Candidate base poses (m, 3) at places (p, 2), and why each is rejected ("" if it is not)."""
 
     mode: Mode
     radius: float
@@ -91,8 +91,8 @@ class Judged(NamedTuple):
     candidates: Candidates
     current: Array
     onward: Array
-    waits: bool = False  # places to wait for candidates that a dynamic obstacle blocks; C_iN: on to one of those
-    waiting: Array | None = None  # [s] of C_iC until each is free, (m,); None: no dynamic obstacle is expected
+    waits: bool = False  # poses to wait at until a dynamic obstacle leaves a candidate; C_iN: from there to a candidate
+    waiting: Array | None = None  # [s] share of C_iC spent waiting until each is free, (m,); None: no dynamic obstacle
 
 
 Rule = Callable[[Target, Survey], Judged]
@@ -213,7 +213,7 @@ def _any_heading(target: Target, survey: Survey) -> Iterator[Candidates]:
 
 
 def _closest_sets(target: Target, survey: Survey) -> Iterator[Candidates]:
-    """Free places, the closest first; those in sight that leave room to what may be moving come before all others.
+    """Free places, the closest first; those in sight and clear of obstacles that may move come before all others.
 
     The place of the last period comes first as long as it is free and none is found that is clearly closer.
     """
@@ -246,14 +246,14 @@ def _kept_closest(target: Target, survey: Survey) -> Candidates | None:
 
 
 def waiting_rooms(survey: Survey) -> tuple[float, ...]:
-    """Room [m] to leave to what may be moving where the base waits, the preferred one first."""
+    """Clearances [m] of a waiting base from obstacles that may move, the preferred one first."""
     return (survey.model.placement.room, 0.0) if len(may_move(survey.here.world)) else (0.0,)
 
 
 def closest_places(
     target: Target, survey: Survey, room: float, within: float = math.inf, *, sight: bool = False
 ) -> Iterator[Candidates]:
-    """Free places ``within`` [m] of a target, the closest first, that leave room [m] to what may be moving.
+    """Free places ``within`` [m] of a target, the closest first, at least ``room`` [m] from obstacles that may move.
 
     Places behind walls are left out: however close they are, the arm does not get to the target from there.
     """

@@ -40,7 +40,7 @@ class Kept:
     targets: tuple[str, str]  # this one and the next
     place: tuple[float, float]  # of the target [m]
     arrives: bool  # the plan gets the job done
-    informed: bool  # its search had the costs of the lattice, which there are where the robot is in a tight place
+    informed: bool  # its search had lattice costs, which exist only in a tight place
     begins: float  # [s]
     times: Array  # [s] of its nodes from the beginning on, shape (n,)
     states: Array  # x, y, heading, v, w at the nodes, shape (n, 5)
@@ -97,11 +97,11 @@ class BaseSearch(Protocol):
         ...
 
     def among(self, problem: BaseProblem, states: Array, times: Array) -> Array:
-        """Remaining cost [s] due to dynamic obstacles at each of the states (n, 5), (n,)."""
+        """Cost [s] due to dynamic obstacles from each of the states (n, 5) on, at times [s] (n,); shape (n,)."""
         ...
 
     def room(self, problem: BaseProblem) -> Room:
-        """The room that plans of this period keep."""
+        """Growth of obstacles and clearances for the plans of this period."""
         ...
 
     def job(self, problem: BaseProblem, target: Target) -> Job:
@@ -229,7 +229,7 @@ def time_left(target: Target) -> float:
 def _followed(kept: Kept, problem: BaseProblem, since: float, limits: BaseLimits, p: CommitmentParameters) -> bool:
     """Test that the robot is where the plan says, and drives as it says.
 
-    A robot that was stopped, slowed or pushed is no longer on the plan, and the rest of the plan tells nothing.
+    A robot that was stopped, slowed or pushed is off the plan, and the rest of the plan no longer applies.
     """
     speeds = (p.follows_speed * limits.forward_speed, p.follows_speed * limits.yaw_rate)
     most = np.array([p.follows, p.follows, p.follows, *speeds])
@@ -240,7 +240,7 @@ def _followed(kept: Kept, problem: BaseProblem, since: float, limits: BaseLimits
 
 
 def _for_good(world: WorldMap, pose: Array, around: float) -> bool:
-    """Test that no mover is within ``around`` [m]: a tight place beside one is gone before the robot has left it."""
+    """Test that no mover is within ``around`` [m]: a tight place beside one opens up before the robot has left it."""
     return not len(world.movers) or bool(np.hypot(*(world.movers[:, :2] - pose[:2]).T).min() > around)
 
 
@@ -249,7 +249,7 @@ def _targets(problem: BaseProblem) -> tuple[str, str]:
 
 
 def _better(found: BasePlan, rest: Rest, informed: bool) -> bool:
-    """Test that a new plan takes the place of the rest of the kept one."""
+    """Test that a new plan replaces the rest of the kept one."""
     kept = rest.kept
     if found.status not in (PlanStatus.GOAL, PlanStatus.ABORTED):
         return False

@@ -122,7 +122,7 @@ class StaaController:
         return self._search(asked, budget, bound)
 
     def _search(self, asked: Question, budget: SearchBudget, bound: float) -> tuple[BasePlan, bool]:
-        """Search; returns the plan that was found, or one that brakes."""
+        """Run the local search; returns its plan, or one that brakes or leaves an overlap."""
         problem, goal, field = asked.problem, asked.goal, asked.field
         settings = search_settings(
             self.parameters, self.limits, self.body, asked, next_weight=self._next_weight, bound=bound,
@@ -158,7 +158,7 @@ class StaaController:
         self, asked: Question, found: BasePlan, settings: search_memory.Settings, world: search_memory.World,
         cells: search_memory.CellVisibility,
     ) -> BasePlan:  # fmt: skip
-        """The plan; if it or the way on from its end meets dynamic obstacles, a better one from a longer search."""
+        """The plan, or, if it or the path beyond its end meets dynamic obstacles, one of a longer search or a wait."""
         arrives = found.status == PlanStatus.GOAL
         going = world.others[world.others[:, GOES_ON] > 0.0]
         if not len(going) or settings.bound < math.inf:
@@ -181,7 +181,7 @@ class StaaController:
         return self._waits(asked, among, driven) or driven
 
     def _after(self, asked: Question, plan: BasePlan, among: Among) -> float:
-        """Time [s] lost to dynamic obstacles on the way on from the end of a plan; 0 for one that arrives."""
+        """Time [s] lost to dynamic obstacles on the path beyond the end of a plan; 0 for one that arrives."""
         if plan.status == PlanStatus.GOAL:
             return 0.0
         last = plan.local_poses[-1]
@@ -230,7 +230,7 @@ class StaaController:
         )
 
     def ahead(self, problem: BaseProblem) -> tuple[Field, Field, Array]:
-        """Distance field and STAA*'s grid of the obstacles that the search takes for static, discs of dynamic ones."""
+        """Distance field and STAA*'s grid of obstacles that the search treats as static; discs of predicted ones."""
         world, moving, grid = problem.world, NOBODY, self.parameters.penalty == "grid"
         proximity = world.proximity
         if self.parameters.prediction > 0.0 and self._still is not None and len(world.movers):
@@ -247,7 +247,7 @@ class StaaController:
         return others_of(problem.world.tracks, problem.yielding, self.limits.velocity_lag)
 
     def among(self, problem: BaseProblem, states: Array, times: Array) -> Array:
-        """Remaining cost [s] due to dynamic obstacles at each of the states (n, 5) after times [s] (n,), (n,)."""
+        """Cost [s] due to dynamic obstacles from each of the states (n, 5) on, at times [s] (n,); shape (n,)."""
         others = self.others(problem)
         if not len(others):
             return frozen(np.zeros(len(states)))
@@ -255,7 +255,7 @@ class StaaController:
         return frozen(costs.sum() - np.cumsum(costs))
 
     def room(self, problem: BaseProblem) -> Room:
-        """The room that plans of this period keep."""
+        """Growth of obstacles and clearances for the plans of this period."""
         return room_for(self._all_parameters, self.profile.footprint, problem.recovery.tightness)
 
     def _seen_floor(self, problem: BaseProblem) -> search_memory.SeenFloor:
@@ -353,7 +353,7 @@ class StaaController:
         return memory
 
     def job(self, problem: BaseProblem, target: Target) -> Job:
-        """The target, with a reach that is a little smaller unless the robot is at its limit already."""
+        """The target with a slightly reduced reach, or with the full one if only that has it in reach now."""
         whole = self.reach.job(target, self.parameters)
         inner = self.reach.job(target, self.parameters, slack=self.reach.parameters.plan_slack)
         now = [float(value) for value in (*problem.pose, *problem.twist)]
@@ -438,7 +438,7 @@ class StaaController:
         return start + self._time_along(path, float(poses[-1, 2]), in_reverse, job)
 
     def _time_along(self, path: Array, heading: float, in_reverse: bool, job: Job) -> float:
-        """Time [s] along a path, with its turns, until the target is in reach; inf when it never is."""
+        """Time [s] along a path, with its turns, until the target is in reach, or else until its end."""
         time = 0.0
         speed = self.limits.reverse_speed if in_reverse else self.limits.forward_speed
         for i in range(1, len(path)):
@@ -468,7 +468,7 @@ class StaaController:
         return self._along(problem, found, plan, Reason(kind=_kind_of(found), subject=why.subject, cause=why))
 
     def _held_up(self, problem: BaseProblem, target: Target, field: Field) -> BasePlan | None:
-        """The plan of a base that stands although it has a path: back to where it has more room, or a turn to look.
+        """The plan of a base that stands although it has a path: it backs off to more clearance, or turns to look.
 
         It is held back by something that planning leaves out, such as floor that the lidar has never seen.
         """
@@ -481,7 +481,7 @@ class StaaController:
         return self._along(problem, found, self._stop(problem, field, PlanStatus.ESCAPING, why, None, 0), why)
 
     def _recovered(self, problem: BaseProblem, field: Field, way: int = 0) -> Escape | None:
-        """A motion for a robot that stands and has made no progress for some time; ``way``: which way back."""
+        """A motion for a base that has stood without progress for some time; ``way``: index of the way to back off."""
         recovery, pose = problem.recovery, np.array(problem.pose, dtype=np.float64)
         if recovery.back_off:
             ways = ways_to_room(pose, field, self.body, self.limits, self.parameters.margin_floor)
@@ -529,5 +529,5 @@ _ARRIVED = {Kind.CLOSEST: Kind.WAITS_AT_CLOSEST, Kind.BESIDE_TAKEN: Kind.WAITS_B
 
 
 def _arrived(why: Reason) -> Reason:
-    """The reason of a place, once the base stands there."""
+    """The reason for a place, as it reads once the base stands there."""
     return msgspec.structs.replace(why, kind=_ARRIVED.get(why.kind, why.kind))

@@ -64,7 +64,7 @@ def _settle(
 ) -> None:
     """Dijkstra over directed edges, backwards from the goals.
 
-    Column `side` of way (e, 2) holds the cost [s] from the end of each edge to a goal, and then from its start.
+    Column `side` of way (e, 2): cost [s] to a goal, on entry from the end of each edge, on return from its start.
     """
     n_edges = graph.ends.shape[0]
     size = key.shape[0] - key.shape[0]  # a plain int, not the literal 0: one compilation of the heap is enough
@@ -171,8 +171,8 @@ def cheapest_outside(
     """The cheapest path from a pose outside the grown polygons.
 
     (sx, sy) is the point from which sight is tested, and from which the vertices `visible` are seen. Sites and vertices
-    that cannot improve on the best path so far are skipped; the most promising vertex comes first. A rounded sum never
-    falls when a number that is not negative is added: the order makes no difference, to the bit.
+    that cannot improve on the best path so far are skipped; the most promising vertex comes first. The order changes no
+    bit of the result, since adding a non-negative number never lowers a rounded sum.
     """
     found, rates = (FAR, False, -1, 0), table.rates
     for s in range(table.site.shape[0]):
@@ -217,7 +217,7 @@ def cheapest_outside(
 def _through(
     v: int, length: float, angle: float, heading: float, found: Cheapest, graph: Graph, table: Table
 ) -> Cheapest:
-    """The cheapest path so far, or that through vertex v, `length` [m] away in direction `angle`, if less."""
+    """The cheapest path so far, or that through vertex v, `length` [m] away in direction `angle`, if cheaper."""
     rates = table.rates
     best, in_reverse, via, follow = found
     a_0 = turn(heading, angle)

@@ -1,8 +1,8 @@
 """Encounters of a plan with dynamic obstacles, and courtesy: the time [s] that the plan costs them.
 
-The stopping way of a dynamic obstacle is the floor that it sweeps until it can stand. Courtesy is the time that the
-footprint spends there, weighted by nearness: 1 right before the obstacle, 0 at the end of its stopping way. Passing
-behind costs nothing; cutting in does, and so does standing where somebody has to pass.
+The stopping path of a dynamic obstacle is the floor that it sweeps until it can stand. Courtesy is the time that the
+footprint spends there, weighted by nearness: 1 right before the obstacle, 0 at the end of its stopping path. Passing
+behind costs nothing; cutting in does, and so does standing in a stopping path.
 """
 
 import math
@@ -20,7 +20,7 @@ from motm_twin.planning.types import Encounter, Passes, Yields
 
 STEP = 0.1  # [s] between two states of a plan
 BESIDE = 0.1  # [m] that a dynamic obstacle needs beside its body: nearer than that, one of the two must give way
-LOOKS = 6  # samples along a stopping way
+LOOKS = 6  # samples along a stopping path
 CLOSE = 1.0  # [m] encounters with a smaller gap are reported
 WORTH = 0.3  # [s] a plan whose cost among dynamic obstacles is at least this is worth another search
 AROUND = 0.5  # [m] added to the distance within which a dynamic obstacle can meet the base
@@ -32,13 +32,13 @@ class Weights(NamedTuple):
     """Weights of the cost of a node among dynamic obstacles."""
 
     risk: float  # [s] of the probability that its place is taken
-    courtesy: float  # [s] of its nearness in a stopping way, see `in_the_way`
+    courtesy: float  # [s] of its nearness in a stopping path, see `in_the_way`
     spread: Spread
 
 
 @kernel
 def in_the_way(x: float, y: float, c: float, s: float, time: float, mover: Array, body: Body) -> float:
-    """Nearness, 0 to 1, of the footprint in the stopping way of a mover (5 or more,) at a pose after a time [s]."""
+    """Nearness, 0 to 1, of the footprint in the stopping path of a mover (5 or more,) at a pose after a time [s]."""
     speed = length_of(mover[2], mover[3])
     if speed < 1e-3:
         return 0.0
@@ -92,7 +92,7 @@ def near(movers: Array, here: Array, horizon: float, speed: float, body: Body) -
 
 
 def costs_along(states: Array, times: Array, others: Array, body: Body, weights: Weights) -> Array:
-    """`cost_among` on the way to each of the states (n, 3 or more), which are reached after times [s] (n,); shape (n,).
+    """Largest `cost_among` on the way to each of the states (n, 3 or more), reached after times [s] (n,); shape (n,).
 
     ``weights`` are those of a whole node; the first state costs nothing.
     """

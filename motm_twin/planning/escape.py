@@ -25,7 +25,7 @@ CURVATURES = (0.0, 0.5, -0.5, 1.0, -1.0, 2.0, -2.0)  # of the arcs that are trie
 
 
 class Escape(NamedTuple):
-    """A motion out of an overlap."""
+    """A motion of constant twist: out of an overlap, to more clearance, or a turn to look."""
 
     twist: Array  # (v, w) to hold [m/s, rad/s], shape (2,)
     poses: Array  # along the motion, shape (n, 3)
@@ -34,7 +34,7 @@ class Escape(NamedTuple):
 
 
 def overlapping_cells(world: WorldMap, pose: Array, body: Body) -> Array:
-    """Centres of the occupied cells round the body that it can get to in an escape, (m, 2) [m]."""
+    """Centres of the occupied cells that the body could touch during an escape, shape (m, 2) [m]."""
     reach = 3.0 * body.outer + abs(body.centre_x)
     low = np.floor((pose[:2] - reach - world.origin) / world.resolution).astype(int).clip(0)
     high = np.ceil((pose[:2] + reach - world.origin) / world.resolution).astype(int).clip(0)
@@ -140,7 +140,7 @@ def follow_escape(
     pose: Array, twist: Array, dt: float, points: Array, body: IntArray, sizes: Array, pad: float, least: Array,
     path: Array,
 ) -> tuple[int, float]:  # fmt: skip
-    """Drive a twist until the overlap ends, or a point gets deeper or newly in: steps, and the depth that is left [m].
+    """Drive a twist until the overlap ends, deepens, or takes in a new point: steps driven, and depth left [m].
 
     ``body``: number of the overlapped body that each point belongs to, -1: none. The depth of a body is the distance by
     which the footprint must be shifted, square to a side, to clear those of its points that are nearer than ``pad``

@@ -32,7 +32,7 @@ UNSAFE = 0.3  # [s] cost of a state that is not passively safe
 
 
 class Room(NamedTuple):
-    """Room that dynamic obstacles are given."""
+    """Room left to dynamic obstacles, which grows with time."""
 
     now: float  # [m]
     grows: float  # [m/s]
@@ -198,7 +198,7 @@ def meeting(states: Array, around: Around) -> float:
 
 @kernel
 def unsafe(i: int, state: Array, around: Around) -> float:
-    """Cost [s] of a state (5,) after i steps from which the base could not stop before the movers are there."""
+    """Cost [s] of a state (5,) after i steps if the base could not stop from it before it meets a mover."""
     if i % LOOKS != 0 or i > LOOKED:
         return 0.0
     here = (state[0], state[1], state[2], state[3], state[4])
@@ -208,7 +208,7 @@ def unsafe(i: int, state: Array, around: Around) -> float:
 
 @kernel
 def best_evasion(tried: Array, around: Around, reach: Limits, field: Field, states: Array, best: Array) -> float:
-    """Fill in the states (n, 5) of the cheapest motion of two of the tried twists (m, 2); its cost, inf: none is free.
+    """Fill in the states (n, 5) of the cheapest motion by two of the twists (m, 2) in turn; cost, inf: none is free.
 
     ``states``: buffer for a motion; its first row is the start. The base can stop at the end of the motion. One that
     starts within ``reach.clearance`` of a static obstacle may come as near to it as ``reach.floor`` while it leaves.

@@ -48,7 +48,7 @@ class EveryRing:
         return self._beside(target, survey) or smallest_ring(target, survey)
 
     def _beside(self, target: Target, survey: Survey) -> Judged | None:
-        """Free places, with the way to each and on to a candidate blocked only by dynamic obstacles; None: no such."""
+        """Free places to wait near candidates that only dynamic obstacles block, with costs to each and on, or None."""
         model, here = survey.model, survey.here
         world = here.world if self._still is None else self._still.of(here.world)
         if world is here.world:
@@ -78,7 +78,7 @@ class EveryRing:
 
 
 def every_ring(target: Target, survey: Survey) -> Candidates:
-    """The candidates of all rings; the pose chosen before needs no clearance as long as it is free at all."""
+    """The candidates of all rings; the pose chosen before need only be free, without the clearance of others."""
     model = survey.model
     pose, place, place_of = rings(target.position, model.radii, model.placement.positions)
     rejected = _unless_chosen(rejections(pose, model.placement.clearance, survey.here), target, pose, survey)
@@ -88,7 +88,7 @@ def every_ring(target: Target, survey: Survey) -> Candidates:
 
 
 def passing_more_slowly(candidates: Candidates, target: Target, survey: Survey) -> Array:
-    """Time [s] lost to full speed at each candidate by passing it slowly enough for the job, shape (m,).
+    """Time [s] lost against full speed by passing each candidate slowly enough for the job, shape (m,).
 
     On the tangent at radius r the base has the target within reach R over 2 sqrt(R^2 - r^2) [m].
     """
@@ -100,7 +100,7 @@ def passing_more_slowly(candidates: Candidates, target: Target, survey: Survey) 
 
 
 def _unless_chosen(rejected: list[str], target: Target, pose: Array, survey: Survey) -> list[str]:
-    """The reasons without that of the pose chosen before, as long as it is free at all: occupied cells flicker."""
+    """The reasons, cleared for the pose chosen before as long as that is free at all: occupied cells flicker."""
     goal, here, p = survey.last.goal, survey.here, survey.model.placement
     if goal is None or not survey.last.of(target):
         return rejected

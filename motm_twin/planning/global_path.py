@@ -1,4 +1,4 @@
-"""Global paths (Paper, Sec. III-B): visibility graphs, kept while the polygons stay, and costs from and to poses.
+"""Global paths (Paper, Sec. III-B): visibility graphs, cached while polygons do not change; costs from and to poses.
 
 PathRTR is the same for a path and for its reverse with all headings turned by pi. One table with the robot as its goal
 therefore gives the cost from the robot to every candidate ("forward"), and one table with the target as its goal the

@@ -71,7 +71,7 @@ class PlacementParameters:
 
     @property
     def ring_poses(self) -> int:
-        """Candidates on a ring: more of the next target, or of places to wait at, are not counted."""
+        """Candidates on a ring; also the most that are kept of the next target, and of places to wait at."""
         return 2 * self.positions
 
     def __post_init__(self) -> None:
@@ -301,7 +301,7 @@ class ReachParameters:
         return self.r_max_pick if kind == "pick" else self.r_max_place
 
     def passing_speed(self, forward_speed: float) -> float:
-        """Speed [m/s] at which a base of this largest speed passes a target in plans."""
+        """Speed [m/s] at which plans pass a target, for a base with this largest speed."""
         return min(forward_speed, self.plan_speed * self.relative_speed)
 
     def dwell(self, kind: str) -> float:
@@ -397,7 +397,7 @@ class PlanningParameters:
     evasion: EvasionParameters = EvasionParameters()
 
 
-LEAST_ROOM = 0.02  # [m] round the footprint that plans keep in any case, however tight it is
+LEAST_ROOM = 0.02  # [m] least room round the footprint at candidates and along global paths
 
 
 class Room(NamedTuple):

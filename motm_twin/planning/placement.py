@@ -1,4 +1,4 @@
-"""Base placement that knows the next target (Paper, Sec. IV)."""
+"""Next-target-aware base placement (Paper, Sec. IV)."""
 
 import math
 from typing import NamedTuple
@@ -88,7 +88,7 @@ class NextTargetPlacement(Stateful[PlacementState]):
         return None if self._last is None else self._last.paths(index)
 
     def survey(self, problem: BaseProblem, last: PlacementState) -> Survey:
-        """The period as rules of candidates read it, without the next target."""
+        """Inputs of the rule of candidates in this period, without the next target."""
         model, world = self.model, problem.world
         room = room_for(model.parameters, model.profile.footprint, problem.recovery.tightness)
         graph = self._graphs.graph(world, room.growth)
@@ -179,7 +179,7 @@ def _serves(judged: Judged) -> bool:
 
 
 def _avoiding(cost: Array, pose: Array, problem: BaseProblem, dearer: float) -> Array:
-    """The costs [s] of poses (m, 3), ``dearer`` [s] more for each pose nearby where the arm or the base failed."""
+    """The costs [s] of poses (m, 3), plus ``dearer`` [s] for each pose nearby at which the arm or the base failed."""
     for avoid in (problem.stuck_at, problem.recovery.avoid):
         if len(avoid):
             cost = cost + dearer * times_avoided(pose, avoid)

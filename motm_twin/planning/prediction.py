@@ -28,8 +28,8 @@ SHOWN = 2.0  # standard deviations that an ellipse holds: 95 % along either axis
 class Spread(NamedTuple):
     """Growth rates [m/s] of the standard deviation of a predicted position, and the room that is kept [m]."""
 
-    along: float = 0.08  # its way: from errors of speed
-    across: float = 0.06  # its way: from errors of direction
+    along: float = 0.08  # along the path: from errors of speed
+    across: float = 0.06  # across the path: from errors of direction
     starts: float = 0.20  # added to both while a track stands and may start to walk; less the faster it is
     room: float = 0.05
 
@@ -109,7 +109,7 @@ def ellipses(track: Array, times: Sequence[float]) -> Array:
 
 
 def moved_on(tracks: Array, lag: float) -> Array:
-    """The moving ones of the tracks (k, 7), predicted ``lag`` [s] ahead, when the base begins to follow a plan."""
+    """The moving tracks of (k, 7), predicted ``lag`` [s] ahead, when the base begins to follow a plan."""
     going = tracks[np.hypot(tracks[:, 2], tracks[:, 3]) >= GOES].copy()
     going[:, :2] += lag * going[:, 2:4]
     going[:, 4] = np.maximum(going[:, 4], HIDES)

@@ -111,7 +111,7 @@ def _mark_reached(
     poses: Array, c: Array, s: Array, mount_x: float, mount_y: float, x: float, y: float, least: float, most: float,
     behind: float, result: NDArray[np.bool_],
 ) -> None:  # fmt: skip
-    """`ReachModel.reached_from`; c, s of the headings, ``behind``: cosine of the largest azimuth."""
+    """Kernel of `ReachModel.reached_from`; c, s of the headings, ``behind``: cosine of the largest azimuth."""
     for i in range(poses.shape[0]):
         dx = x - (poses[i, 0] + c[i] * mount_x - s[i] * mount_y)
         dy = y - (poses[i, 1] + s[i] * mount_x + c[i] * mount_y)
@@ -124,7 +124,7 @@ def _mark_behind(
     poses: Array, c: Array, s: Array, mount: tuple[float, float], to: tuple[float, float], walls: Array,
     result: NDArray[np.bool_],
 ) -> None:  # fmt: skip
-    """`ReachModel.behind_walls`; c, s of the headings."""
+    """Kernel of `ReachModel.behind_walls`; c, s of the headings."""
     for i in range(poses.shape[0]):
         x = poses[i, 0] + c[i] * mount[0] - s[i] * mount[1]
         y = poses[i, 1] + s[i] * mount[0] + c[i] * mount[1]
@@ -143,7 +143,7 @@ class ReachModel:
         return min(self.parameters.r_max(target.kind), target.reach)
 
     def job(self, target: Target, staa: StaaParameters, *, slack: float = 0.0) -> Job:
-        """The target for the kernels; `slack` [m] narrows the reach."""
+        """The target for the kernels; `slack` [m] narrows the reach and, if positive, lowers the speed limit."""
         p = self.parameters
         if target.kind == "drive":
             heading = math.nan if target.heading is None else float(target.heading)

@@ -44,7 +44,7 @@ class Here(NamedTuple):
 
 
 def rejections(pose: Array, needed: float, here: Here) -> list[Rejection]:
-    """Reason why the footprint with a clearance `wanted` [m] does not fit at each pose (m, 3); "" where it fits."""
+    """Reason why the footprint with a clearance `needed` [m] does not fit at each pose (m, 3); "" where it fits."""
     reason = np.zeros(len(pose), np.uint8)
     c, s = np.cos(pose[:, 2]), np.sin(pose[:, 2])
     _judge(pose, c, s, needed, here.world.seen_points, here.world.resolution, here.field, here.body, reason)

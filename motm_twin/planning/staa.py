@@ -2,9 +2,9 @@
 
 Differences from STAA* (each can be switched off): goal heading, Bezier heuristic, proximity penalty scaled by k, and
 the end of the search: when the path passes the goal, or when the job at the target is predicted to be done. For the
-latter, every node holds the time that the job still needs; the way on after the job counts with the weight of C_iN. If
-a plan is known already, nodes that cost more are discarded. Dynamic obstacles are predicted on their course, as in
-STAA*, or are obstacles at their present place, as in the paper.
+latter, every node holds the time that the job still needs; the cost on to the next target has the weight of C_iN. If
+a plan is known already, nodes that cost more are discarded. Dynamic obstacles are predicted, as in STAA*, or are
+obstacles at their present place, as in the paper.
 All state is in `Memory`, so that a search can be interrupted after any number of expansions and continued.
 """
 
@@ -49,7 +49,8 @@ from motm_twin.planning.search_memory import (
 
 RUNNING, GOAL, ABORTED, DRY = 0, 1, 2, 3
 NO_GOAL_TEST, END_TEST, PASS_TEST = 0, 1, 2
-# Columns of a row of `Memory.swing`: at the end, in the middle (MID), direction of the way, cosine (C) and sine (S).
+# Columns of a row of `Memory.swing`, at the end or in the middle (MID) of a node: WAY is the direction of travel,
+# FACING (in the middle MID) the heading; _C and _S are cosine and sine.
 YAW_RATE, NOTCH, CHORD, WAY_C, WAY_S, FACING, FACING_C, FACING_S = range(8)
 MID_WAY_C, MID_WAY_S, MID, MID_C, MID_S, HALF_WAY, WHOLE_WAY, HEADING_BIN, YAW_RATE_BIN = (
     8,
@@ -123,7 +124,7 @@ def _passes(x: float, y: float, heading: float, s: Settings) -> bool:
 
 @inlined
 def _cell_of(x: float, y: float, v_bin: int, row: Array, later: int, s: Settings) -> int:
-    """The cell of a node in the closed list; row of `swing`. ``later``: bin of time, 0 if time does not count."""
+    """Key of a node's cell in the closed list; ``row`` of `swing`. ``later``: bin of time, 0 if time does not count."""
     i, j = int(math.floor(x / s.cell)) + 100_000, int(math.floor(y / s.cell)) + 100_000
     k, w = int(row[HEADING_BIN]), int(row[YAW_RATE_BIN])
     return ((((i * 200_000 + j) * s.heading_bins + k) * s.speed_bins + v_bin) * s.speed_bins + w) * LATEST + later
@@ -160,7 +161,7 @@ def _proximity_cost(x: float, y: float, heading: float, free: float, s: Settings
 def _backs_into_the_unknown(
     before: Array, x: float, y: float, c: float, si: float, floor: SeenFloor, body: Body
 ) -> bool:
-    """Test that the rear of a base that reverses to (x, y) gets over floor not seen by then; c, si of its heading.
+    """Test that a base that reverses to (x, y) moves its rear over floor not seen by then; c, si of its heading.
 
     ``before``: the pose it comes from, where the lidar sees more. Floor outside the kept grid will be seen on the way.
     """
@@ -236,7 +237,7 @@ def _swings(node: int, left: float, by_reach: bool, s: Settings, memory: Memory)
 
 @kernel
 def _turned(row: Array, heading: float, w_0: float, w_end: float, f: float, dt: float) -> None:
-    """Yaw rate, cosine and sine of the way and of the heading a fraction f into a node of duration dt [s]."""
+    """Yaw rate, and cosine and sine of travel direction and heading, a fraction f into a node of duration dt [s]."""
     w = w_0 + f * (w_end - w_0)
     w_m, t = 0.5 * (w_0 + w), f * dt
     ahead, facing = heading + 0.5 * w_m * t, heading + w_m * t
@@ -311,7 +312,7 @@ def _half_way(before: Array, pose: Array, row: Array, s: Settings) -> tuple[floa
 def _job_after(
     before: Array, pose: Array, row: Array, left: float, root_reached: bool, s: Settings, job: Job
 ) -> tuple[float, bool, bool, bool]:
-    """Time [s] that the job still needs after a node, and three tests: target in reach, job done, held reach lost.
+    """Time [s] that the job still needs after a node; tests: target in reach, job done, reach lost that must be kept.
 
     ``left``: that time [s] before the node.
     """

@@ -14,7 +14,7 @@ from motm_twin.perception.world_map import NO_TRACKS, WorldMap
 
 
 class PastWalls(IntEnum):
-    """Ways in which the arm gets to its target past the walls beside it."""
+    """Ways for the arm to reach its target past the walls beside it."""
 
     AROUND = 0
     OVER_NEAR = 1  # over the low walls, from within `Target.reach_over`
@@ -30,13 +30,13 @@ class Target(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     heading: float | None = None  # [rad], drive targets only
     tolerance: float = 0.15  # [m], drive targets only
     walls: Array = frozen(np.zeros((0, 4)))  # [m] edges x, y, x, y that the arm does not reach over, shape (k, 4)
-    tall: Array | None = None  # those of the walls that the arm does not reach over even where no other pose serves
+    tall: Array | None = None  # walls that the arm never reaches over, shape (j, 4); None: all of `walls`
     dwell: float = 0.0  # [s] uninterrupted time in reach that the job still needs from now (0 for drive)
     reach: float = math.inf  # [m] of the arm at the target's height, horizontally from its mount
     reach_over: float = math.inf  # [m] the same for an arm that reaches over the low walls beside the target
 
     def past_walls(self, how: PastWalls) -> "Target":
-        """This target for an arm that gets to it in this way: only tall walls are left if it reaches over walls."""
+        """The target with the walls and the reach that apply when the arm passes walls in the way ``how``."""
         if self.tall is None or how == PastWalls.AROUND:
             return self
         reach = min(self.reach, self.reach_over) if how == PastWalls.OVER_NEAR else self.reach
@@ -44,12 +44,12 @@ class Target(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
 
 class Recovery(msgspec.Struct, frozen=True, kw_only=True, eq=False):
-    """Measures of a base that has made no progress for some time."""
+    """Recovery measures for a base that has made no progress for some time."""
 
-    back_off: bool = False  # a standing base may drive back to where it has more room
+    back_off: bool = False  # a standing base may back off to where it has more clearance
     attempt: int = 0  # number of the back-off motion for a base that stands although it has a plan, from 1; 0: none
     look: bool = False  # a standing base may turn to see what is outside the field of view of its lidar
-    tightness: float = 0.0  # 0: usual clearance, 1: down to the true footprint
+    tightness: float = 0.0  # 0: usual clearances, 1: the least ones, see `parameters.room_for`
     avoid: Array = frozen(np.zeros((0, 3)))  # base poses that the base failed to get to, shape (k, 3)
 
 
@@ -80,11 +80,11 @@ class SearchBudget(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Mode(StrEnum):
-    """Kinds of places that a placement offers."""
+    """Kinds of candidate base poses."""
 
     RING = "ring"  # round the target
-    REACH = "reach"  # any free pose, with any heading, that the arm reaches from
-    CLOSEST = "closest"  # free place
+    REACH = "reach"  # any free pose, of any heading, from which the arm reaches the target
+    CLOSEST = "closest"  # the free place closest to the target
     DRIVE = "drive"
     WHOLE_BODY = "whole body"
     TANGENT = "tangent"
@@ -96,8 +96,8 @@ class PlanStatus(StrEnum):
 
     GOAL = "goal"  # a node ends the search
     ABORTED = "aborted"  # the search was cut off: the best node so far
-    BRAKING = "braking"  # no candidate, no path, or the search found nothing
-    ESCAPING = "escaping"  # the base leaves an obstacle that it overlaps
+    BRAKING = "braking"  # no candidate, no path, nothing found, or the base gives way
+    ESCAPING = "escaping"  # the base leaves an overlap, backs off, turns to look, or evades
     IDLE = "idle"
     BY_HAND = "by hand"
     AGENT = "agent"
@@ -107,7 +107,7 @@ class Placement(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """All candidates of a period with their costs, and the choice."""
 
     mode: Mode
-    radius: float  # [m] of the ring; 0 when there is none
+    radius: float  # [m] of the ring or circle of candidates, the smallest of several; 0 when there is none
     poses: Array  # candidate base poses, shape (n, 3)
     cost_current: Array  # C_iC [s], inf when rejected, shape (n,)
     cost_next: Array  # C_iN [s], shape (n,)
@@ -156,7 +156,7 @@ class Encounter(msgspec.Struct, frozen=True, kw_only=True):
     time: float  # [s] from now until both are nearest to each other
     gap: float  # [m] between them then
     speed: float  # [m/s] of the dynamic obstacle
-    courtesy: float  # [s] that the plan costs it: time of the base in its stopping way, weighted by nearness
+    courtesy: float  # [s] that the plan costs it: time of the base in its stopping path, weighted by nearness
 
     @property
     def why(self) -> Reason:

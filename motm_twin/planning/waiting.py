@@ -1,7 +1,7 @@
 """Waiting for dynamic obstacles to pass: the path is kept, and driven later.
 
 The best delay has the least sum of the delay itself and of the cost of encounters while the base stands and then drives
-along the path. A base that cannot pass in front of somebody stands until it can pass behind.
+along the path. A base that cannot pass in front of a dynamic obstacle stands until it can pass behind.
 """
 
 import math
@@ -22,7 +22,7 @@ AHEAD = 4.0  # [s] of driving along the path, after the delay, that are judged
 
 
 class Wait(NamedTuple):
-    """A delay, and its cost beyond that of driving where no dynamic obstacle is."""
+    """A delay, and its extra cost over driving at once without any dynamic obstacle."""
 
     delay: float  # [s]
     cost: float  # [s], the delay included

@@ -34,7 +34,7 @@ from motm_twin.planning.types import (
 
 
 def warm_up_placement() -> Placement:
-    """Compile the kernels of base placement and global paths, also those for places beside what may be moving."""
+    """Compile the kernels of base placement and global paths, also those for places beside obstacles that may move."""
     problem = _problem()
     placement = NextTargetPlacement(RobotProfile(), PlanningParameters())
     crowd = np.array([[x, y] for x in np.arange(0.8, 3.2, 0.2) for y in np.arange(-1.2, 1.3, 0.2)])
@@ -65,7 +65,7 @@ def warm_up_search() -> None:
     away = msgspec.structs.replace(placement, goal=np.array([-1.0, 0.0, 0.0]))
     before_the_box = msgspec.structs.replace(problem, pose=np.array([1.25, 0.0, 0.0]))
     committed = StaaController(RobotProfile(), PlanningParameters(), commitment=KeepPlans())
-    for _ in range(2):  # the second call keeps to the first plan, which does not arrive, in a tight place
+    for _ in range(2):  # in a tight place; the second call keeps the first plan, which does not arrive
         committed.plan(before_the_box, away, SearchBudget(expansions=4))
 
 
@@ -86,7 +86,7 @@ def warm_up_foresight() -> BasePlan:
 
 
 def warm_up_evasion() -> BasePlan:
-    """Compile the kernels for moving out of somebody's way."""
+    """Compile the kernels for evading dynamic obstacles."""
     robot = RobotProfile()
     known = KnownWorld(
         robot=robot, start=(0.0, 0.0, 0.0), solids=(), objects=(), object_sd=0.0, bins=(), tasks=(),

@@ -51,7 +51,7 @@ class _Raw:
         self._thread.start()
 
     def write(self, data: bytes) -> int:
-        """Write all of the data; the number of bytes."""
+        """Write all of the data; returns the number of bytes."""
         if self._problem is not None:
             raise self._problem
         rest = memoryview(data)
@@ -141,12 +141,12 @@ class McapFile:
         self._do(lambda: self._writer.add_message(self._channel(channel), logged, data, published, number))
 
     def save(self) -> None:
-        """Close the chunk and hand it to the system: from now on it survives any end of this program."""
+        """Close the chunk and hand it to the operating system: from now on it survives any end of this program."""
         self._do(self._writer.flush)
         self.size = self._raw.tell()
 
     def close(self) -> None:
-        """Write the index and close the file; after a failure only whole chunks are kept, or no file without any."""
+        """Write the index and close the file; after a failure whole chunks are kept, a file without any is deleted."""
         try:
             if not self._failed:
                 self._do(self._writer.finish)

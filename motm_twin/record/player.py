@@ -234,7 +234,7 @@ class Player:
         self._stopped = True
 
     def run(self) -> None:
-        """Play until `stop`; any error stops the recording where it is, and is shown to everybody."""
+        """Play until `stop`; any error stops the playback where it is, and is shown to everybody."""
         work: Work = self._start
         while not self._stopped:
             try:

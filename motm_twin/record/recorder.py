@@ -59,7 +59,7 @@ class _OfRun(msgspec.Struct, frozen=True):
 
 
 class Stream:
-    """Sorts payloads of one twin into ``add`` (channel, server time, JSON): unchanged, and as drawings for Foxglove.
+    """Passes payloads of one twin to ``add`` (channel, server time, JSON): unchanged, and as drawings for Foxglove.
 
     Knows no transport and no clock. ``wants_session``: the session should be queried.
     """
@@ -95,7 +95,7 @@ class Stream:
         return tuple(self._take)
 
     def take(self, key: str, payload: bytes, attachment: bytes | None, *, asked: bool = False) -> None:
-        """Sort one payload in. Raises msgspec.MsgspecError for a payload that does not fit its key.
+        """Take one payload. Raises msgspec.MsgspecError for a payload that does not fit its key.
 
         A last value that was queried (``asked``) may be hours old if the twin is paused. It is logged at the time of
         its arrival; otherwise the recording would seem to begin hours too early.
@@ -107,7 +107,7 @@ class Stream:
         """True when a last value belongs to a run before the one in the status. Raises msgspec.MsgspecError.
 
         Until an external robot has begun its run, its twin still has the last period of the run before. That may be
-        hours old and of another scene: it does not belong into the recording.
+        hours old and of another scene: it does not belong in the recording.
         """
         if self._told_run is None or key not in self._of_a_run:
             return False

@@ -36,7 +36,7 @@ class _PlanPart(msgspec.Struct, frozen=True):
 
 
 class TickPart(msgspec.Struct, frozen=True):
-    """The part of a tick that repeats its period."""
+    """The fields of a tick that are needed to repeat its period."""
 
     run: _Number
     index: _Period

@@ -200,7 +200,7 @@ def tracking_twist(pose: Array, planned_pose: Array, planned_twist: Array) -> Ar
 
 
 def docking_twist(pose: Array, end: Array) -> Array:
-    """Twist (v, w) to the end of a plan (3,) that is over: straight for it, forwards or back, then turn on the spot."""
+    """Twist (v, w) to the end of a plan (3,) that is over: straight to it, forwards or back, then turn on the spot."""
     e_x, e_y = to_frame(pose, end[:2])
     distance = math.hypot(e_x, e_y)
     if distance < DOCKED:

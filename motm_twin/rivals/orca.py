@@ -45,7 +45,7 @@ from motm_twin.planning.types import (
 class OrcaParameters:
     """Parameters of the differential drive that tracks a holonomic velocity."""
 
-    ahead: float = 0.15  # [m] D, from the wheels to the effective centre: less turns faster, more needs more room
+    ahead: float = 0.15  # [m] D, from the wheels to the effective centre: shorter turns faster, longer needs more room
     look: float = 0.6  # [m] along the global path to the point that the base heads for
     arrived: float = 0.05  # [m] from a goal with a heading, within which the base turns on the spot
     gain: float = 2.0  # [1/s] of that turn

@@ -129,7 +129,7 @@ class ParkingController(Stateful[ParkingState]):
     def _may_stop(self, problem: BaseProblem, placement: Placement, target: Target) -> bool:
         """True when the shortest stop is free and ends near the chosen pose, with nearly its manipulability.
 
-        A slow base near the pose accepts any reach: creeping takes longer than a longer arm motion.
+        A slow base near the pose accepts any manipulability: creeping takes longer than a longer arm motion.
         """
         p, goal = self.stationary, np.asarray(placement.goal)
         ahead = p.park_distance + problem.twist[0] ** 2 / (2.0 * self._limits.linear_acceleration) + 0.05

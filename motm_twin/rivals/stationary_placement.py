@@ -118,7 +118,7 @@ class StationaryPlacement(Stateful[StationaryState]):
         self._last: Searched | None = None  # only to explain the choice; None: chosen by the paper's rule
 
     def place(self, problem: BaseProblem) -> Placement:
-        """The choice made before as long as it serves, else a new one."""
+        """The earlier choice while it still serves, else a new one."""
         target = problem.target
         if target is None or target.kind == "drive":
             return self._by_paper_rule(problem)
@@ -151,7 +151,7 @@ class StationaryPlacement(Stateful[StationaryState]):
         return self.arm_reach.clear_of(poses, target, points) < self.stationary.arm_clearance
 
     def _stands_away(self, state: StationaryState, decided: Placement, problem: BaseProblem, target: Target) -> bool:
-        """True when the base has stood for long away from its pose: the map may show a path where there is none."""
+        """True when the base has long stood away from its pose: the map may show a path where there is none."""
         p = self.stationary
         there = np.hypot(*(problem.pose[:2] - decided.goal[:2])) <= p.park_distance + p.park_slack
         parked = there and self.model.reach.reached_from(problem.pose[None], target)[0]
@@ -323,7 +323,7 @@ def _best_positions(pose: Array, direction: IntArray, share: Array, headings: in
     return np.concatenate(chosen)
 
 
-_PHASES = 32  # ways of setting the first pose, of which the best is taken
+_PHASES = 32  # offsets of the equally spaced poses, of which the best is taken
 _RIM_POINTS = 48  # of the line that the poses must serve
 _OFFSETS = 5  # distances from the table that are tried
 _STEP, _BIN_STEP = 0.05, 0.02  # [m] between them, at a table and at a bin

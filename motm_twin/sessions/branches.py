@@ -1,4 +1,4 @@
-"""Going back in a run, by snapshots of the last two minutes and the log between; the later part is set aside."""
+"""Going back in a run, by snapshots of the last two minutes and the log since each; the later part is set aside."""
 
 from collections import deque
 from collections.abc import Iterable

@@ -217,7 +217,7 @@ class Agents:
             state.mode = "going round" if len(state.detour) else "driving"
 
     def _look(self, state: AgentState, own: int, sight: _Sight) -> None:
-        """Check the space ahead and at the sides, and wait or search a detour; ``own``: index among the agents."""
+        """Check the space ahead and at the sides, and wait or search for a detour; ``own``: index among the agents."""
         agent, rounding = state.agent, len(state.detour) > 0
         margin = MARGIN_ROUND if rounding else MARGIN
         keep = margin if rounding and state.squeezing else margin + ROBOT_KEEP
@@ -226,7 +226,7 @@ class Agents:
         self._wait(state, own, sight)
 
     def _wait(self, state: AgentState, own: int, sight: _Sight) -> None:
-        """Count the time that its way is blocked; after a while, search a detour or give up its errand."""
+        """Measure for how long an agent is blocked; after a while, search for a detour or give up its errand."""
         x, y = self._goal(state)
         if state.walks:
             moves = state.v > STUCK * state.agent.speed

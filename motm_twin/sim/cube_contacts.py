@@ -54,9 +54,9 @@ def _offset_along_closing(hand: Array, cube: Array) -> float:
 class Shove(NamedTuple):
     """Objects displaced in a substep, and the poses at which overlaps of all objects are tested."""
 
-    places: tuple[Pose, ...]  # places for the test of overlaps: present, or for pushed objects before the push
+    places: tuple[Pose, ...]  # poses for the overlap test: present ones, but those before the push for pushed objects
     pushed: tuple[str, ...]
-    moved: tuple[str, ...]  # objects that lie or fall at another place than before, including the pushed ones
+    moved: tuple[str, ...]  # objects at another place than before, including the pushed ones
 
 
 def shoved(
@@ -87,7 +87,7 @@ class Meeting(NamedTuple):
 
 
 class CubePairs:
-    """Looks for cubes that overlap."""
+    """Finds cubes that overlap."""
 
     def __init__(self) -> None:
         self._gauge = Gauge()
@@ -96,7 +96,7 @@ class CubePairs:
     def meetings(
         self, objects: Sequence[ObjectState], now: tuple[Pose, ...], shove: Shove, piled: Sequence[Bin] = ()
     ) -> Iterator[Meeting]:
-        """Overlaps of each moved cube, at its place now, with every other at its place to check.
+        """Overlaps of each moved cube, at its present pose, with every other at its pose of ``shove.places``.
 
         ``piled``: bins in which cubes press on each other: a released cube may lie against another there.
         """

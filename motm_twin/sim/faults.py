@@ -1,4 +1,4 @@
-"""Faults of a scene: of sensors, wheels and joints for a while (`model.faults`), of grasps, and cubes that are moved.
+"""Faults of a scene: temporary ones of sensors, wheels and joints (`model.faults`), failed grasps, and moved cubes.
 
 A temporary fault, requested by a person, a scene or a test, changes only reports, or how commands are followed: the
 drawn noise is the same as without it. Grasps fail or take longer, and cubes are moved as the robot comes near, as in

@@ -20,17 +20,17 @@ TILT = math.radians(30.0)  # of the tool axis from straight down
 
 # The other rule, `SWEPT`, is fitted to the sweep of ``motm-twin bench grasp_rule``: grasps that contact dynamics hold,
 # with a margin. The cube must be between the fingers when they begin to close; they align and centre it. A single pad
-# that pushes beside the cube's middle, or at a corner, turns the cube away: the moment of such a push is its path times
+# that pushes beside the cube's centre, or at a corner, turns the cube away: the moment of such a push is its path times
 # its lever arm.
 SWEPT, STRICT = GRASP_RULES
-FLAT = 0.002  # [m] from the cube's middle, up to which a pad pushes without turning it
+FLAT = 0.002  # [m] from the cube's centre, up to which a pad pushes without turning it
 LEVER = 0.0005  # [m] smallest lever arm: that of a push within `FLAT`
 LEVER_PER_TURN = 0.012  # [m/rad] additional lever arm of a cube that is not parallel to the pads
 BOTH_TOUCH = 0.04  # [s] before the firm hold: from then on the cube moves with the hand
 MOST_ALONG = 0.027  # [m] largest offset of a held cube along the pads, when both touch it
 MOST_MOMENT = 5e-4  # [m^2] allowed for a cube in the middle of the pads
 STEEP = 4  # power of the offset along the pads, with which the allowed moment falls to 0 at `MOST_ALONG`
-HIGH = 0.015  # [m] largest height of the cube's centre over or under the tool centre point
+HIGH = 0.015  # [m] largest offset of the cube's centre from the tool centre point along the tool axis
 
 EDGE = 0.003  # [m] of cube under a descending fingertip beyond which the tip does not slide off
 FROM_ABOVE = 2e-4  # [m] of tolerance between a finger's depth below a cube's top and its descent in this substep
@@ -72,12 +72,12 @@ def swept_violation(tcp: Array, rotation: Array, item: ObjectState, width: float
 
 
 def moment_of_push(way: float, along: float, misfit: float) -> float:
-    """Moment [m^2] of a push by one pad, by ``way`` [m], of a cube ``along`` [m] and turned by ``misfit`` [rad]."""
+    """Moment [m^2] of one pad's push over ``way`` [m] on a cube offset by ``along`` [m], turned by ``misfit`` [rad]."""
     return way * (max(abs(along) - FLAT, 0.0) + LEVER + LEVER_PER_TURN * abs(misfit))
 
 
 def slips_out(along: float, moment: float) -> bool:
-    """True when pads do not hold a cube this far [m] along them after this moment [m^2], by the rule `SWEPT`."""
+    """True when pads lose a cube this far [m] along them after pushes of this moment [m^2], by the rule `SWEPT`."""
     share = min(abs(along) / MOST_ALONG, 1.0)
     return moment >= MOST_MOMENT * (1.0 - share**STEEP)
 

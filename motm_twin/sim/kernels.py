@@ -33,7 +33,7 @@ def polygon_distance(x: float, y: float, corners: Array, begin: int, end: int) -
 
 @njit(cache=True)
 def put_rectangle(corners: Array, first: int, x: float, y: float, heading: float, length: float, width: float) -> None:
-    """Four corners [m] of a rectangle about (x, y), counter-clockwise, to ``corners[first : first + 4]``."""
+    """Write the corners [m] of a rectangle about (x, y), counter-clockwise, to ``corners[first : first + 4]``."""
     c, s = math.cos(heading), math.sin(heading)
     for i in range(4):
         along = 0.5 * length if i in (1, 2) else -0.5 * length
@@ -207,7 +207,7 @@ def gaps(body: Array, radius: float, corners: Array, first: Index, discs: Array)
 
 
 def entered(before: Array, after: Array) -> NDArray[np.int64]:
-    """Indices of obstacles that a body overlaps after a motion, and did not or less before; shape (k,)."""
+    """Indices of obstacles that a body overlaps after a motion, and overlapped less or not before; shape (k,)."""
     return np.flatnonzero((after < -_GRAZE) & (after < before - _GRAZE))
 
 

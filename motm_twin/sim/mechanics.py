@@ -158,7 +158,7 @@ class Moved:
     twist: Array  # true forward speed and yaw rate of the base at its end, shape (2,)
     slides: Mapping[str, Point] = field(default_factory=lambda: NO_SLIDES)  # velocities [m/s] of thrown bodies
     riding: tuple[str, ...] = ()  # objects on thrown bodies
-    links: Mapping[str, Array] | None = None  # transforms of the links in the world; None: as of a level base
+    links: Mapping[str, Array] | None = None  # transforms of the links in the world; None: those of a level base
     faults: tuple[tuple[str, str], ...] = ()  # kind and text of limits that the simulation itself broke
 
 

@@ -177,7 +177,7 @@ class SimulatedPlant(Stateful[PlantState]):
         self._mechanics.prepare(self._state, self._scenery)
 
     def rehearsal(self) -> Rehearsal:
-        """Try pending edits one after another; discard it before `apply`, `step` or `restore`."""
+        """A rehearsal of queued edits, one after another; discard it before `apply`, `step` or `restore`."""
         return Rehearsal(self._effects, self._state, self._scenery)
 
     def apply(self, edit: WorldEdit) -> None:

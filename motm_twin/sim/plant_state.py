@@ -22,7 +22,7 @@ from motm_twin.sim.verdict import RefereeState
 
 @dataclass
 class BaseState:
-    """True pose of the base, and its speeds by the wheels, which are true unless they slip."""
+    """True pose of the base, and its speeds by wheel motion: true unless the wheels slip."""
 
     pose: Array  # world, shape (3,)
     v: float = 0.0  # [m/s]
@@ -39,7 +39,7 @@ class ArmState:
 
 @dataclass
 class PlantState:
-    """Everything that changes."""
+    """Everything in the plant that changes during a run."""
 
     substep: int
     command: Actuation
@@ -58,7 +58,7 @@ class PlantState:
     slides: dict[str, Point] = field(default_factory=dict)  # velocity [m/s] of obstacles and agents that were thrown
     faults: FaultState = field(default_factory=FaultState)
     path_length: float = 0.0  # [m] driven by the base
-    commands: tuple[tuple[int, Actuation], ...] = field(default=(), metadata=LATER)  # late ones: substep, command
+    commands: tuple[tuple[int, Actuation], ...] = field(default=(), metadata=LATER)  # delayed ones: substep, command
     physics: Any = field(default=None, metadata=LATER)  # state of the room `physics`; None: kinematic
 
     def agent(self, name: str) -> AgentState | None:

@@ -90,7 +90,7 @@ class PlantCheck:
 
     @staticmethod
     def edited(state: PlantCheckState, world: World) -> None:
-        """Take an edit of base or objects between two substeps: motion is judged from their new places."""
+        """Adopt places of base and objects after an edit between two substeps: the jump is not judged as motion."""
         state.pose, state.objects = world.pose, _positions(world)
 
     def step(self, state: PlantCheckState, world: World) -> None:
@@ -153,11 +153,11 @@ def _positions(world: World) -> Array:
 
 SUPPORT_CLEAR = 0.005  # [m] away from its old support, or deep in it, a held cube no longer rests there
 NEVER_SELF = ("base", "panda_link0", "panda_link1")  # fixed to the base, or always beside it
-_NEVER, _CONTACT, _ARM, _BASE, _HELD = range(5)  # kinds of pairs: below which distance they are measured exactly
+_NEVER, _CONTACT, _ARM, _BASE, _HELD = range(5)  # kinds of pairs, by the distance below which they are measured exactly
 
 
 class Referee:
-    """Watches one scene. Clearances: base body and arm (links, hand, fingers) to all but floor, cubes and itself.
+    """Judges one scene. Clearances: base body and arm (links, hand, fingers) to all but floor, cubes and itself.
 
     The distance of the gripper centre to unmapped bodies is taken in the plane, as if they were tall, as in the
     paper (Sec. V).
@@ -197,13 +197,13 @@ class Referee:
         return state
 
     def expect(self, state: RefereeState, tasks: Sequence[Task]) -> None:
-        """Take a new task list, which says where objects belong."""
+        """Adopt a new task list, which says where objects belong."""
         state.counts.right_bins = right_bins(tasks)
 
     def edited(
         self, state: RefereeState, world: World, *, moved: Mapping[str, Shift], disturbed: Collection[str]
     ) -> None:
-        """Take a person's edit of the world between two substeps: distances are measured anew, jumps are no fault.
+        """Account for a person's edit between two substeps: distances are measured anew, jumps are no fault.
 
         Contacts that bodies make because they were ``moved`` are the person's doing for a while; the next motion of
         ``disturbed`` objects is not the robot's doing.
@@ -221,7 +221,7 @@ class Referee:
         self.check.edited(state.check, world)
 
     def pushed(self, state: RefereeState, world: World) -> None:
-        """Take a person's push of the robot between two substeps."""
+        """Account for a person's push of the robot between two substeps."""
         self.edited(state, world, moved={}, disturbed=())
         placed = self._place(world)
         before, after = (_planar(bodies[self._base_shape]) for bodies in (state.placed_before, placed))

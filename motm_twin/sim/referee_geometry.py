@@ -71,7 +71,7 @@ class RobotShapes:
         return T
 
     def place_links(self, links: Mapping[str, Array]) -> Array:
-        """The same from given transforms (4, 4) of the links in the world, for example of a tilted robot."""
+        """`place` from given transforms (4, 4) of the links in the world, for example of a tilted robot."""
         T = self._unplaced.copy()
         for i, (link, local) in enumerate(self._in_links):
             T[i] = product(links[link], local)

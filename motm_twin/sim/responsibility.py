@@ -45,7 +45,7 @@ class Shift(NamedTuple):
 
 
 class Step(NamedTuple):
-    """Part of a drag: its begin and end [s], and the poses before and after."""
+    """Part of a drag: its start and end [s], and the poses before and after."""
 
     began: float
     time: float
@@ -148,7 +148,7 @@ def braking_time(limits: BaseLimits) -> float:
 
 
 def still_persons_doing(motion: Motion, began: float, now: float, braking: float) -> bool:
-    """True while a contact that ``began`` [s] as a person's doing still is, shortly after the body was moved."""
+    """True while a contact that ``began`` [s] as a person's doing remains so, shortly after the body was moved."""
     before = max((step.time for step in motion.steps if step.time <= began), default=-math.inf)
     return now - max(motion.moved, motion.came, before) <= braking
 
@@ -386,7 +386,7 @@ class StoppingAreas:
     def _near(self, placed: Array, line: tuple[float, float, float, float], way: float, radius: float) -> list[int]:
         """Parts of the robot that may reach an area of length ``way`` and half width ``radius`` [m].
 
-        ``line``: x, y of its begin, and cosine and sine of its course.
+        ``line``: x, y of its start, and cosine and sine of its course.
         """
         x, y, c, s = line
         dx, dy = placed[:-1, 0, 3] - x, placed[:-1, 1, 3] - y

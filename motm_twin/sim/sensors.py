@@ -34,7 +34,7 @@ def _arrived(late: list[tuple[int, Any]], now: int, newest: Any) -> tuple[Any, l
 
 @dataclass
 class LidarState:
-    """Noise, the newest sweep, and sweeps that are on their way."""
+    """Generator of the noise, the newest sweep, and sweeps that are on their way."""
 
     rng: np.random.Generator
     scan: Scan | None = None
@@ -98,7 +98,7 @@ class Picture(NamedTuple):
 
 @dataclass
 class CameraState:
-    """Noise, the newest picture, and pictures that are on their way."""
+    """Generator of the noise, the newest picture, and pictures that are on their way."""
 
     rng: np.random.Generator
     picture: Picture = field(default_factory=Picture)
@@ -260,7 +260,7 @@ class Localisation:
 
     @staticmethod
     def relocate(state: LocalisationState, pose: Array) -> None:
-        """Take a displacement of the base: localisation follows, odometry does not notice."""
+        """Account for a displacement of the base: localisation follows, odometry does not notice."""
         state.pose = _moved(pose, state.error, state.drift)
 
     def step(self, state: LocalisationState, pose: Array, mean_twist: Twist, twist: Twist) -> None:

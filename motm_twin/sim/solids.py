@@ -309,7 +309,7 @@ class Scenery:
 
     layout: Layout
     solids: Solids
-    in_the_way: Solids  # obstacles at the height of the tallest agent
+    in_the_way: Solids  # solids that the tallest agent cannot pass under
     tallest: float  # [m]
     lidar_segments: Array  # at the lidar's height, shape (s, 4)
     lidar_discs: Array  # shape (d, 3)

@@ -39,7 +39,7 @@ from motm_twin.sim.responsibility import (
 )
 from motm_twin.sim.solids import Solids
 
-EPISODE_END = 0.1  # [s] without contact, after which an episode has ended
+EPISODE_END = 0.1  # [s] without contact after which a contact episode has ended
 
 
 @dataclass
@@ -173,7 +173,7 @@ class World:
     slides: Mapping[str, tuple[float, float]]  # velocity [m/s] in this substep of thrown bodies
     riders: tuple[str, ...] = ()  # objects carried along by thrown bodies
     links: Mapping[str, Array] | None = None  # transforms of the robot's links; None: as of a level base at the pose
-    solid: bool = False  # bodies press on each other: a falling one may touch one that lies there
+    solid: bool = False  # bodies press on each other: a falling one may touch a resting one
     faults: tuple[tuple[str, str], ...] = ()  # kind and text of limits that the simulation itself broke
 
 
@@ -232,14 +232,14 @@ class Encounter(NamedTuple):
     against: Placed
     distance: float  # [m], negative
     normal: Array  # from the part to the other, shape (3,)
-    point: Array  # middle between the nearest points of the two [m], shape (3,)
+    point: Array  # midpoint of the nearest points of the two [m], shape (3,)
     frame: int  # part of the robot to which the other is fixed; -1: none
     other_velocity: Array  # [m/s] of the other at the point, shape (3,)
     falls: bool  # the other is an object that falls because of the robot
 
 
 class Verdicts:
-    """Keeps the episodes of a referee."""
+    """Judges contacts, and keeps the contact episodes of a referee."""
 
     def __init__(self, robot: RobotShapes, limits: BaseLimits, dt: float) -> None:
         """Shapes of the robot and limits of its base; substeps of dt [s]."""

@@ -5,7 +5,7 @@ difference to a run in which they do not see it: contacts in the kinematic plant
 
 Tracks (`perception/tracks.py`) are judged by CLEAR MOT (Bernardin and Stiefelhagen, 2008) with `motmetrics` (extra
 "people"): MOTA counts misses, false positives and changes of identity, MOTP [m] is the mean distance of pairs
-matched within 0.5 m. The truth of a scan are the agents within the map and 8 m of the lidar that move at 0.1 m/s or
+matched within 0.5 m. The truth of a scan is the agents within the map and 8 m of the lidar that move at 0.1 m/s or
 more, and on which at least five beams end. Other agents are ignored: a track matched with one that stands, or is hardly
 seen, does not count.
 """

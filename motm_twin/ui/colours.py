@@ -1,4 +1,4 @@
-"""Colours of the page, each with one meaning, that colour-blind people can tell apart by brightness or shape.
+"""Colours of the page. Each has one meaning, and colour-blind users can tell them apart by brightness or shape.
 
 The ground is brown where it is costly, paths are red, cyan and blue, and costs go from yellow to violet.
 """
@@ -54,7 +54,7 @@ def ground_table() -> NDArray[np.uint8]:
 
 
 def linear(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Colours of points, which the page draws without decoding: 0 to 255, sRGB to linear."""
+    """SRGB to linear light, 0 to 255, for colours that the page draws without decoding, such as those of points."""
     return 255.0 * (values / 255.0) ** 2.2
 
 

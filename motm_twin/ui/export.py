@@ -66,7 +66,7 @@ class Recording(msgspec.Struct, frozen=True):
 
 
 class ExportFailed(Exception):
-    """There is no page; the message says why."""
+    """The page could not be made; the message says why."""
 
 
 def export_html(
@@ -136,7 +136,7 @@ class _NoTwin:
     sender, endpoint, alive = "export", "", False
 
     def status(self) -> None:
-        """None."""
+        """Always None."""
 
     def session(self) -> bytes:
         """Raises NoSession."""

@@ -149,7 +149,7 @@ class History:
         self._aside: _Tail | None = None
 
     def add(self, payload: bytes) -> None:
-        """Take a raw tick. A lower or equal period replaces everything from it on.
+        """Take a raw tick. It replaces all kept periods with the same or a higher index.
 
         Previews are left out. Raises ValueError for a tick of another version.
         """
@@ -177,7 +177,7 @@ class History:
         packed = _Map(read.stamp, read, zlib.compress(cells, LEVEL))
         with self._lock:
             if read.run < self._run:
-                return  # a straggler
+                return  # a late grid of an earlier run
             any_run = read.run == self._run  # it may replace grids of a run whose past it shares
             while self._maps and self._maps[-1].stamp > read.stamp and (any_run or self._maps[-1].info.run == read.run):
                 self._map_bytes -= len(self._maps.pop().cells)
@@ -200,7 +200,7 @@ class History:
             return None if entry is None else self._read(entry)
 
     def payload_at(self, index: int) -> bytes | None:
-        """The bytes of `at`."""
+        """The raw tick of the period that `at` returns."""
         with self._lock:
             entry = self._find(index)
         return None if entry is None else zlib.decompress(entry.payload)
@@ -249,7 +249,7 @@ class History:
         return found[:count]
 
     def _count(self, index: int | None) -> int:
-        """Number of periods up to one."""
+        """Number of kept periods up to this index (None: all)."""
         return len(self._entries) if index is None else bisect.bisect_right(self._entries, index, key=_INDEX)
 
     def _find(self, index: int) -> _Entry | None:
@@ -258,7 +258,7 @@ class History:
         return self._entries[max(0, bisect.bisect_right(self._entries, index, key=_INDEX) - 1)]
 
     def _switch_run(self, part: Part) -> None:
-        """Start another run: a branch or its undoing continues from the shared past; anything else has none."""
+        """Start another run: a branch or its undoing continues from the shared past; anything else starts empty."""
         if (part.run, part.began) == (self._run, self._began):
             return
         newer = part.run > self._run
@@ -330,7 +330,7 @@ class Playback:
 
     @property
     def playing(self) -> bool:
-        """True while the picture moves by itself."""
+        """True while the shown period advances by itself."""
         return self._speed > 0.0 and self._view.at is not None
 
     def play(self, speed: float, span: Span | None) -> None:
@@ -346,7 +346,7 @@ class Playback:
         self._speed = 0.0
 
     def live(self) -> None:
-        """Back to the newest period."""
+        """Return to the newest period."""
         self._speed = 0.0
         self._view.at = None
 

@@ -234,7 +234,7 @@ class Hub:
         traceback.print_exc()
         self.tell(visitor, f"{type(error).__name__}: {error}", title, "red")
 
-    # the wheel
+    # the driver's lease
 
     def drives(self, visitor: Visitor) -> bool:
         """True for the driver, and for everybody while nobody drives."""
@@ -276,7 +276,7 @@ class Hub:
         return visitor.sender in self._asking
 
     def asker(self) -> Visitor | None:
-        """The visitor who asked first for the wheel and still does."""
+        """The visitor who has waited longest for a hand-over; None without one."""
         status = self.client.status()
         if status is None or not status.driver:
             self._asking.clear()
@@ -302,7 +302,7 @@ class Hub:
             self.tell(visitor, "too many commands at once")
 
     def command(self, visitor: Visitor | None, command: Command) -> Answer:
-        """Send a command and wait for the answer; the visitor is told of a refusal. Not for Viser's own thread.
+        """Send a command and wait for the answer; the visitor is told of a refusal. Blocks: not for Viser's thread.
 
         A loading server answers nothing: commands that hold for any scene wait until it is done.
         """

@@ -146,7 +146,7 @@ BYTES, BYTES_BURST = 2e6, 16e6  # of one page: rate [1/s], and largest burst
 LARGEST = 8 * 1024 * 1024  # bytes of a message
 QUEUED = 4  # unread messages of one page
 TIDY = 0.5  # [s] from the first page that leaves to one clean-up for all that have left by then
-PICTURE = 1024  # most messages sent at once: more than one picture has
+PICTURE = 1024  # most messages sent at once: more than one frame has
 TRY_LATER = 1013  # code with which a websocket is closed
 
 
@@ -266,7 +266,7 @@ class Guard:
         self._names = {name.lower() for name in (*_LOOPBACK_NAMES, host, *names, *own)}
 
     def check(self, request: Request) -> Response | None:
-        """The refusal (or redirect) for a request, or None."""
+        """Response to a request that must not reach Viser (refusal, redirect, health check); None lets it pass."""
         split = urlsplit(request.path)
         if split.path == HEALTH_PATH:
             return _response(http.HTTPStatus.OK, "ok")
@@ -344,7 +344,7 @@ def page_url(host: str, port: int, token: str | None) -> str:
 
 
 def _with_security_headers(response: Response | None) -> Response | None:
-    """The answer with the headers `SECURITY_HEADERS`; Viser may keep one answer for several requests."""
+    """A copy of the response with `SECURITY_HEADERS`: Viser may use one response for several requests."""
     if response is None:
         return None
     headers = Headers([*response.headers.raw_items(), *SECURITY_HEADERS.items()])
@@ -398,7 +398,7 @@ class LoopEvent(asyncio.Event):
 def write_through_the_loop() -> None:
     """Make all message buffers that Viser creates from now on wake their senders in the event loop.
 
-    Each buffer sends a whole picture at once.
+    Each buffer sends a whole frame at once.
     """
     original = AsyncMessageBuffer.__init__
     if getattr(original, "wakes_in_the_loop", False):

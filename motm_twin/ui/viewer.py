@@ -31,11 +31,11 @@ from motm_twin.ui.panel.panel import Panels
 from motm_twin.ui.scene.scene_view import SceneView
 from motm_twin.ui.what_if import OwnMethod
 
-FRAME = 1.0 / 30.0  # [s] at most thirty pictures a second
+FRAME = 1.0 / 30.0  # [s] at most thirty frames a second
 TELL = 1.0  # [s] between two reports of the number of pages
 SLOW = 0.1  # [s] between updates of ghosts, candidates and panels
 ROOM = 4000  # payloads that may wait for the history; beyond, the oldest are lost, as for any slow reader
-FIRST_TICK = 600.0  # [s] to wait for a twin before earlier events are asked for
+FIRST_TICK = 600.0  # [s] longest wait for a first tick before earlier events are queried
 TITLES = {"refused": "Not done", "recording": "Recording"}  # kinds of events that are shown on every page
 NICENESS = 5  # drawing yields to control
 

@@ -60,7 +60,7 @@ class ArmWays:
     inputs: Callable[[ManipulatorState, ArmInputs], ArmInputs] = lambda state, inputs: inputs
     rules: Callable[[PhaseRules, ArmInputs], PhaseRules] = lambda usual, inputs: usual  # of the phases
     motion: Callable[[ManipulatorState, View, ArmInputs, ArmParameters, Numbers], Motion] = hand_motion
-    program: Callable[[ManipulatorState, View, Motion, Program], Program] = _as_it_is  # changes it
+    program: Callable[[ManipulatorState, View, Motion, Program], Program] = _as_it_is  # may change the program
 
 
 PAPER_WAYS = ArmWays()
@@ -325,10 +325,10 @@ def _safe_step(dt: float) -> float:
 
 
 class NoArm(Manipulator):
-    """Passes the wanted twist of the base on; joints rest and the gripper stays open."""
+    """Passes on the base twist of the plan; joints rest and the gripper stays open."""
 
     def step(self, inputs: ArmInputs) -> ArmStep:
-        """The wanted twist as it is: the monitor keeps it within the limits."""
+        """The base twist as the plan asks for it: the monitor keeps it within the limits."""
         if not np.isfinite(inputs.base_twist).all():
             return self.damped_stop(inputs, None, "wanted base twist is not finite")
         self._state.twist = inputs.base_twist.copy()

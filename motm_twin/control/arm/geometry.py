@@ -104,7 +104,7 @@ def tilt_for(radius: float, height: float, longest: float, largest: float) -> fl
 
 @njit(cache=True)
 def pose_at(time: float, now: Array, times: Array, poses: Array) -> Array:
-    """Base pose that the local plan promises after ``time`` [s], linear between its nodes; shape (3,)."""
+    """Base pose that the local plan predicts after ``time`` [s], linear between its nodes; shape (3,)."""
     previous_time, previous = 0.0, now[:3].copy()
     if time <= 0.0:
         return previous
@@ -228,7 +228,7 @@ def _room(x: float, y: float, there: Array) -> float:
 
 @njit(cache=True)
 def _freest(x: float, y: float, half: float, mount: Array, reach: float, there: Array) -> tuple[float, float]:
-    """The nearest free point of a square; its x and y are those wanted, those of an edge, or just beside an object."""
+    """The free point of a square nearest to (x, y); each coordinate is the given one, an edge, or beside an object."""
     reach = max(reach, hypot(x - mount[0], y - mount[1])) + 1e-9
     count = there.shape[0]
     xs, ys = np.empty(3 + 2 * count), np.empty(3 + 2 * count)

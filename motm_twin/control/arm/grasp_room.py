@@ -1,7 +1,7 @@
 """Room for the open hand beside an object: the faces that the fingers can take.
 
-The fingers come straight down on two faces of a cube, the palm over them, and go up again the same way. They come down
-only once the hand is turned, and so far over the cube that they hit nothing. Both pairs of faces are candidates.
+The fingers come straight down on two faces of a cube, the palm over them, and go up again the same way. Until the hand
+is turned, they stay high enough over the cube to hit nothing. Both pairs of faces are candidates.
 Mapped furniture and bins must leave the distances that the arm keeps from them, other objects the width of the fingers.
 Lack of room is a cost; a pair of faces without room is not taken.
 """
@@ -68,7 +68,7 @@ class Room(NamedTuple):
 
 
 class GraspRoom:
-    """Room for the hand among mapped furniture; the hand is that of the arm's speed limits."""
+    """Room for the hand among mapped furniture; its balls are those of the arm's speed limits."""
 
     def __init__(self, known: KnownWorld, parameters: AvoidanceParameters) -> None:
         """Furniture and bins of the pre-made map."""

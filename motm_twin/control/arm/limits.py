@@ -1,6 +1,6 @@
 """Limits of the arm's speed towards obstacles: rows ``G (v, w, qdot) <= h`` of the quadratic program.
 
-They bound the speed of approach by a damper line, the height limit by 0: at the distance d it is at most
+They bound the speed of approach at a distance d by a damper line (the height limit bounds it by 0):
 
     xi (d - d_s) / (d_i - d_s),    negative below d_s: retreat        (Paper, Sec. V)
 
@@ -47,7 +47,7 @@ _LINK = 0.16  # [m] cells nearer than this belong to one obstacle
 _REACH = 1.2  # [m] from mount, gripper or target, beyond which nothing matters
 _HALF_CELL = 0.025  # [m] a seen point is the centre of a map cell
 YIELDS = 0.75  # share of furniture_d_s given up at a grasp; without it a full table would block every grasp
-_PLACE_SDS = 2.0  # standard deviations of the robot's position on the map that are added to d_s, but at a grasp
+_PLACE_SDS = 2.0  # standard deviations of the robot's position on the map that are added to d_s; 1 at a grasp
 _SEEN_D_S = 0.02  # [m] d_s of links from seen static obstacles, which are known less well than furniture of the map
 _FASTEST_RETREAT = -0.10  # [m/s] no row of furniture asks for a faster retreat than this
 _MOST, _MOST_OWN = 32, 12  # rows of furniture, and of the own base, the nearest first
@@ -293,7 +293,7 @@ def _link_rows(arm: Arm, balls: Balls, points: Array, static: NDArray[np.bool_],
 def _rows_of_seen(
     arm: Arm, balls: Balls, points: Array, static: NDArray[np.bool_], at_rest: bool, avoidance: Numbers
 ) -> Rows:
-    """Rows of the static points, if ``standing``, or of the moving ones."""
+    """Rows of the static points, if ``at_rest``, or of the moving ones."""
     a = avoidance[0]
     d_s, d_i = (_SEEN_D_S, a.furniture_d_i) if at_rest else (a.link_d_s, a.link_d_i)
     near = np.empty(points.shape)

@@ -6,8 +6,8 @@ No body of the arm may come to a solid faster than it can brake before it:
 
 whether base or joints move it. Below d_0 it may only move away. The part of the base's motion that joints near their
 limits cannot cancel may be no faster than the base can brake. When a command breaks the line, the joints brake the
-approach as hard as they can; near furniture the base brakes, too. Clearance thus does not rest on the rows of the
-arm's program alone, which are elastic. The motion of joints that do not follow their commands counts, too.
+approach, if need be as hard as they can; near furniture the base brakes, too. Clearance thus does not rest on the rows
+of the arm's program alone, which are elastic. The motion of joints that do not follow their commands counts, too.
 """
 
 import math
@@ -134,7 +134,7 @@ class ArmMonitor:
         folds = _unfold(kept, observation, dt)
         arm = _Arm(observation.q, observation.dq, kept, astray, self._mount, balls)
         lost = bool((np.abs(astray) > self._lost).any())
-        settles = dt + self._lag if lost else dt  # as hard as the joints can, if one of them does not follow
+        settles = dt + self._lag if lost else dt  # the other joints may brake harder if one of them does not follow
         body, solid, distance, speed = _hold_back(
             arm,
             there,
@@ -268,9 +268,9 @@ def _taken_up(q: Array, row: Array, taking: float) -> float:
 
 @njit(cache=True)
 def _slow(arm: _Arm, row: Array, excess: float, settles: float, lost: float) -> None:
-    """Take a speed [m/s] along a row off the arm's rates; each joint that follows does as much as it can brake.
+    """Take a speed [m/s] along a row off the arm's rates, each joint in proportion to how hard it can brake.
 
-    Joints reach a rate in the time ``settles`` [s].
+    Joints reach a rate in the time ``settles`` [s]; those that do not follow their commands are not counted on.
     """
     able = 0.0
     for k in range(7):

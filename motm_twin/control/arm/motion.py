@@ -136,7 +136,7 @@ def _over_goal(state: ManipulatorState, view: View, p: ArmParameters) -> float:
 def _motion(arm: Arm, way: _Way, parameters: Numbers, reference: Array) -> tuple[float, Array]:
     """Error and velocity; fills in the reference of a swing.
 
-    One kernel of all phases, so that none of them begins with a kernel that has to be loaded first.
+    One kernel for all phases, so that no phase begins by loading one.
     """
     velocity = np.empty(6)
     if way.kind == _FIXED:
@@ -314,7 +314,7 @@ def _transit_swing(arm: Arm, way: _Way, lowest: float, parameters: Numbers) -> _
 def _first_up(swing: _Swing, level: float, arm: Arm, tilt: float, parameters: Numbers) -> _Swing:
     """The swing of a hand that is out and lower than ``level`` [m]: it rises before it goes on or back.
 
-    Asked for all at once, the arm does what it can, and the hand loses height and tilt.
+    If all is asked for at once, the arm falls short, and the hand loses height and tilt.
     """
     n, height = parameters[0], arm.p[2]
     now, heading = _hand_polar(arm.p, arm.q, arm.pose, arm.base_mount)

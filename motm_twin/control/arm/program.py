@@ -61,7 +61,7 @@ _SLACKS = SLACK.start, SLACK.stop - SLACK.start
 _SLACK_BOUND = 20.0  # [m/s, rad/s]
 STUCK_RATE = 0.05  # [rad/s] with which a stuck joint is tried: enough to tell from the noise of its rate
 _SPEED = 2  # row of `joint_limits`
-_CARRIED = tuple(f"{body} - " for body in BODIES[: HAND_BODY - 1])  # prefixes of the names of their rows
+_CARRIED = tuple(f"{body} - " for body in BODIES[: HAND_BODY - 1])  # prefixes of the rows of elbow and forearm
 _FREE = 1.0e3  # bound of elastic variables [m/s]
 
 
@@ -286,7 +286,7 @@ def _of_commands(G: Array, h: Array, beta: float, measured: Array) -> None:
 def weights(parameters: QpParameters, *, swinging: bool, kept: bool) -> Array:
     """Diagonal of the quadratic cost, shape (17,); ``swinging``: on the way, where the hand need not move exactly.
 
-    ``kept``: but for its height, since a low hand, or the object that it holds, would hit objects below.
+    ``kept``: its height is kept all the same, since a low hand, or the object that it holds, would hit objects below.
     """
     p = parameters
     linear = p.swing_linear_slack_weight if swinging else p.linear_slack_weight

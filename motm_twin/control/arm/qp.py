@@ -130,7 +130,7 @@ def _fill_daqp(
     P: Array, c: Array, A: Array, b: Array, G: Array, h: Array, lower: Array, upper: Array, first: int, count: int,
     H: Array, f: Array, rows: Array, low: Array, high: Array, sense: NDArray[np.int32],
 ) -> int:  # fmt: skip
-    """Fill in DAQP's form: cost, rows, lower and upper bounds, kinds; variables first, then G, then A (equal) or not.
+    """Fill in DAQP's form: cost, rows, lower and upper bounds, kinds; variables, then G, then A unless eliminated.
 
     With s = b - A u for the ``count`` slack variables from ``first`` on, and u the others, the cost is
     1/2 u' (P_u + A' P_s A) u + (c_u - A' (P_s b + c_s))' u. Returns the flaw of a program that is not to be solved.

@@ -1,7 +1,7 @@
 """The Disturb tab: new bodies, actions on the selected thing, pushes, and parts of the robot that fail.
 
-Its commands are pure functions, from what is shown to what is sent.
-A new body is put on free floor on the robot's way and in sight.
+Its commands are made by pure functions of what is shown.
+A new body is put on free floor on the robot's path and in sight.
 """
 
 import asyncio
@@ -27,7 +27,7 @@ from motm_twin.ui.panel.widgets import AMBER, BLUE, Block, card, follow, heading
 from motm_twin.ui.scene.cameras import Visibility
 from motm_twin.ui.scene.picking import Surroundings
 
-ON_WAY = (1.5, 1.3, 1.8, 2.2)  # [m] along the way of the robot
+ON_WAY = (1.5, 1.3, 1.8, 2.2)  # [m] along the robot's path
 DISTANCES = (1.5, 1.8, 1.3, 2.2)  # [m] from the robot
 ANGLES = (0.0, 0.35, -0.35, 0.7, -0.7, 1.1, -1.1, 1.5, -1.5, 2.2, -2.2)  # [rad] from its heading
 AROUND = (0.0, 0.6, 1.2, 1.8)  # [m] from the middle of the view
@@ -125,7 +125,7 @@ def put_back(name: str, scene: Scene) -> MoveObject | None:
 
 
 def held_cube(tick: TickMessage) -> str:
-    """The cube between the fingers, as it truly is; "" when there is none."""
+    """Name of the cube that is truly between the fingers; "" when there is none."""
     return next((item.name for item in tick.objects if item.state == "held"), "")
 
 
@@ -168,7 +168,7 @@ def free_place(
     look_at: Point | None = None,
     sees: Callable[[Point], bool] = lambda _: True,
 ) -> FreePlace:
-    """The first visible free place: on the robot's path, round it, or in the middle of the view.
+    """The first visible free place: on the robot's path, around the robot, or in the middle of the view.
 
     ``way``: the robot's path [m], from where it is; ``look_at``: floor point [m] in the middle of the view; ``sees``:
     true for a point where a body can be seen. When no free place can be seen, the first free one is taken, and

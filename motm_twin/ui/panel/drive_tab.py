@@ -37,7 +37,7 @@ class DriveTab(Block):
         self._methods: list[MethodChoice] = []
         self._loaded: tuple = ()  # scene, variant, seed and method
         self._filled: tuple = ("", "", 0, "")  # the same, as last filled in here or loaded by a press of Load
-        self._speed = self._told_speed = 1.0  # wanted by this visitor; reported by the twin
+        self._speed = self._told_speed = 1.0  # requested by this visitor; reported by the twin
         self.parts = [TaskBlock(gui, hub, visitor)]
         hint = "the camera; keys 1 to 5"
         self.row(PRESETS, lambda preset: scene.cameras.choose(visitor.client, preset), anybody=True, hint=hint)
@@ -206,7 +206,7 @@ def _task_name(task: TaskMessage, group: Sequence[TaskMessage]) -> str:
 
 
 def moved(listed: Sequence[Job], job: Job, up: bool) -> MoveTask | None:
-    """The command that moves a job one place up or down; None at the end of the list."""
+    """The command that moves a job one place up or down; None when it cannot move further."""
     number = next((i for i, other in enumerate(listed) if other.first == job.first), None)
     if number is None:
         return None

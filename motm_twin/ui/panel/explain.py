@@ -209,7 +209,7 @@ class Unmapped:
 
 
 def avoided(tick: TickMessage, scene: Scene | None) -> str:
-    """The body that the robot keeps off and how, as the end of a sentence; "" when nothing is near its way."""
+    """The body that the robot avoids, and how, as the end of a sentence; "" when nothing is near its path."""
     if tick.done or scene is None:
         return ""
     things = list(unmapped(tick, scene))
@@ -217,7 +217,7 @@ def avoided(tick: TickMessage, scene: Scene | None) -> str:
 
 
 def limited_by(tick: TickMessage, scene: Scene | None) -> str:
-    """Name of the obstacle of the arm's lidar row; "" without one (furniture of the map)."""
+    """Name of the unmapped body that limits the arm by its lidar row; "" for none, or for mapped furniture."""
     if scene is None or not slowed(tick.arm) or tick.arm[-1].obstacle_distance is None:
         return ""
     distance, label = _nearest_to_hand(tick, scene)

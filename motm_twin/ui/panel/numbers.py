@@ -143,7 +143,7 @@ def _published(tick: TickMessage, status: StatusMessage | None) -> str:
 
 
 def timing_card(samples: NDArray[np.float64]) -> str:
-    """The stages of the last periods, from `History.samples`."""
+    """Computing times of the last periods by stage; ``samples`` as from `History.samples`."""
     rows = samples[np.isfinite(samples[:, _PERIOD])]
     if not len(rows):
         return card(heading("Timing"), '<div class="mu">no period yet</div>')
@@ -177,13 +177,13 @@ def _stack(label: str, stages: list[tuple[str, float]]) -> str:
 
 
 WINDOW = 60.0  # [s]
-EVERY = 5  # updates (of 0.1 s) between pictures
+EVERY = 5  # updates (of 0.1 s) from one redraw to the next
 PANEL_WIDTH, HEIGHT, AXIS = 320, 92, 46  # [px] of the panel; of a plot, and of its time axis
 FONT = "10px sans-serif"
 PLOTS, PLOTS_KEY = "Plots of the last minute", "G"
 BUCKET = 0.5  # [s] per value of a curve; fixed in time, so that a curve only shifts
 WORST = dict.fromkeys(("linear_slack", "angular_slack", "period", "torque", "wrist"), np.fmax) | {"distance": np.fmin}
-FAR = 1.5  # [m] top of the plot of distances; nothing near is drawn beyond it
+FAR = 1.5  # [m] top of the plot of distances; a missing distance is drawn beyond it, out of sight
 BLUE, ORANGE, TEAL, VIOLET, LIMIT = "#3b82d6", "#d97706", "#0d9488", "#8b5cf6", "#dc4a4a"
 JOINTS = (BLUE, "#0891b2", TEAL, "#65a30d", ORANGE, "#db2777", VIOLET)  # readable on light and on dark pages
 NEAR, SLOW = "rgba(220, 60, 60, 0.22)", "rgba(240, 160, 40, 0.22)"  # regions, as in the paper's figure
@@ -313,7 +313,7 @@ def number(value: float, form: str, *, none: str = "") -> str:
 
 
 class PlotsPanel:
-    """The plots in a panel at the left, opened by a button or the key G. Costs nothing while closed, as at first."""
+    """The plots in a panel at the left, opened by a button or the key G. Closed at first, and then costs nothing."""
 
     def __init__(self, gui: viser.GuiApi, hub: Hub) -> None:
         self._gui, self._hub = gui, hub

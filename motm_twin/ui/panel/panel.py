@@ -3,7 +3,7 @@
 Each browser page gets a panel when it connects, which is dropped when the page closes. Viser's command palette (the
 icon on top) lists the commands. The script web_assets/page/overlay.js draws a timeline, the legend, names and a cover
 over the scene. It reads its data from hidden widgets, as JSON behind a mark. It sends its requests through another
-hidden widget, as a JSON list: a rising number, a name in the table of `Overlay`, and the arguments.
+hidden widget, as a JSON list: a sequence number, a name in the table of `Overlay`, and the arguments.
 """
 
 import json
@@ -112,7 +112,7 @@ class HelpCard:
 warnings.filterwarnings("ignore", message="Queued a .* on a closed connection")
 
 WIDTH = 330  # [px]
-AS_WANTED = 0.03  # share of the wanted speed: a smaller difference of the measured one is not shown
+AS_WANTED = 0.03  # share of the requested speed: the actual one is shown only when it differs by at least this
 TOP = '<i class="motm-top"></i>'  # marks the block that stays in sight when the panel is scrolled
 CROSSHAIR = "<style>canvas, div:has(> canvas) {cursor: crosshair !important}</style>"  # next click: the floor
 INK, PAST = "var(--motm-ink)", "var(--motm-past)"  # colours of the time: live, and looking back

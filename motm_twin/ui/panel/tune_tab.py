@@ -18,7 +18,7 @@ from motm_twin.ui.panel.widgets import AMBER, RED, Block, card, follow, note, se
 from motm_twin.ui.what_if import RUNS, Outcome, State
 
 INTERVAL = 0.2  # [s] between two messages; the last value wins
-HOLD = 1.5  # [s] after a person has moved a slider, it is not set from outside
+HOLD = 1.5  # [s] for which a slider that a person has moved is not set from outside
 SHIPPED = "As shipped"  # of `PRESETS`
 OWN = "(own)"
 MOST_NAMED = 3  # parameters of a comparison that are named

@@ -14,7 +14,7 @@ from motm_twin.bus.commands import Command
 from motm_twin.ui.hub import Hub, Shown, Visitor
 from motm_twin.ui.page_server import link
 
-HOLD = 1.2  # [s] a widget that a person has just moved is not set from outside
+HOLD = 1.2  # [s] for which a widget that a person has moved is not set from outside
 # Colours are those of web_assets/page/overlay.css, which has them for light and dark pages.
 MUTED = "var(--motm-mute)"
 GREEN, AMBER, RED, BLUE = "var(--motm-green)", "var(--motm-amber)", "var(--motm-red)", "var(--motm-blue)"
@@ -132,18 +132,18 @@ def heading(title: str) -> str:
 
 
 def ends(left: str, right: str) -> str:
-    """A row with something at both of its ends, HTML."""
+    """A row with one item at each end, HTML."""
     return f'<div class="ends">{left}{right}</div>'
 
 
 def sentence(value: str, colour: str) -> str:
-    """A sentence from outside beside a coloured line."""
+    """A sentence, escaped, beside a coloured line."""
     look = f"margin-top:5px;border-left:3px solid {colour};padding:2px 8px;background:{wash(colour)}"
     return f'<div style="{look}">{text(value)}</div>'
 
 
 def wash(colour: str) -> str:
-    """A colour as a light ground for text."""
+    """A light tint of a colour, as background for text."""
     return f"color-mix(in srgb, {colour} 9%, transparent)"
 
 

@@ -1,7 +1,7 @@
 """Cubes, Temis and persons with their trails, added obstacles, and the tracks of the robot's tracker.
 
-The arrow of a track ends at its position in one second. The ellipses hold its position in 1 s and 2 s: they grow with
-the uncertainty. A bold ring marks the track that the robot waits for, makes way for, or passes.
+The arrow of a track ends at its position in one second. The ellipses show where it may be in 1 s and 2 s: they
+grow with the uncertainty. A bold ring marks the track that the robot waits for, makes way for, or passes.
 """
 
 import math
@@ -29,7 +29,7 @@ ROOT = "/bodies"
 TRAIL_LENGTH = 48  # points
 TRAIL_GAP = 0.06  # [m] between two points
 FASTEST = 3.0  # [m/s] a faster body was moved by hand: bodies drive and fly slower
-TRAIL_PAUSE = 1.0  # [s] longest gap counted to explain a jump; a larger jump begins a new trail
+TRAIL_PAUSE = 1.0  # [s] longest motion assumed between two drawings; a larger jump begins a new trail
 MESHES = {"temi": 0.97, "person": 1.75}  # [m] height of the mesh
 FROZEN = "frozen"
 
@@ -77,7 +77,7 @@ class BodyView:
             self._remove(name)
 
     def update_trails(self) -> None:
-        """Redraw the trails behind the Temis."""
+        """Redraw the trails behind Temis and persons."""
         pieces, tones = [], []
         for body in self._bodies.values():
             if len(body.trail) > 1:
@@ -152,7 +152,7 @@ class BodyView:
 
 
 def _part(name: str) -> str:
-    """A name as one part of a node's path, which overlay.js reads; a "/" in it makes no child of another body."""
+    """A name as one part of a node's path, which overlay.js reads; quoted, so that a "/" makes no child node."""
     return quote(name, safe="")
 
 

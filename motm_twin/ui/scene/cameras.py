@@ -135,7 +135,7 @@ class Cameras:
         server.on_client_disconnect(self._leave)
 
     def show(self, scene: Scene) -> None:
-        """Another scene: new visitors start in its overview, fixed views move to it."""
+        """Take another scene: new visitors start in its overview, fixed views move to it."""
         with self._lock:
             self._scene, (position, look_at) = scene, overview(scene)
             for eye in self._eyes.values():
@@ -181,7 +181,7 @@ class Cameras:
     def update(self, pose: Array, hand: Array, dt: float, *, ride: bool = True, target: Array | None = None) -> None:
         """Advance moves and rides; base pose, transform of the hand (4, 4), and time [s] since the last call.
 
-        ``ride``: cameras that ride along move now, with a new picture; ``target``: point [m] for the hand to reach.
+        ``ride``: cameras that ride along move now, with a new tick; ``target``: point [m] for the hand to reach.
         """
         now = time.monotonic()
         clients = self._server.get_clients()
@@ -340,9 +340,9 @@ def _widened(client: viser.ClientHandle, before: float, now: float) -> View | No
 
 
 def _step(sent: Array, position: Array) -> int | None:
-    """Index of the sent position, shape (n, 3), that a page is at or has just left for the next; None without one.
+    """Index of the sent position that a page is at, or has just left for the next; None without one.
 
-    The last position is preferred, then the earliest.
+    ``sent``: shape (n, 3). The last position is preferred, then the earliest.
     """
     step = np.diff(sent, axis=0, append=sent[-1:])
     square = np.maximum((step**2).sum(axis=1), 1e-12)
@@ -353,7 +353,7 @@ def _step(sent: Array, position: Array) -> int | None:
 
 
 class Visibility:
-    """Visibility of bodies on the floor in one visitor's picture."""
+    """Visibility of bodies on the floor in one visitor's view."""
 
     def __init__(self, camera: viser.CameraHandle, surroundings: Surroundings, tick: TickMessage) -> None:
         self._eye, look_at = np.asarray(camera.position, float), np.asarray(camera.look_at, float)

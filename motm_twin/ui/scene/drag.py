@@ -91,7 +91,7 @@ class Drag:
         self._thread.start()
 
     def held(self, name: str) -> Held | None:
-        """The hold on a body that is held or was just released; None when the twin's place counts."""
+        """The hold on a body that is held or was just released; None when it is drawn where the twin has it."""
         with self._lock:
             return self._held.get(name)
 

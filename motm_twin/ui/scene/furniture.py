@@ -292,7 +292,7 @@ class _Drawn:
 
 
 class FurnitureView:
-    """One node per piece moves; its parts ride along."""
+    """One movable node per piece; its mesh, shadow and bins are its children."""
 
     def __init__(self, server: viser.ViserServer, drag: Drag) -> None:
         self._scene, self._drag = server.scene, drag

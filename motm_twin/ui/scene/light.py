@@ -1,6 +1,6 @@
-"""Light, and self-luminous surfaces: soft shadows, floor, ground and sky as pictures.
+"""Light, and unlit surfaces: soft shadows, floor, ground and sky as pictures.
 
-Floor, ground and sky shine by themselves: their tones do not depend on the light, they meet without an edge, and in
+Floor, ground and sky are unlit: their tones do not depend on the light, they meet without an edge, and in
 software rendering they cost a fraction of lit surfaces. All pictures are computed, so that none has to be shipped.
 """
 
@@ -68,7 +68,7 @@ def add_lights(scene: viser.SceneApi) -> None:
         )
 
 
-# Surfaces without light
+# Unlit surfaces
 
 
 def unlit_glb(points: np.ndarray, faces: np.ndarray, uv: np.ndarray, picture: Image.Image) -> bytes:
@@ -108,7 +108,7 @@ def _greys() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
 
 
 def before_tone_curve(desired: NDArray[np.float64]) -> NDArray[np.uint8]:
-    """Pixel values of an unlit picture that look like ``wanted`` after the tone curve (sRGB 0-255, near grey)."""
+    """Pixel values of an unlit picture that look like ``desired`` after the tone curve (sRGB 0-255, near grey)."""
     return np.round(np.interp(desired, *_greys())).astype(np.uint8)
 
 
@@ -167,7 +167,7 @@ def _rectangle(bounds: Bounds, z: float) -> np.ndarray:
 
 
 def floor_glb(scene: Scene) -> bytes:
-    """The floor as an opaque mesh: pictures of the viewer are transparent ones, which hide each other at random."""
+    """The floor as an opaque mesh: Viser's images are transparent, and such surfaces hide each other at random."""
     picture, bounds = floor(scene)
     return _shining_glb(_rectangle(bounds, 0.0), _SQUARE, _UV, picture)
 

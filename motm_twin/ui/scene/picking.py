@@ -200,7 +200,7 @@ class Clicks:
     A click on a candidate shows its costs and paths, or hides them. A click on a body, a piece of furniture, a bin or a
     cube selects it, or deselects it; a cube stays selected, because a click on a bin after a cube delivers the cube
     there. A click on the floor puts a body that was just added there, sends an agent there, or deselects. Otherwise it
-    proposes a drive there, which a second click confirms. Any click takes the wheel if it is free.
+    proposes a drive there, which a second click confirms. Any click takes the lease if it is free.
     """
 
     def __init__(self, server: viser.ViserServer, hub: Hub) -> None:

@@ -29,14 +29,14 @@ from motm_twin.ui.scene.light import LYING, NO_SHADOW, box_shadow_glb, round_sha
 from motm_twin.ui.what_if import RUNS, Other
 
 ROOT, OTHERS = "/robot", "/others"
-AWAY = (0.0, 0.0, -100.0)  # [m] where unused parts of a batch wait
+AWAY = (0.0, 0.0, -100.0)  # [m] of the unused parts of a batch, out of sight
 NO_LINES = np.zeros((1, 2, 3), dtype=np.float32)
 COLOURED = np.zeros((1, 2, 3), dtype=np.uint8)  # for lines that will have several colours
 MOST = 2  # robots of a comparison
 MOST_MOVERS = 16  # dynamic bodies drawn per run
 COLOUR_NAMES = ("orange", "green")  # of `colours.OTHERS`
 _ROUND = 20  # corners of a cylinder
-_WITHIN = 0.96  # scale of the second run's movers: inside those of the first where they coincide
+_WITHIN = 0.96  # scale of the second run's bodies: inside those of the first where they coincide
 _LABEL_HEIGHT = 1.15  # [m]
 _LABEL_STEP = 0.3  # [m] the second label is higher by this much
 _SAME, _NEAR = 0.15, 1.1  # [m] below these, two robots are at one place; their labels would touch

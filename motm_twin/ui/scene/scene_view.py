@@ -126,7 +126,7 @@ class PlanView:
 
 
 def cost_of(placement: PlacementMessage, index: int) -> str:
-    """Costs of a candidate, or why it is out, in a few words."""
+    """Costs of a candidate, or the reason of its rejection, in a few words."""
     here, onward = placement.cost_current[index], placement.cost_next[index]
     if placement.rejected[index] or here is None:
         return placement.rejected[index] or "not possible"
@@ -247,7 +247,7 @@ def _joined(*meshes: trimesh.Trimesh) -> tuple[np.ndarray, np.ndarray]:
     return whole.vertices, whole.faces
 
 
-CLOCK = "/clock"  # node whose position holds the time [s] and run of a picture, for the page's script
+CLOCK = "/clock"  # node whose position holds the time [s] and run of a frame, for the page's script
 MAP = "/map"  # node of the ground
 MAP_HEIGHT = 0.002  # [m] above the floor
 
@@ -287,7 +287,7 @@ class SceneView:
         self._drag.leave(visitor)
 
     def draw(self, shown: Shown, dt: float, *, slow: bool) -> None:
-        """Draw one picture, all of one period; ``slow``: also changes within the period, such as a choice."""
+        """Draw one frame, all from one period; ``slow``: also changes within the period, such as a choice."""
         if shown.scene is not None and shown.scene is not self._scene:
             self._show_scene(shown.scene)
         tick, surroundings = shown.tick, self._surroundings
@@ -311,7 +311,7 @@ class SceneView:
             self._selection.update(shown.view.selected, tick, surroundings, live=shown.live)
             if fresh or slow:
                 self._draw_plan(shown, tick, surroundings)
-            self._clock.position = (tick.time, tick.run, 0.0)  # last: it closes the picture
+            self._clock.position = (tick.time, tick.run, 0.0)  # last: it completes the frame
         self._drawn = tick
         spot = target_spot(tick, surroundings)
         target = None if spot is None else np.array([spot.x, spot.y, spot.z + 0.5 * spot.height])
@@ -358,7 +358,7 @@ class SceneView:
 
 
 def _room(scene: Scene) -> tuple:
-    """Everything of a scene that floor and furniture are drawn from."""
+    """The parts of a scene from which floor and furniture are drawn."""
     return scene.bounds, scene.solids, scene.bins, scene.bumps
 
 
