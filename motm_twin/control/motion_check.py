@@ -134,7 +134,7 @@ def note_command(state: MotionState, actuation: Actuation, now: Observation) -> 
     state.commanded, state.rates = actuation.twist.copy(), actuation.joint_velocity.copy()
     state.recent.append((now.time, state.rates))
     if actuation.gripper != state.gripper:
-        state.gripper, state.since, state.width, state.fingers = actuation.gripper, now.time, now.gripper_width, ""
+        state.gripper, state.since, state.width = actuation.gripper, now.time, now.gripper_width
         state.fingers = "waited"
 
 

@@ -18,7 +18,7 @@ from motm_twin.model.geometry import Array, wrap_angle
 from motm_twin.model.known import KnownWorld
 from motm_twin.model.number import OWN, Number, Slider
 from motm_twin.model.reason import Kind, Reason
-from motm_twin.model.scene import DriveTo, Pick, Place, Task
+from motm_twin.model.scene import HEADING_TOLERANCE, DriveTo, Pick, Place, Task
 from motm_twin.model.state import Stateful
 
 
@@ -54,9 +54,6 @@ class SequenceParameters(msgspec.Struct, frozen=True, kw_only=True):
     no_progress: Annotated[
         float, Number("s", OWN, "time without progress of the base after which the task is given up")
     ] = 45.0
-
-
-HEADING_TOLERANCE = 0.35  # [rad] (20 deg) of a drive_to pose: part of the task's definition
 
 
 @dataclass

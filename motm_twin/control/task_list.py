@@ -38,7 +38,7 @@ def edited(now: TaskList, edit: TaskEdit, known: KnownWorld, *, engaged: bool) -
         return _inserted(now, edit, known, engaged=engaged)
     if isinstance(edit, RemoveTask):
         return _removed(now, edit.index, engaged=engaged)
-    return _moved(now, edit, known, engaged=engaged)
+    return _moved(now, edit, engaged=engaged)
 
 
 def kind_of(task: Task) -> str:
@@ -102,7 +102,7 @@ def _removed(now: TaskList, index: int, *, engaged: bool) -> TaskList:
     return _picked(now, keep)
 
 
-def _moved(now: TaskList, edit: MoveTask, known: KnownWorld, *, engaged: bool) -> TaskList:
+def _moved(now: TaskList, edit: MoveTask, *, engaged: bool) -> TaskList:
     _check_waiting(now, edit.index, "moved", engaged=engaged)
     job, to = _job(now, edit.index), _open_place(now, edit.to)
     if engaged and to == now.index:

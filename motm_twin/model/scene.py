@@ -122,6 +122,9 @@ class Place(msgspec.Struct, frozen=True, kw_only=True, tag="place"):
     bin: Annotated[str, Text(1, 64)]
 
 
+HEADING_TOLERANCE = 0.35  # [rad] (20 deg) of a `DriveTo` pose
+
+
 class DriveTo(msgspec.Struct, frozen=True, kw_only=True, tag="drive_to"):
     """Drive to a point, or to a pose when a heading is given. Done within ``tolerance`` [m] (and 20 deg)."""
 

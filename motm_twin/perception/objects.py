@@ -197,7 +197,8 @@ class ObjectTracker(Stateful[TrackerState]):
         """Other objects believed within reach [m] of one: names; x, y, z, yaw (odometry frame), 1 if seen or else 0."""
         x, y, _ = self.belief(name, observation)[0].tolist()
         T_odom_world = self._world_in_odometry(observation)
-        far = np.abs(self._prior_places - to_frame(T_odom_world, np.array([x, y]))).max(axis=1) > reach
+        apart = self._prior_places - to_frame(T_odom_world, np.array([x, y]))
+        far = np.abs(apart).max(axis=1) > math.sqrt(2.0) * reach  # the square below is turned against the world
         names, found = [], []
         for k, other in enumerate(self._priors):
             track = self._state.tracks.get(other)

@@ -140,10 +140,10 @@ def _blind(state: SweepState, scan: Scan, pose: Array, segments: Array, settings
     if expected >= settings.expected and returning <= settings.few * expected:
         why = Reason(kind=Kind.SCAN_BLIND, subject="lidar", value=returning, limit=expected, unit="beams")
         return Finding(reason=why, base=0.0)
-    return _vanished(state, scan, returning, expected, settings)
+    return _vanished(state, scan, returning, settings)
 
 
-def _vanished(state: SweepState, scan: Scan, returning: int, expected: int, settings: SweepSettings) -> Finding | None:
+def _vanished(state: SweepState, scan: Scan, returning: int, settings: SweepSettings) -> Finding | None:
     before = state.returning
     if state.vanished is None:
         gone = before >= max(settings.expected, settings.seen * len(scan.ranges)) and returning <= 0.1 * before

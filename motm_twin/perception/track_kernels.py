@@ -119,7 +119,10 @@ def goes_on_hidden(beams: NDArray[np.int64], ranges: Array, gap: float) -> bool:
 
 @njit(cache=True)
 def is_hidden(ranges: Array, directions: Array, middle: Array, radius: float) -> bool:
-    """True when at least half of the beams towards a disc end before it; ``middle`` (2,) [m] from the sensor."""
+    """True when at most half of the beams towards a disc reach it; ``middle`` (2,) [m] from the sensor.
+
+    A nan beam may have ended anywhere.
+    """
     x, y = middle[0], middle[1]
     away, towards, before = math.hypot(x, y), 0, 0
     if away <= radius:
@@ -128,7 +131,7 @@ def is_hidden(ranges: Array, directions: Array, middle: Array, radius: float) ->
         ahead, across = directions[k, 0], directions[k, 1]
         if abs(ahead * y - across * x) < radius and ahead * x + across * y > 0.0:
             towards += 1
-            before += ranges[k] < away - radius
+            before += not ranges[k] >= away - radius
     return before >= 0.5 * towards
 
 

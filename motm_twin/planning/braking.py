@@ -1,4 +1,4 @@
-"""Coming to rest without a collision: how much clearance braking leaves, and how to steer while braking.
+"""Coming to rest without a collision: how much clearance braking leaves.
 
 Between two tests of the clearance the base drives at most half of its length, so that the footprint at one of the tests
 covers all that it sweeps in between.
@@ -6,7 +6,6 @@ covers all that it sweeps in between.
 
 import math
 
-from motm_twin.model.geometry import Array
 from motm_twin.model.motion import kernel, step
 from motm_twin.planning.collision import ROUNDING, SLOPE, Body, Field, clearance, clearance_from
 
@@ -73,35 +72,3 @@ def can_stop(
             least = clearance(x, y, heading, 1.0, field, body)
             room = _sure(least, needed, reach)
     return least >= needed
-
-
-@kernel
-def best_braking(
-    pose: Array, twist: Array, w_max: float, a_max: float, b_max: float, notches: int, field: Field,
-    body: Body,
-) -> tuple[float, float]:  # fmt: skip
-    """Yaw acceleration [rad/s^2] that keeps most clearance while braking fully to rest, and that clearance [m].
-
-    Braking the yaw rate too is preferred unless another choice leaves over 5 mm more clearance.
-    """
-    half = notches // 2
-    stop = -math.copysign(b_max, twist[1]) if twist[1] != 0.0 else 0.0
-    best_b, best = stop, -math.inf
-    for j in range(-1, notches):
-        b = stop if j < 0 else b_max * (j - half) / half
-        x, y, heading = pose[0], pose[1], pose[2]
-        v, w = twist[0], twist[1]
-        least = math.inf
-        for _ in range(3):
-            v_end = math.copysign(max(0.0, abs(v) - a_max * 0.1), v)
-            w_end = w + b * 0.1
-            if j < 0:
-                w_end = math.copysign(max(0.0, abs(w) - b_max * 0.1), w)
-            w_end = min(w_max, max(-w_max, w_end))
-            x, y, heading = step(x, y, heading, v, w, v_end, w_end, 0.1)
-            v, w = v_end, w_end
-            least = min(least, clearance(x, y, heading, 1.0, field, body))
-        least = min(least, stopping_clearance(x, y, heading, v, w, a_max, b_max, -1.0, field, body))
-        if least > best + (0.005 if j >= 0 else 0.0):
-            best_b, best = b, least
-    return best_b, best

@@ -14,7 +14,6 @@ from motm_twin.perception.still_map import StaticMap
 from motm_twin.perception.tracks import IDENTITY
 from motm_twin.planning import search_memory, staa
 from motm_twin.planning.bezier import bezier_curve
-from motm_twin.planning.braking import best_braking
 from motm_twin.planning.collision import Field, body_of, clearances
 from motm_twin.planning.commitment import Commitment, SearchAnew, time_left
 from motm_twin.planning.cost_to_go import Table
@@ -48,7 +47,6 @@ from motm_twin.planning.visibility import Graph
 from motm_twin.planning.waiting import Among, best_wait
 
 CLOCK_CHUNK = 32  # expansions between two readings of the clock
-STILL_V = 1e-3  # [m/s]
 
 
 class StaaController:
@@ -200,7 +198,7 @@ class StaaController:
             kind=Kind.GIVES_WAY, subject=f"track {int(other[IDENTITY])}", value=math.hypot(other[2], other[3]),
             limit=wait.delay, unit="m/s",
         )  # fmt: skip
-        return self._stop(asked.problem, asked.field, PlanStatus.BRAKING, why, asked.goal, driven.expansions)
+        return self._stop(asked.problem, PlanStatus.BRAKING, why, asked.goal, driven.expansions)
 
     def _found(
         self, asked: Question, settings: search_memory.Settings, job: Job, memory: search_memory.Memory, *,
@@ -400,9 +398,9 @@ class StaaController:
         found = find_escape(problem.world, pose, self.body, self.limits, attempt)
         if found is None:
             why = Reason(kind=Kind.OVERLAP_STANDS, subject="base", value=depth, unit="m")
-            return self._stop(problem, field, PlanStatus.BRAKING, why, None, 0)
+            return self._stop(problem, PlanStatus.BRAKING, why, None, 0)
         why = Reason(kind=Kind.OVERLAP_LEAVES, subject="base", value=depth, unit="m")
-        return self._along(problem, found, self._stop(problem, field, PlanStatus.ESCAPING, why, None, 0), why)
+        return self._along(problem, found, self._stop(problem, PlanStatus.ESCAPING, why, None, 0), why)
 
     def _along(self, problem: BaseProblem, found: Escape, plan: BasePlan, why: Reason) -> BasePlan:
         """A plan that holds the twist of an escape."""
@@ -456,12 +454,12 @@ class StaaController:
         return time
 
     def _idle(self, problem: BaseProblem, field: Field, why: Reason) -> BasePlan:
-        return self._stop(problem, field, PlanStatus.IDLE, why, None, 0)
+        return self._stop(problem, PlanStatus.IDLE, why, None, 0)
 
     def _brake(
         self, problem: BaseProblem, field: Field, why: Reason, goal: LocalGoal, expansions: int, *, cut: bool = False
     ) -> BasePlan:
-        plan = self._stop(problem, field, PlanStatus.BRAKING, why, goal, expansions, cut=cut)
+        plan = self._stop(problem, PlanStatus.BRAKING, why, goal, expansions, cut=cut)
         found = self._recovered(problem, field)
         if found is None:
             return plan
@@ -478,7 +476,7 @@ class StaaController:
             return None
         held = Reason(kind=Kind.HELD_BACK, subject=target.name)
         why = Reason(kind=_kind_of(found), subject=target.name, cause=held)
-        return self._along(problem, found, self._stop(problem, field, PlanStatus.ESCAPING, why, None, 0), why)
+        return self._along(problem, found, self._stop(problem, PlanStatus.ESCAPING, why, None, 0), why)
 
     def _recovered(self, problem: BaseProblem, field: Field, way: int = 0) -> Escape | None:
         """A motion for a base that has stood without progress for some time; ``way``: index of the way to back off."""
@@ -491,19 +489,13 @@ class StaaController:
         return None
 
     def _stop(
-        self, problem: BaseProblem, field: Field, status: PlanStatus, why: Reason, goal: LocalGoal | None,
-        expansions: int, *, cut: bool = False,
+        self, problem: BaseProblem, status: PlanStatus, why: Reason, goal: LocalGoal | None, expansions: int, *,
+        cut: bool = False,
     ) -> BasePlan:  # fmt: skip
-        """Brake to rest; a moving base also steers to where braking leaves clearly more clearance."""
+        """The plan that brakes both axes to rest."""
         pose, twist = np.array(problem.pose, dtype=np.float64), np.array(problem.twist, dtype=np.float64)
         most = np.array([self.limits.linear_acceleration, self.limits.yaw_acceleration])
         acceleration = np.clip(-twist / problem.period, -most, most)
-        if status == PlanStatus.BRAKING and abs(twist[0]) > STILL_V:
-            acceleration[1], _ = best_braking(
-                pose, twist, self.limits.yaw_rate, most[0], most[1], self.parameters.notches, field, self.body
-            )
-            if abs(twist[1]) < most[1] * problem.period and acceleration[1] * twist[1] < 0.0:
-                acceleration[1] = -twist[1] / problem.period
         here = np.array([[*pose, *twist]])
         return BasePlan(
             acceleration=frozen(acceleration),

@@ -106,7 +106,7 @@ class MakesWay(Stateful[EvasionState]):
         if cost >= met - p.gain:
             return plan
         state.out_of_way = True
-        return _with_encounters(evading(problem, plan, best, movers), best, nearby, body, plan.encounters)
+        return _with_encounters(evading(plan, best, movers), best, nearby, body, plan.encounters)
 
 
 def _with_encounters(
@@ -135,7 +135,7 @@ def twists(limits: BaseLimits) -> Array:
     return np.array([(v, w) for v in speeds for w in turning])
 
 
-def evading(problem: BaseProblem, plan: BasePlan, states: Array, movers: Array) -> BasePlan:
+def evading(plan: BasePlan, states: Array, movers: Array) -> BasePlan:
     """The plan that drives these states (n, 5)."""
     nearest = movers[np.argmin(np.hypot(movers[:, 0] - states[0, 0], movers[:, 1] - states[0, 1]))]
     speed = float(math.hypot(nearest[2], nearest[3]))

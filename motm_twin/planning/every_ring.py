@@ -81,7 +81,7 @@ def every_ring(target: Target, survey: Survey) -> Candidates:
     """The candidates of all rings; the pose chosen before need only be free, without the clearance of others."""
     model = survey.model
     pose, place, place_of = rings(target.position, model.radii, model.placement.positions)
-    rejected = _unless_chosen(rejections(pose, model.placement.clearance, survey.here), target, pose, survey)
+    rejected = _unless_chosen(rejections(pose, survey.room.clearance, survey.here), target, pose, survey)
     for i in np.flatnonzero(~model.reach.reached_from(pose, target)).tolist():
         rejected[i] = rejected[i] or Rejection.NO_REACH
     return Candidates(Mode.RING, float(model.radii[0]), pose, place, place_of, rejected)

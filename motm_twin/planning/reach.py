@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from motm_twin.model.geometry import Array
 from motm_twin.model.motion import arc, kernel
 from motm_twin.model.profile import RobotProfile
+from motm_twin.model.scene import HEADING_TOLERANCE
 from motm_twin.planning.kernels import length_of
 from motm_twin.planning.parameters import ReachParameters, StaaParameters
 from motm_twin.planning.rtr import turn
@@ -147,9 +148,10 @@ class ReachModel:
         p = self.parameters
         if target.kind == "drive":
             heading = math.nan if target.heading is None else float(target.heading)
+            turned = min(staa.pass_heading, HEADING_TOLERANCE)  # beyond that the task is not done
             return Job(
                 DRIVE, float(target.position[0]), float(target.position[1]), 0.0, 0.0, 0.0, float(target.tolerance),
-                math.inf, ARRIVED, heading, staa.pass_heading, -1.0, np.array(target.walls),
+                math.inf, ARRIVED, heading, turned, -1.0, np.array(target.walls),
             )  # fmt: skip
         r_max = self.r_max(target)
         speed = p.relative_speed * (p.plan_speed if slack > 0.0 else 1.0)
@@ -183,7 +185,3 @@ class ReachModel:
             (float(target.position[0]), float(target.position[1])), np.array(target.walls), result,
         )  # fmt: skip
         return result
-
-    def passes(self, radius: float, target: Target) -> bool:
-        """Test that a base on a tangent of a circle of `radius` [m] gets the target into reach at all."""
-        return radius <= self.r_max(target)

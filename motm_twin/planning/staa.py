@@ -47,7 +47,7 @@ from motm_twin.planning.search_memory import (
     cost_at,
 )
 
-RUNNING, GOAL, ABORTED, DRY = 0, 1, 2, 3
+GOAL, ABORTED, DRY = 1, 2, 3
 NO_GOAL_TEST, END_TEST, PASS_TEST = 0, 1, 2
 # Columns of a row of `Memory.swing`, at the end or in the middle (MID) of a node: WAY is the direction of travel,
 # FACING (in the middle MID) the heading; _C and _S are cosine and sine.

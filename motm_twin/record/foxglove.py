@@ -305,7 +305,7 @@ class Drawer:
 
     def wants_tick(self, server_time: float) -> bool:
         """True when `tick` would add anything now."""
-        return any(server_time >= self._next.get(channel.topic, 0.0) - _TOLERANCE for channel in _FROM_TICK)
+        return any(self._is_due(channel, server_time, INTERVAL) for channel in _FROM_TICK)
 
     def robot(self, robot: bus.RobotStateMessage) -> None:
         """Add the frames of the robot, and once its shape."""
@@ -325,10 +325,14 @@ class Drawer:
         """Add a line of the log."""
         self.put(ch.DRAWN_LOG, event.server_time, log(event))
 
-    def _due(self, channel: ch.Channel, now: float, interval: float = INTERVAL) -> bool:
+    def _is_due(self, channel: ch.Channel, now: float, interval: float) -> bool:
         due = self._next.get(channel.topic, 0.0)
-        if due - 10.0 * interval < now < due - _TOLERANCE:  # even earlier: another server with its own clock
+        return not due - 10.0 * interval < now < due - _TOLERANCE  # even earlier: another server with its own clock
+
+    def _due(self, channel: ch.Channel, now: float, interval: float = INTERVAL) -> bool:
+        if not self._is_due(channel, now, interval):
             return False
+        due = self._next.get(channel.topic, 0.0)
         self._next[channel.topic] = due + interval if due <= now < due + interval else now + interval
         return True
 

@@ -70,6 +70,20 @@ def test_two_that_were_named_the_wrong_way_round_are_exchanged_when_both_are_see
         np.testing.assert_allclose(pair.belief(name, NOW)[0], at, atol=0.006)
 
 
+@pytest.mark.parametrize("turn", [0.0, math.pi / 4])
+def test_a_neighbour_that_was_not_seen_yet_is_one_however_odometry_is_turned(known, turn):
+    """In a corner of the square about a cube it was left out when odometry was turned against the world."""
+    odometry = np.array([0.0, 0.0, turn])
+    first, corner = np.array([2.0, 0.0]), np.array([0.09, 0.09])  # the second is that far along the axes of odometry
+    second = first + to_frame(odometry, corner)
+    priors = tuple(
+        SceneObject(name=name, position=(*place.tolist(), 0.8), yaw=0.0)
+        for name, place in zip("ab", (first, second), strict=True)
+    )
+    tracker = ObjectTracker(msgspec.structs.replace(known, objects=priors))
+    assert tracker.beside("a", 0.1, observe(0.0, pose=np.zeros(3), odometry=odometry))[0] == ("b",)
+
+
 def test_what_was_carried_away_with_its_furniture_is_not_exchanged_for_where_it_stood(pair):
     feed(pair, 0.0, name="b", at=HERE[0])
     pair.carry(lambda at: True, np.array([0.0, 0.0, 0.0]), NOW, held="", before=1.0)

@@ -12,7 +12,7 @@ from motm_twin.model.plant import Observation
 from motm_twin.model.profile import RobotProfile
 from motm_twin.model.state import state_hash
 from motm_twin.perception.mapper import Mapper
-from motm_twin.perception.track_kernels import passed
+from motm_twin.perception.track_kernels import is_hidden, passed
 from motm_twin.perception.tracks import IDENTITY, RADIUS, SD, VX, VY, DynamicTracker
 from motm_twin.perception.world_map import WorldMap
 
@@ -217,6 +217,14 @@ def test_beams_pass_a_place_only_when_all_near_it_do():
     assert look(ranges) == 1
     assert passed(place, np.zeros(2), first, step, np.full(90, np.inf), margin, 0.025) == 0  # out of view
     assert passed(place, np.array([4.0, 0.0]), first, step, np.full(360, np.inf), margin, 0.025) == 2  # across +-pi
+
+
+@pytest.mark.parametrize(("ranges", "hidden"), [(2.0, False), (0.5, True), (math.nan, True), (math.inf, False)])
+def test_beams_that_failed_may_have_ended_before_a_disc(ranges, hidden):
+    """Who stood in a sector that had gone blind was forgotten after 0.3 s: failed beams counted as passing by."""
+    bearings = np.linspace(-0.5, 0.5, 101)
+    directions = np.column_stack([np.cos(bearings), np.sin(bearings)])
+    assert is_hidden(np.full(101, ranges), directions, np.array([2.0, 0.0]), 0.25) == hidden
 
 
 def test_who_waits_out_of_sight_is_still_there():

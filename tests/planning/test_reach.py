@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from motm_twin.model.profile import RobotProfile
-from motm_twin.planning.parameters import ReachParameters
+from motm_twin.model.scene import HEADING_TOLERANCE
+from motm_twin.planning.parameters import ReachParameters, StaaParameters
 from motm_twin.planning.reach import ReachModel
 from motm_twin.planning.types import Target
 
@@ -40,3 +41,12 @@ def test_a_bin_is_reached_from_further_away_than_a_cube():
 def test_an_object_that_passes_too_fast_is_not_in_reach():
     model = ReachModel(RobotProfile(), ReachParameters())
     assert not model.contains(np.zeros(3), np.array([0.0, 2.0]), at(0.6, 1.5))
+
+
+def test_a_drive_is_at_its_heading_for_the_planner_only_when_its_task_is_done():
+    """With a slider at 60 deg the base stood 40 deg off, satisfied, and the task went on for ever."""
+    model = ReachModel(RobotProfile(), ReachParameters())
+    goal = Target(kind="drive", name="", position=np.zeros(2), dwell=0.0, heading=0.0, tolerance=0.15)
+    for off, there in ((0.9 * HEADING_TOLERANCE, True), (1.1 * HEADING_TOLERANCE, False)):
+        pose = np.array([0.0, 0.0, off])
+        assert model.contains(pose, STANDING, goal, StaaParameters(pass_heading=math.radians(60.0))) == there

@@ -22,7 +22,7 @@ from motm_twin.model.profile import RobotProfile
 from motm_twin.model.reason import Kind, Reason
 from motm_twin.model.scene_file import load_scene
 from motm_twin.record import channels as ch
-from motm_twin.record.foxglove import WORLD
+from motm_twin.record.foxglove import WORLD, Drawer
 from motm_twin.record.mcap_file import Health, read, recover
 from motm_twin.record.recording import info, load_recording, show
 from motm_twin.record.replay import _differing, rerun_run
@@ -212,6 +212,18 @@ def test_foxglove_messages_have_every_field_and_no_other(whole):
     for entry in read(whole):
         if entry.schema.startswith("foxglove."):
             check(json.loads(entry.data), ch.CHANNELS[entry.topic].schema, entry.topic)
+
+
+def test_a_server_whose_clock_is_earlier_is_drawn_at_once():
+    """After a restart with the clock set back, bodies, paths and plots were missing until the old time had come."""
+    drawn = []
+    drawer = Drawer(lambda channel, *_: drawn.append(channel.topic))
+    tick = Twin(load_scene("exp1", "trial1")).advance()
+    for server_time, wanted in ((1000.0, True), (1000.02, False), (500.0, True), (500.02, False), (500.1, True)):
+        assert drawer.wants_tick(server_time) == wanted
+        if wanted:
+            drawer.tick(tick_message(tick, 1, server_time))
+    assert drawn.count(ch.PLOTS.topic) == 3
 
 
 def test_viewers_that_know_no_references_find_plain_fields_in_front():

@@ -8,8 +8,10 @@ import numpy as np
 import pytest
 import trimesh
 from fake_twin import fake_scene
+from waiting import until
 
 from motm_twin.bus.client import TwinClient
+from motm_twin.bus.commands import Answer, ReleaseBody
 from motm_twin.bus.connection import free_port
 from motm_twin.bus.encode import tick_message
 from motm_twin.bus.messages import BodyMessage, TrackMessage
@@ -24,6 +26,7 @@ from motm_twin.twin import Twin
 from motm_twin.ui import colours
 from motm_twin.ui.hub import Hub, Shown
 from motm_twin.ui.scene import light
+from motm_twin.ui.scene.drag import SELECTION
 from motm_twin.ui.scene.furniture import bin_mesh, bump_mesh, loose_box_mesh, solids_mesh
 from motm_twin.ui.scene.picking import Surroundings
 from motm_twin.ui.scene.robot_view import APART, FREE, SILHOUETTES, reaching, silhouette_poses
@@ -387,3 +390,45 @@ def test_hits_of_the_lidar_stand_where_the_beams_have_ended():
         ranges=[2.0, None, 1.0],
     )  # fmt: skip
     assert hits(scan, 0.2) == pytest.approx(np.array([[3.0, 2.3, 0.2], [0.0, 2.3, 0.2]]))
+
+
+def test_the_knob_lets_go_of_what_it_turned_wherever_the_pointer_ends(view, tick):
+    """A gesture that ended above the horizon, or after another selection, held the body and the lease for good."""
+    selection, drag, name = view._selection, view._drag, tick.agents[0].name
+    sent = []
+    view._hub.command = lambda _, command: sent.append(command) or Answer(ok=True)
+    show(view, tick, SCENE)
+    selection.update(name, tick, view._surroundings, live=True)
+    eye = SimpleNamespace(camera=SimpleNamespace(position=(0.0, 0.0, 5.0)))
+    visitor = SimpleNamespace()
+    view._hub.refusal = lambda _: ""
+
+    def gesture(phase, z):
+        event = SimpleNamespace(
+            phase=phase, client_id=1, client=eye, start_position=(0, 0, 0), end_position=(1.0, 0.0, z)
+        )
+        selection._turn(event, visitor)
+
+    gesture("start", 0.0)
+    gesture("update", 0.0)
+    assert not drag.held(name).free
+    selection.update("", tick, view._surroundings, live=True)
+    gesture("end", 9.0)
+    assert drag.held(name) is None or drag.held(name).free
+    until(lambda: any(isinstance(command, ReleaseBody) and command.name == name for command in sent))
+
+
+def test_a_refused_turn_is_sent_once_and_stops_nobody_else(view, tick):
+    drag, name, sent = view._drag, tick.agents[0].name, []
+
+    def refuse(_, command):
+        sent.append(command)
+        return Answer(ok=False, reason="no")
+
+    view._hub.command, view._hub.refusal = refuse, lambda _: ""
+    one, other = (SimpleNamespace(client_id=k, phase="update") for k in (1, 2))
+    drag.turn(name, SimpleNamespace(), (1, SELECTION), (0.0, 0.0), 1.0)
+    until(lambda: drag.held(name) is None)
+    assert len(sent) == 1
+    assert not drag.allowed(SELECTION, one, None)
+    assert drag.allowed(name, other, None)

@@ -220,7 +220,7 @@ class Cameras:
         elif eye.mode == "Free":
             goal = _widened(client, before, eye.seen)
         else:
-            goal = self._fixed(eye, client)
+            goal = self._fixed(eye)
         if goal is None or eye.ease_from is None:
             return goal
         part, start, fov = _eased(eye, now), eye.ease_from, self._fov(eye, client, now)
@@ -233,7 +233,7 @@ class Cameras:
         near = [(view[0] - view[1]) * math.tan(end / 2) for view, end in ends]  # distances that show the same size
         return look_at + (near[0] + (near[1] - near[0]) * part) / math.tan(fov / 2), look_at
 
-    def _fixed(self, eye: _Eye, client: viser.ClientHandle) -> View | None:
+    def _fixed(self, eye: _Eye) -> View | None:
         if self._scene is None:
             return None
         if eye.ease_from is None and eye.target is not None and abs(eye.seen - eye.aspect) < 1e-3:

@@ -38,6 +38,7 @@ FROZEN_SIGN = 0.2  # [m] height of the sign of a frozen body
 SIGN: dict[str, Any] = {"font_screen_scale": 0.78, "anchor": "bottom-center"}  # of names over things
 SIGN_GAP = 0.05  # [m] over the selected thing
 Point = tuple[float, float]
+Gesture = tuple[int | None, str]  # client, and what its pointer holds
 DragHandle = viser.GlbHandle | viser.BoxHandle
 
 
@@ -56,6 +57,7 @@ class Held:
     """A body that a visitor holds: its desired place [m], and its heading [rad] while it is turned."""
 
     visitor: Visitor
+    gesture: Gesture
     x: float
     y: float
     heading: float | None = None
@@ -85,7 +87,7 @@ class Drag:
         self.surroundings: Surroundings | None = None  # tops and floors where a cube can be put
         self._lock = threading.Condition()
         self._held: dict[str, Held] = {}
-        self._grips: dict[tuple[int | None, str], _Grip | None] = {}  # None: the gesture was refused
+        self._grips: dict[Gesture, _Grip | None] = {}  # None: the gesture was refused
         self._stopping = False
         self._thread = threading.Thread(target=self._send, name="drag", daemon=True)
         self._thread.start()
@@ -107,13 +109,11 @@ class Drag:
         """Make a drawn cube draggable."""
         handle.on_drag("left")(self._hub.watching(lambda event, visitor: self._on_cube(name, event, visitor)))
 
-    def turn(self, name: str, visitor: Visitor, place: Point, heading: float, *, last: bool) -> None:
-        """Turn something on the spot to a heading [rad]; ``last``: then release it."""
+    def turn(self, name: str, visitor: Visitor, gesture: Gesture, place: Point, heading: float) -> None:
+        """Turn something on the spot to a heading [rad]."""
         with self._lock:
-            held = self._hold(name, Held(visitor, *place))
+            held = self._hold(name, Held(visitor, gesture, *place))
             held.heading, held.changed = heading, True
-            if last:
-                held.velocity = (0.0, 0.0)
             self._lock.notify()
 
     def leave(self, visitor: Visitor) -> None:
@@ -160,7 +160,7 @@ class Drag:
             return
         if grip is None or event.phase == "start":
             if event.phase == "end":
-                self._release(name)
+                self.release(name)
                 return
             (x, y), taken = where(), event.start_position
             grip = self._grips[key] = _Grip(x - float(taken[0]), y - float(taken[1]), float(taken[2]), slack)
@@ -173,9 +173,9 @@ class Drag:
                 self._grips[key] = replace(grip, slack=0.0)
             if self._hub.view.placing == name:
                 self._hub.view.placing = ""  # it is being placed by hand
-            self._move(name, visitor, place)
+            self._move(name, visitor, key, place)
         if event.phase == "end":
-            self._release(name)
+            self.release(name)
 
     def _on_cube(self, name: str, event: viser.SceneNodeDragEvent, visitor: Visitor) -> None:
         if self.surroundings is None or not self.allowed(name, event, visitor):
@@ -183,20 +183,21 @@ class Drag:
         put = self.surroundings.surface(Ray.through(event.client.camera.position, event.end_position))
         with self._lock:
             if put is not None:
-                held = self._hold(name, Held(visitor, 0.0, 0.0, cube=True))
+                held = self._hold(name, Held(visitor, (event.client_id, name), 0.0, 0.0, cube=True))
                 held.x, held.y, held.z = (float(value) for value in put)
             if event.phase == "end" and name in self._held:
                 self._held[name].velocity = (0.0, 0.0)
                 self._lock.notify()
 
-    def _move(self, name: str, visitor: Visitor, place: Point) -> None:
+    def _move(self, name: str, visitor: Visitor, gesture: Gesture, place: Point) -> None:
         with self._lock:
-            held = self._hold(name, Held(visitor, *place))
+            held = self._hold(name, Held(visitor, gesture, *place))
             (held.x, held.y), held.changed = place, True
             held.trace.append((time.monotonic(), *place))
             self._lock.notify()
 
-    def _release(self, name: str) -> None:
+    def release(self, name: str) -> None:
+        """Let go of something that is held, with the speed of the pointer."""
         with self._lock:
             held = self._held.get(name)
             if held is not None and not held.free:
@@ -213,9 +214,9 @@ class Drag:
             for name, visitor, command in orders:
                 if not self._hub.command(visitor, command).ok:
                     with self._lock:  # refused: the body stays where the twin has it
-                        self._held.pop(name, None)
-                        for key in [key for key in self._grips if key[1] == name]:
-                            self._grips[key] = None
+                        held = self._held.pop(name, None)
+                        if held is not None:
+                            self._grips[held.gesture] = None
             with self._lock:  # a release does not wait
                 self._lock.wait_for(
                     lambda: self._stopping or any(h.free and not h.gone_at for h in self._held.values()), INTERVAL
@@ -295,6 +296,7 @@ class SelectionView:
         self._sign = add.add_label(f"{SELECTION}/name", "", depth_test=False, visible=False, **SIGN)
         self._knob.on_drag("left")(hub.watching(self._turn))
         self._radius, self._name, self._place = 0.0, "", (0.0, 0.0)
+        self._turned: dict[int | None, tuple[str, Point]] = {}  # by client: what its knob turns, and where that is
 
     def update(self, name: str, tick: TickMessage, surroundings: Surroundings, *, live: bool) -> None:
         """Mark the thing of this name; hide the marks when there is none. ``live``: show the knob that turns it."""
@@ -321,13 +323,20 @@ class SelectionView:
             self._knob.position = (x + reach * math.cos(heading), y + reach * math.sin(heading), KNOB)
 
     def _turn(self, event: viser.SceneNodeDragEvent, visitor: Visitor) -> None:
-        """Turn the body to face the dragged knob."""
-        if not self._drag.allowed(SELECTION, event, visitor):
+        """Turn the body that was selected at the start of the gesture to face the dragged knob."""
+        client, allowed = event.client_id, self._drag.allowed(SELECTION, event, visitor)
+        if event.phase == "start":
+            self._turned.pop(client, None)
+        name, (x, y) = self._turned.setdefault(client, (self._name, self._place))
+        if event.phase == "end":
+            self._turned.pop(client, None)
+        if not name or not allowed:
             return
         pointed = on_plane(np.asarray(event.client.camera.position), np.asarray(event.end_position), KNOB)
-        if self._name and pointed is not None:
-            (x, y), last = self._place, event.phase == "end"
-            self._drag.turn(self._name, visitor, (x, y), math.atan2(pointed[1] - y, pointed[0] - x), last=last)
+        if pointed is not None:
+            self._drag.turn(name, visitor, (client, SELECTION), (x, y), math.atan2(pointed[1] - y, pointed[0] - x))
+        if event.phase == "end":
+            self._drag.release(name)
 
 
 def spot_of(name: str, tick: TickMessage, surroundings: Surroundings) -> Spot | None:

@@ -233,7 +233,7 @@ class Clicks:
         elif kind in SELECTABLE:
             view.selected = "" if view.selected == hit.name and kind != "object" else hit.name
         else:
-            await self._floor(visitor, tick, round(float(hit.point[0]), 3), round(float(hit.point[1]), 3))
+            await self._floor(visitor, round(float(hit.point[0]), 3), round(float(hit.point[1]), 3))
 
     async def _deliver(self, visitor: Visitor, tick: TickMessage, cube: str, box: str) -> None:
         before = (waiting_job(tick.tasks, cube) or (0, ""))[1]
@@ -247,7 +247,7 @@ class Clicks:
             end = f", not to {before}" if before else " added"
             self._hub.tell(visitor, f"{cube} \N{RIGHTWARDS ARROW} {box}{end}", "Task", "green")
 
-    async def _floor(self, visitor: Visitor, tick: TickMessage, x: float, y: float) -> None:
+    async def _floor(self, visitor: Visitor, x: float, y: float) -> None:
         view = self._hub.view
         if view.sending:
             if await self._order(visitor, SendAgent(name=view.sending, x=x, y=y)):
