@@ -34,7 +34,7 @@ from motm_twin.model.arm_kernels import manipulability_gradient
 from motm_twin.model.edits import ParameterValue
 from motm_twin.model.geometry import frozen
 from motm_twin.model.known import known_world
-from motm_twin.model.plant import PERIOD, Actuation, Observation, Scan
+from motm_twin.model.plant import ARM_STEP, PERIOD, Actuation, Observation, Scan
 from motm_twin.model.profile import READY, Lidar, RobotProfile
 from motm_twin.model.scene import Scene
 from motm_twin.model.scene_file import load_scene
@@ -53,7 +53,6 @@ from motm_twin.sim.plant import SimulatedPlant
 from motm_twin.sim.referee_geometry import update_gaps
 from motm_twin.twin import Twin
 
-ARM_STEP = 0.01  # [s]
 LOOK = 0.2  # [s] between two checks of the compiling processes
 PERIODS = 10
 WATCHED = 80  # periods with dynamic obstacles

@@ -337,7 +337,7 @@ class StatusMessage(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class GridInfo(msgspec.Struct, frozen=True, kw_only=True):
-    """Attachment of a grid: how to read its bytes."""
+    """Attachment of a grid: layout of its bytes."""
 
     version: str  # motm.grid/1
     run: int  # as in the ticks
@@ -350,14 +350,14 @@ class GridInfo(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class SceneInfo(msgspec.Struct, frozen=True, kw_only=True):
-    """Attachment of a scene: ticks of earlier runs are of another one."""
+    """Attachment of a scene: the run from which on it holds."""
 
     version: str = SCENE_INFO_VERSION
     run: int  # that begins with it, as in the ticks
 
 
 class SessionInfo(msgspec.Struct, frozen=True, kw_only=True):
-    """Attachment of a session: the run that it is of."""
+    """Attachment of a session: the run that it records."""
 
     version: str = SESSION_INFO_VERSION
     run: int  # as in the ticks

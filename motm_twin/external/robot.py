@@ -35,11 +35,10 @@ from motm_twin.bus.plant_messages import (
 )
 from motm_twin.control.predictor import expired
 from motm_twin.external.robot_link import WIDEST
-from motm_twin.model.plant import Actuation, Scan
+from motm_twin.model.plant import SUBSTEP, Actuation, Scan
 from motm_twin.model.profile import DQ_MAX, BaseLimits
 from motm_twin.model.scene import Scene
 from motm_twin.plants import make_plant
-from motm_twin.sim.plant import SUBSTEP
 
 T = TypeVar("T")
 EARLY = 1e-9  # [s] rounding of times

@@ -13,8 +13,8 @@ import zenoh
 from motm_twin.bus.connection import PlantKeys, direct, open_member, spoken_on
 from motm_twin.bus.plant_messages import VERSION, ClockGrant, EditRequest, PlantAnswer, ResetRequest, TaskNotice
 from motm_twin.external.robot import LinkSpec, ReferenceRobot, encode
+from motm_twin.model.plant import SUBSTEP
 from motm_twin.model.scene import Scene
-from motm_twin.sim.plant import SUBSTEP
 
 MAX_WAITING = 2000  # messages; more are dropped
 MAX_REQUEST = 1024 * 1024  # bytes

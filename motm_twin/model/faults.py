@@ -65,19 +65,19 @@ _TABLE = (  # name, group, button and phrase; one line for documents; number: it
     ),
     (
         ("lidar_nan", "lidar", "Lidar NaN", "{:.3g} of the lidar's beams nan"),
-        "a share of the beams, at least one, says nan",
+        "a share of the beams, at least one, reports nan",
         ("amount", 0.0, 1.0, 0.3, "share"),
     ),
     (
         ("lidar_noise", "lidar", "Lidar noisy", "lidar noise {:g} times as large"),
-        "the noise of the ranges is so many times as large (of 0.01 m where it is none)",
+        "range noise is larger by this factor (of 0.01 m where there is none)",
         ("amount", 1.0, 50.0, 10.0, "times"),
     ),
-    (("lidar_delay", "lidar", "Lidar late", "lidar {:.2f} s late"), "sweeps come late, with their true stamps", _LATE),
-    (("camera_off", "camera", "Camera off", "camera off"), "no pictures come", ()),
+    (("lidar_delay", "lidar", "Lidar late", "lidar {:.2f} s late"), "scans arrive late, with their true stamps", _LATE),
+    (("camera_off", "camera", "Camera off", "camera off"), "no images arrive", ()),
     (
         ("camera_delay", "camera", "Camera late", "camera {:.2f} s late"),
-        "detections come late, with their true stamps",
+        "detections arrive late, with their true stamps",
         _LATE,
     ),
     (
@@ -87,7 +87,7 @@ _TABLE = (  # name, group, button and phrase; one line for documents; number: it
     ),
     (
         ("camera_swap", "camera", "Cube swap", "two objects swapped"),
-        "the two objects nearest to the camera are taken for each other",
+        "the two objects nearest to the camera exchange their names",
         (),
     ),
     (
@@ -97,7 +97,7 @@ _TABLE = (  # name, group, button and phrase; one line for documents; number: it
     ),
     (
         ("pose_jump", "localisation", "Pose jump", "localisation {:.2f} m off"),
-        "the localised pose is so far off",
+        "the localised pose is off by this distance",
         ("amount", 0.1, 1.0, 0.3, "m"),
     ),
     (
@@ -107,29 +107,29 @@ _TABLE = (  # name, group, button and phrase; one line for documents; number: it
     ),
     (
         ("odometry_jump", "wheels", "Odometry jump", "odometry {:.2f} m off"),
-        "odometry is so far off",
+        "odometry jumps by this distance",
         ("amount", 0.1, 1.0, 0.3, "m"),
     ),
     (
         ("wheel_slip", "wheels", "Wheels slip", "wheels slip by {:.0%}"),
-        "this share of what the wheels turn does not move the base",
+        "this share of the wheels' motion does not move the base",
         ("amount", 0.05, 1.0, 0.5, "share"),
     ),
     (
         ("base_lag", "wheels", "Base late", "base lags {:.2f} s more"),
-        "the base follows its commands with so much more lag",
+        "the base follows its commands with this additional lag",
         _LATE,
     ),
-    (("base_stuck", "wheels", "Base stuck", "base stuck"), "the wheels brake, and stand", ()),
+    (("base_stuck", "wheels", "Base stuck", "base stuck"), "the wheels brake and stay still", ()),
     (
         ("joint_stuck", "arm", "Joint stuck", "joint {:.0f} stuck"),
-        "one joint of the arm brakes, and stands",
+        "one arm joint brakes and stays still",
         ("joint", JOINT.low, JOINT.high, USUAL_JOINT, ""),
     ),
-    (("gripper_stuck", "arm", "Fingers stuck", "gripper stuck"), "the fingers stand", ()),
+    (("gripper_stuck", "arm", "Fingers stuck", "gripper stuck"), "the fingers do not move", ()),
     (
         ("state_delay", "state", "State late", "state of the robot {:.2f} s late"),
-        "all that the robot says of its own motion comes late, and says so",
+        "the robot's reports of its own motion arrive late, with their true age",
         _LATE,
     ),
 )

@@ -20,6 +20,7 @@ LONGEST_PERIOD = 1.2 * PERIOD  # [s] longest time between two consecutive period
 PERIODS_PER_SECOND = round(1.0 / PERIOD)
 ARM_STEPS = 5  # arm steps in a period: 100 Hz
 ARM_STEP = PERIOD / ARM_STEPS  # [s]
+SUBSTEP = 0.01  # [s] of the simulated plants
 SLOW_AGE = 0.15  # [s] age of a scan or state from which robots slow down, by default
 
 

@@ -90,7 +90,7 @@ class Bump(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Agent(msgspec.Struct, frozen=True, kw_only=True):
-    """A moving obstacle: drives round its waypoints for ever (or stands, when it has none); one waypoint: stays there.
+    """A dynamic obstacle that drives round its waypoints; with one waypoint it stops there, with none it stands.
 
     The fields in `later` are hashed only when they are not as usual: runs without them keep their hash.
     """
@@ -139,8 +139,8 @@ Task = Pick | Place | DriveTo
 class Noise(msgspec.Struct, frozen=True, kw_only=True):
     """Errors of sensors, localisation and actuation; 0 switches one off. Lags are in the robot profile.
 
-    The defaults here are the earlier ones, which sessions and figures without the later fields were made with. A scene
-    file that says nothing has `USUAL_NOISE`; its sources are beside it.
+    The defaults are the original values, used by sessions and figures without the later fields. A scene file without
+    `noise` gets `USUAL_NOISE`; its sources are beside it.
     """
 
     localisation_position_sd: float = 0.01  # [m] per axis, correlated over localisation_correlation_time

@@ -16,7 +16,7 @@ from motm_twin.model.arm_kernels import ARM_FRAMES, FLANGE, HAND, HAND_LENGTH, T
 from motm_twin.model.assets import LINKS
 from motm_twin.model.exact import norm
 from motm_twin.model.geometry import Array, wrap_angle
-from motm_twin.model.plant import Contact, PhysicsTruth
+from motm_twin.model.plant import SUBSTEP, Contact, PhysicsTruth
 from motm_twin.model.profile import Q_MAX, Q_MIN
 from motm_twin.model.scene import REFLEXES, Scene
 from motm_twin.physics.forces import ArmAlone, Contacts, Grasp, PhysicsState, disagreements, force_of, note_reflexes
@@ -42,7 +42,6 @@ from motm_twin.sim.plant_state import ArmState, BaseState, PlantState
 from motm_twin.sim.referee import SUPPORT_CLEAR
 from motm_twin.sim.solids import Scenery, Solids
 
-SUBSTEP = 0.01  # [s]
 _STEPS = round(SUBSTEP / TIMESTEP)
 _STATE = mujoco.mjtState.mjSTATE_INTEGRATION
 _SETTLING = 30  # substeps in which all bodies settle at the start

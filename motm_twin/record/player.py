@@ -260,6 +260,11 @@ class Player:
         if self._state == "playing" and time.monotonic() >= self._due:
             self._advance()
 
+    @property
+    def state(self) -> str:
+        """State as in `status`, which takes longer."""
+        return self._state
+
     def status(self) -> StatusMessage:
         """The status, as of a twin; from any thread."""
         frame, scene, last = self._frames[max(self._at, 0)], self._scene, self._frames[len(self._frames) - 1]

@@ -117,8 +117,8 @@ def main() -> None:
     server.start()
     reported = ""
     while not stop.wait(WATCH):
-        status = server.player.status()
-        if status.state != reported:
+        if server.player.state != reported:
+            status = server.player.status()
             reported = status.state
             report("state", state=reported, text=status.text or status.plant_text)
     server.close()

@@ -15,7 +15,16 @@ from motm_twin.model.geometry import Array
 from motm_twin.model.scene import Agent, Point
 from motm_twin.model.state import LATER
 from motm_twin.sim.agent_kernels import bearing_to, look_about, steer, way_round
-from motm_twin.sim.crowd import NO_ROBOT, Crowd, RobotShadow, orca, preferred_velocity, social_force, walk
+from motm_twin.sim.crowd import (
+    DECISION_STEPS,
+    NO_ROBOT,
+    Crowd,
+    RobotShadow,
+    orca,
+    preferred_velocity,
+    social_force,
+    walk,
+)
 from motm_twin.sim.kernels import clearance
 from motm_twin.sim.solids import Solids
 
@@ -37,7 +46,6 @@ GIVE_UP = 15.0  # [s] of waiting after which an agent gives up the point it was 
 AGAIN = 1.5  # [s] between further attempts
 GRID = 0.1  # [m] cell size of the search for a detour
 WINDOW = 3.0  # [m] half width of the searched area about the agent
-DECISION_STEPS = 5  # substeps between two observations of the world
 FACING = 0.5  # [rad] heading error up to which a standing agent is waiting, not turning
 CREEP = 0.03  # [m/s] below which an agent that wants to drive counts as waiting
 STUCK = 0.1  # share of its speed below which a walking agent counts as waiting

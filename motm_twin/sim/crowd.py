@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from motm_twin.model.compiler import njit
 from motm_twin.model.geometry import Array
+from motm_twin.model.plant import SUBSTEP
 from motm_twin.model.rvo import Neighbours
 from motm_twin.sim.kernels import Index
 from motm_twin.sim.solids import Solids
@@ -105,7 +106,8 @@ def walk(pose: Array, v: float, desired: Array, acceleration: float, dt: float) 
     return there, speed
 
 
-STEP = 0.05  # [s] between two looks: overlapping bodies separate within it, forces act over it
+DECISION_STEPS = 5  # substeps between two observations of the world
+STEP = DECISION_STEPS * SUBSTEP  # [s] in which overlapping bodies separate, and over which forces act
 
 
 def orca(crowd: Crowd) -> Array:

@@ -14,14 +14,14 @@ import numpy as np
 from motm_twin.model.arm_kernels import HAND, TCP, fk_arm, placed_frames
 from motm_twin.model.edits import WorldEdit
 from motm_twin.model.geometry import Array
-from motm_twin.model.plant import Actuation, Observation, Truth
+from motm_twin.model.plant import SUBSTEP, Actuation, Observation, Truth
 from motm_twin.model.profile import READY, ArmSpec
 from motm_twin.model.scene import PlanarPose, Point, Scene, Task
 from motm_twin.model.state import Stateful
 from motm_twin.sim.agent_kernels import shadow_corners
-from motm_twin.sim.agents import DECISION_STEPS, Agents, AgentState, start_agent
+from motm_twin.sim.agents import Agents, AgentState, start_agent
 from motm_twin.sim.bodies import RobotObstruction, slide_body, square_outline
-from motm_twin.sim.crowd import NO_ROBOT, RobotShadow
+from motm_twin.sim.crowd import DECISION_STEPS, NO_ROBOT, RobotShadow
 from motm_twin.sim.faults import CubeMover, FaultEffects, expire, gripper_with
 from motm_twin.sim.gripper import Gripper
 from motm_twin.sim.kernels import compile_gaps
@@ -34,7 +34,6 @@ from motm_twin.sim.solids import Furnishings, Layout, Scenery, build_scenery
 from motm_twin.sim.verdict import NOT_JUDGED, World
 from motm_twin.sim.world_edits import Effects, Rehearsal, check_edit
 
-SUBSTEP = 0.01  # [s]
 _RNG = 0x11DA2, 0xCA3E2A, 0x10CA7E  # seeds of lidar, camera, localisation
 _SHADOW_TIMES = np.array([0.0, 0.4, 0.8])  # [s] ahead at which agents expect the base
 _SHADOW_FIRST = 4 * np.arange(len(_SHADOW_TIMES) + 1)

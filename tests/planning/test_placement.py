@@ -14,10 +14,11 @@ from motm_twin.model.profile import Lidar, RobotProfile
 from motm_twin.model.state import state_hash
 from motm_twin.perception.world_map import WorldMap
 from motm_twin.planning.candidates import PlacementState, ring, rings
+from motm_twin.planning.every_ring import every_ring
 from motm_twin.planning.parameters import PlacementParameters, PlanningParameters, ReachParameters
 from motm_twin.planning.placement import NextTargetPlacement
 from motm_twin.planning.rejections import in_sight
-from motm_twin.planning.types import BaseProblem, Placement, Target
+from motm_twin.planning.types import BaseProblem, Placement, Recovery, Target
 
 W_MAX = RobotProfile().base.yaw_rate
 
@@ -297,3 +298,14 @@ def test_what_hides_a_place_hides_it_from_the_lidar_and_not_from_the_middle_of_t
         here = NextTargetPlacement(robot, PlanningParameters()).survey(problem(post, None), PlacementState()).here
         free += in_sight(there, here).tolist()
     assert free == [False, True]
+
+
+def test_a_robot_that_finds_no_way_may_stand_with_less_clearance() -> None:
+    """Rings of `fast` and `foresight` kept their usual clearance while the robot stood without progress."""
+    box = world_of((rectangle(-0.3, -0.3, 0.3, 0.3),))
+    counts = []
+    for tightness in (0.0, 1.0):
+        asked = msgspec.structs.replace(problem(box, target("pick", 0.0, 0.0)), recovery=Recovery(tightness=tightness))
+        survey = NextTargetPlacement(RobotProfile(), PlanningParameters()).survey(asked, PlacementState())
+        counts.append(every_ring(asked.target, survey).rejected.count(""))
+    assert 0 < counts[0] < counts[1]

@@ -9,9 +9,9 @@ import pytest
 from sim_scenes import QUIET, experiment, scene
 
 from motm_twin.model.known import known_world
-from motm_twin.model.plant import Actuation
+from motm_twin.model.plant import SUBSTEP, Actuation
 from motm_twin.model.scene import EARLIER_NOISE, Mismatch
-from motm_twin.sim.plant import SUBSTEP, SimulatedPlant
+from motm_twin.sim.plant import SimulatedPlant
 from motm_twin.sim.sensors import Localisation
 
 

@@ -10,6 +10,7 @@ from motm_twin.bus import messages as bus
 from motm_twin.control.arm.types import ProgramStatus
 from motm_twin.model.edits import ParameterValue
 from motm_twin.model.scene import REFLEXES, Scene
+from motm_twin.planning.parameters import PlacementParameters
 from motm_twin.ui import colours
 from motm_twin.ui.hub import Hub, Shown, Visitor
 from motm_twin.ui.panel import explain
@@ -39,6 +40,7 @@ from motm_twin.ui.panel.widgets import (
 
 FAST, SLOW = 2, 10  # updates (of 0.1 s) between refreshes of live text, and of statistics
 NEXT_WEIGHT = "next_weight"  # parameter: weight of the cost C_N
+USUAL_NEXT_WEIGHT = PlacementParameters().next_weight
 ROUNDED = 0.05  # [s] tolerance of the sum of a message's costs
 _PLACE = "Of all places where the base could stand for its target, this one costs the least."
 READY_MANIPULABILITY = 0.0838  # of the Panda's ready pose
@@ -95,7 +97,7 @@ class WhyTab(Block):
             self._explained = tick, picked
             self._now.content = now_card(tick, shown.scene, shown.status)
             self._task.content = task_card(tick)
-            weight = float(parameters.get(NEXT_WEIGHT, 1.05))
+            weight = float(parameters.get(NEXT_WEIGHT, USUAL_NEXT_WEIGHT))
             self._candidate.content = candidate_card(tick.placement, picked, weight)
             self._arm.content = arm_card(tick, parameters, shown.scene)
             self._forces.content = forces_card(tick)
@@ -271,7 +273,7 @@ def events_card(tick: bus.TickMessage, events: Sequence[bus.EventMessage]) -> st
     return card(heading("What happened"), "".join(rows) or '<div class="mu">nothing yet</div>')
 
 
-def candidate_card(placement: bus.PlacementMessage, index: int | None, next_weight: float = 1.05) -> str:
+def candidate_card(placement: bus.PlacementMessage, index: int | None, next_weight: float = USUAL_NEXT_WEIGHT) -> str:
     """Costs of one candidate, or why it is rejected; with none picked, the chosen one and the legend."""
     if index is None or not 0 <= index < len(placement.poses):
         chosen = placement.chosen
