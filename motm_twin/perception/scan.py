@@ -79,6 +79,8 @@ def _beams_wrong(scan: Scan) -> str:
     most = max(1, int(BAD_SHARE * bad.size))
     if count > most:
         return f"{count} of {bad.size} ranges are nan or negative, at most {most} may be"
+    if abs(step) * (bad.size + 0.5) >= 2.0 * math.pi:  # all round: its last beam is beside its first
+        bad = np.roll(bad, -int(bad.argmin()))
     edges = np.flatnonzero(np.diff(np.concatenate(([False], bad, [False])).astype(np.int8)))
     longest = int((edges[1::2] - edges[::2]).max())
     if longest > 1 and longest * abs(step) > BLIND_ANGLE:

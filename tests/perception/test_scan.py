@@ -1,9 +1,12 @@
 """Bad scans never reach the map."""
 
+import math
+
 import msgspec
 import numpy as np
 import pytest
 
+from motm_twin.model.profile import Lidar
 from motm_twin.perception.mapper import Mapper
 from motm_twin.perception.scan import CheckedScan, RefusedScan, check_scan
 
@@ -58,6 +61,17 @@ def test_a_few_bad_beams_are_left_out_and_the_others_count(known, value, wrong):
     mapper = Mapper(known)
     mapper.update(observe(1.0, altered(ranges=ranges)))
     assert mapper.refusal is None and mapper.scan_stamp == 1.0
+
+
+def test_bad_beams_on_both_sides_of_where_a_sweep_all_round_begins_are_neighbours():
+    """A blind sector straight behind the base counted as two that were narrow enough."""
+    lidar = Lidar(beams=360, field_of_view=math.radians(359.0))
+    ranges = np.full(360, 4.0)
+    ranges[:5] = ranges[-5:] = np.nan
+    scan = altered(ranges=ranges, angle_min=-0.5 * lidar.field_of_view, angle_step=math.radians(1.0))
+    assert "neighbouring" in str(check_scan(scan, lidar, 1.0).reason)
+    narrow = msgspec.structs.replace(scan, ranges=np.where(np.arange(360) < 5, np.nan, 4.0))
+    assert isinstance(check_scan(narrow, lidar, 1.0), CheckedScan)
 
 
 def test_a_checked_scan_cannot_be_built_by_hand():
