@@ -322,7 +322,12 @@ class DynamicTracker(Stateful[TrackState]):
         p = self.parameters
         track.radius = min(max(seen_width(own, sensor), p.radius_min), p.radius_max)
         track.state = np.array([*front_circle(own, sensor, track.radius), *track.state[2:].tolist()])
-        track.covariance = np.diag([p.noise**2, p.noise**2, p.first_speed**2, p.first_speed**2])
+        track.covariance = self._first_covariance()
+
+    def _first_covariance(self) -> Array:
+        """Covariance of a track after one sighting, shape (4, 4)."""
+        p = self.parameters
+        return np.diag([p.noise**2, p.noise**2, p.first_speed**2, p.first_speed**2])
 
     def _correct(self, track: Track, own: Array, scan: CheckedScan, alone: np.bool_, partly: np.bool_) -> None:
         """Correct a track with its points (n, 2); see `correct`."""
@@ -387,10 +392,8 @@ class DynamicTracker(Stateful[TrackState]):
             middle = front_circle(own, scan.origin, radius)
             if any(math.dist(middle, other.state[:2]) < other.radius + p.radius_min for other in state.tracks):
                 continue
-            variance = p.noise**2
-            covariance = np.diag([variance, variance, p.first_speed**2, p.first_speed**2])
             first, place = np.array([*middle, 0.0, 0.0]), Place(own, look)
-            track = Track(state.next_identity, first, covariance, radius, place, scan.stamp)
+            track = Track(state.next_identity, first, self._first_covariance(), radius, place, scan.stamp)
             track.static = _most(rest.static[start:end])
             state.tracks.append(track)
             state.next_identity += 1

@@ -101,7 +101,7 @@ class StaaController:
         field = self._graphs.field(problem.world)
         self._asked = None
         if target is None or placement.mode == Mode.NONE:
-            return self._idle(problem, field, Reason(kind=Kind.NOTHING_TO_DO)), False
+            return self._idle(problem, Reason(kind=Kind.NOTHING_TO_DO)), False
         self._asked = (problem, placement)
         if self._overlap_depth(problem, field) > problem.world.resolution:
             return self._escape(problem, field), False
@@ -111,7 +111,7 @@ class StaaController:
         if placement.chosen < 0:
             return self._brake(problem, field, placement.why, goal, 0), False
         if placement.mode == Mode.CLOSEST and self.at_goal(problem.pose, placement):
-            return self._idle(problem, field, _arrived(placement.why)), False
+            return self._idle(problem, _arrived(placement.why)), False
         recovers = self._held_up(problem, target, field)
         if recovers is not None:
             return recovers, False
@@ -453,7 +453,7 @@ class StaaController:
             time += length / speed
         return time
 
-    def _idle(self, problem: BaseProblem, field: Field, why: Reason) -> BasePlan:
+    def _idle(self, problem: BaseProblem, why: Reason) -> BasePlan:
         return self._stop(problem, PlanStatus.IDLE, why, None, 0)
 
     def _brake(

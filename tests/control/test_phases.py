@@ -11,7 +11,7 @@ from motm_twin.control.arm.geometry import stretch
 from motm_twin.control.arm.motion import _point
 from motm_twin.control.arm.parameters import ArmParameters
 from motm_twin.control.arm.types import Phase
-from motm_twin.control.arm.view import ManipulatorState
+from motm_twin.control.arm.view import ManipulatorState, View
 from motm_twin.model.profile import RobotProfile
 from motm_twin.model.reason import Kind
 from motm_twin.model.scene_check import FINGER_ROOM
@@ -67,6 +67,29 @@ def test_a_hand_that_came_down_before_the_wheels_slipped_goes_up_again(speed, si
     _, why = phases._approach(state, view, SimpleNamespace(parameters=P, reach=lambda _: 0.8))
     assert state.phase == (Phase.FINAL if stays else Phase.RETRY)
     assert (why is None) == stays
+
+
+@pytest.mark.parametrize(
+    ("since", "twist", "slides"),
+    [(1.0, (0.3, 0.0), True), (1.0, (0.0, 0.3), True), (1.0, (0.01, 0.0), False), (-math.inf, (0.3, 0.0), False)],
+)
+def test_a_base_that_stands_or_grips_does_not_slide(since, twist, slides):
+    view = SimpleNamespace(slips_since=since, arm=SimpleNamespace(measured=np.array(twist)))
+    assert View.slides(view, P) == slides
+
+
+@pytest.mark.parametrize(("kind", "phase"), [("pick", Phase.FINAL), ("place", Phase.RELEASE)])
+def test_a_hand_over_its_target_comes_down_once_the_base_stands_or_grips(monkeypatch, kind, phase):
+    monkeypatch.setattr(phases, "choose_yaw", lambda *_: None)
+    room = SimpleNamespace(top_between=lambda *_: -math.inf)
+    rules, inputs = SimpleNamespace(parameters=P, reach=lambda _: 0.8, room=room), SimpleNamespace(T_odom_world=None)
+    state, view = ManipulatorState(phase=Phase.TRANSIT, holding=kind == "place"), over_cube(0.0, 0.05, 0.04)
+    view.goal.kind, view.time_to_range, view.slides = kind, 0.0, lambda _: True
+    _, why = phases._arrive(state, view, inputs, rules)
+    assert state.phase == Phase.TRANSIT and why.kind == Kind.WAITS_FOR_GRIP
+    view.slides = lambda _: False
+    phases._arrive(state, view, inputs, rules)
+    assert state.phase == phase
 
 
 def test_after_a_miss_the_hand_goes_straight_up_whatever_becomes_of_its_target():

@@ -14,6 +14,7 @@ from motm_twin.perception.localisation_check import (
     correct,
     finding,
     limit_of,
+    slips_since,
     vote,
 )
 from motm_twin.perception.sweeps import expected_ranges
@@ -96,13 +97,17 @@ def test_a_push_is_believed_said_and_over():
 
 @pytest.mark.parametrize("segments", [ROOM, EMPTY])
 def test_wheels_that_slip_are_named_and_odometry_follows_localisation_meanwhile(segments):
-    robot = Robot(segments).step(100).step(120, grip=0.4)
+    robot = Robot(segments).step(100)
+    assert slips_since(robot.state) == -math.inf
+    robot.step(120, grip=0.4)
     assert robot.found[-1] == "slip"
+    assert 1.0 < slips_since(robot.state) < robot.time
     before = robot.believed.odometry.copy()
     robot.step(50, grip=0.4)
     assert robot.believed.odometry[0] - before[0] == pytest.approx(0.5 * 0.4 * 0.3, abs=0.005)
     robot.step(800)
     assert robot.found[-1] == ""
+    assert slips_since(robot.state) == -math.inf
 
 
 def test_odometry_that_leaps_is_left_out():

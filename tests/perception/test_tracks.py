@@ -221,7 +221,7 @@ def test_beams_pass_a_place_only_when_all_near_it_do():
 
 @pytest.mark.parametrize(("ranges", "hidden"), [(2.0, False), (0.5, True), (math.nan, True), (math.inf, False)])
 def test_beams_that_failed_may_have_ended_before_a_disc(ranges, hidden):
-    """Who stood in a sector that had gone blind was forgotten after 0.3 s: failed beams counted as passing by."""
+    """Somebody in a sector that had gone blind was forgotten after 0.3 s: failed beams counted as passing by."""
     bearings = np.linspace(-0.5, 0.5, 101)
     directions = np.column_stack([np.cos(bearings), np.sin(bearings)])
     assert is_hidden(np.full(101, ranges), directions, np.array([2.0, 0.0]), 0.25) == hidden
